@@ -1,0 +1,70 @@
+"""Haptic display of grasping, with separate coupling impedances for internal and external forces."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from graspfx import testing as testing
+    from graspfx.grasp.impedance import Coupling as Coupling
+    from graspfx.grasp.impedance import Impedance as Impedance
+    from graspfx.grasp.matrix import Grasp as Grasp
+    from graspfx.grasp.matrix import grasp_matrix as grasp_matrix
+    from graspfx.grasp.split import Split as Split
+    from graspfx.grasp.touch import unilateral_force as unilateral_force
+    from graspfx.loop.record import Recording as Recording
+    from graspfx.scene.load import load as load
+    from graspfx.scene.model import Scene as Scene
+    from graspfx.scene.run import run as run
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Coupling": "graspfx.grasp.impedance",
+    "Grasp": "graspfx.grasp.matrix",
+    "Impedance": "graspfx.grasp.impedance",
+    "Recording": "graspfx.loop.record",
+    "Scene": "graspfx.scene.model",
+    "Split": "graspfx.grasp.split",
+    "grasp_matrix": "graspfx.grasp.matrix",
+    "load": "graspfx.scene.load",
+    "run": "graspfx.scene.run",
+    "testing": "graspfx.testing",
+    "unilateral_force": "graspfx.grasp.touch",
+}
+
+__all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
+    "grasp_matrix",
+    "Grasp",
+    "Split",
+    "Impedance",
+    "Coupling",
+    "unilateral_force",
+    "Scene",
+    "load",
+    "run",
+    "Recording",
+    "testing",
+    "__version__",
+]
+
+
+def __getattr__(name: str) -> object:
+    """A public name, from the module where it lives, loaded now that it is used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'graspfx' has no attribute {name!r}")
+    module = import_module(_HOMES[name])
+    value = module if _HOMES[name] == f"graspfx.{name}" else getattr(module, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+# In a checkout the shelves stand beside the package: the root joins the places where its submodules are looked for.
+if not (Path(__file__).parent / "devices").is_dir():
+    __path__.append(str(Path(__file__).parents[1]))

@@ -1,0 +1,93 @@
+"""What goes wrong and what to do about it: one base class, and errors that make their own message."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+
+class GraspFXError(Exception):
+    """Every error that GraspFX raises on purpose."""
+
+
+class InputError(GraspFXError, ValueError):
+    """An argument that cannot be used: says what was given, what was expected and what to do.
+
+    Args:
+        name: the argument, as its caller wrote it.
+        given: what came in (shown shortened).
+        expected: what would have been right.
+        do: the next step, if it does not follow from `expected`.
+    """
+
+    def __init__(self, name: str, given: object, expected: str, do: str = "") -> None:
+        self.name, self.given, self.expected, self.do = name, given, expected, do
+        text = f"{name}: given {shown(given)}, expected {expected}"
+        super().__init__(f"{text}; {do}" if do else text)
+
+
+class UnknownNameError(GraspFXError, LookupError):
+    """A name that nothing answers to, with the names that come close."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
+        self.kind, self.name, self.known = kind, name, sorted(known)
+        text = f"unknown {kind} {name!r}"
+        close = closest(name, self.known)
+        if close:
+            text += f"; did you mean {close!r}?"
+        if self.known:
+            text += f" (known: {', '.join(self.known)})"
+        super().__init__(f"{text}; {do}" if do else text)
+
+
+class MissingPackageError(GraspFXError, ImportError):
+    """A package that this scene names is not installed."""
+
+    def __init__(self, package: str, wanted_by: str, do: str) -> None:
+        self.package, self.wanted_by, self.do = package, wanted_by, do
+        super().__init__(f"{wanted_by} needs the package {package!r}, which is not installed; {do}")
+
+
+class DeviceError(GraspFXError):
+    """A device that cannot go on: in a run it means zero force and a recorded fault."""
+
+
+class RecordingError(GraspFXError):
+    """A recording that cannot be read or written."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a scene: the key, what is wrong with it, and the line where it stands (None outside a file)."""
+
+    key: str
+    message: str
+    line: int | None = None
+
+    def text(self, source: str) -> str:
+        place = source if self.line is None else f"{source}:{self.line}"
+        return f"{place}: {self.key}: {self.message}" if self.key else f"{place}: {self.message}"
+
+
+class SceneError(GraspFXError, ValueError):
+    """Every fault of a scene at once, each with its line."""
+
+    def __init__(self, source: str, faults: Sequence[Fault]) -> None:
+        self.source, self.faults = source, tuple(faults)
+        super().__init__("\n".join(fault.text(source) for fault in self.faults))
+
+
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """The known name nearest to a misspelt one, or None."""
+    found = get_close_matches(name, list(known), n=1, cutoff=0.6)
+    return found[0] if found else None
+
+
+def shown(value: object, limit: int = 60) -> str:
+    """A value as it stands in an error message: arrays by their shape, anything long cut short."""
+    shape = getattr(value, "shape", None)
+    if shape:
+        return f"an array of shape {tuple(shape)}"
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -1,0 +1,1 @@
+"""What is touched: shapes and their contact points, rigid bodies and how they move."""

@@ -1,0 +1,243 @@
+"""Rigid bodies: what one is to the loop, how its block is filled, and the native one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.objects import kernels as at
+
+FloatArray = NDArray[np.float64]
+
+INTEGRATORS = {
+    "explicit": at.EXPLICIT,
+    "semi-implicit": at.SEMI_IMPLICIT,
+    "exact": at.EXACT,
+    "implicit": at.IMPLICIT,
+}
+FREEDOMS = {1: (0,), 2: (0, 1, 5), 3: (0, 1, 2, 3, 4, 5)}  # rows of G in FREE, by d
+UNIT = 1e-6  # how far from 1 the norm of a quaternion may be
+VISCOUS_LIMIT = 2.0  # b T/m below which explicit viscosity decays
+
+
+class Body(Protocol):
+    """What moves an object: its parameters, its state and the wrench of the sample stand in one block."""
+
+    @property
+    def state(self) -> FloatArray:
+        """The block, (SIZE,), offsets as in `objects.kernels`."""
+        ...
+
+    def step(self, T: float) -> None:
+        """Advance by T [s] under the wrench in the block, held."""
+
+    def free_motion(self, T: float) -> None:
+        """Fill the NEXT and COMPLIANCE entries: the implicit integrator's motion over T [s] without a wrench."""
+
+
+class BlockBody:
+    """Named views of a body's block."""
+
+    def __init__(self, state: FloatArray) -> None:
+        if state.shape != (at.SIZE,) or state.dtype != np.float64 or not state.flags.c_contiguous:
+            raise InputError("state", state, f"a contiguous float64 array of shape ({at.SIZE},)")
+        self.state = state
+        self.dimensions = d = int(state[at.DIMENSIONS])
+        if d not in FREEDOMS:
+            raise InputError("state", f"{d} dimensions", "a block written by fill_body")
+        self._S: Any = state.data  # a memoryview: its items are Python floats, which run twice as fast as array items
+        self.position = state[at.POSITION : at.POSITION + d]
+        self.velocity = state[at.VELOCITY : at.VELOCITY + d]
+
+    @property
+    def orientation(self) -> float | FloatArray | None:
+        """None on a line, the unwrapped angle [rad] in the plane, the quaternion x y z w in space."""
+        if self.dimensions == 3:
+            return self.state[at.QUATERNION : at.QUATERNION + 4]
+        return float(self.state[at.ANGLE]) if self.dimensions == 2 else None
+
+    @property
+    def angular_velocity(self) -> float | FloatArray | None:
+        """None on a line, about z in the plane, (3,) in world axes in space [rad/s]."""
+        if self.dimensions == 3:
+            return self.state[at.ANGULAR_VELOCITY : at.ANGULAR_VELOCITY + 3]
+        return float(self.state[at.ANGULAR_VELOCITY + 2]) if self.dimensions == 2 else None
+
+
+class NativeBody(BlockBody):
+    """A rigid body moved by the integrator that its block names.
+
+    Args:
+        state: (SIZE,) the block, filled by `fill_body`; kept and written in place.
+    """
+
+    def step(self, T: float) -> None:
+        """Advance by T [s] under the wrench in the block, held."""
+        at.step(self._S, 0, T)
+
+    def free_motion(self, T: float) -> None:
+        """Fill the NEXT and COMPLIANCE entries over T [s].
+
+        Raises:
+            InputError: for another integrator than "implicit", whose step they would not describe.
+        """
+        if self._S[at.INTEGRATOR] != at.IMPLICIT:
+            name = next(name for name, kind in INTEGRATORS.items() if kind == self._S[at.INTEGRATOR])
+            raise InputError("integrator", name, "'implicit', the only one that solves for the body's new state")
+        at.predict(self._S, 0, T)
+
+
+def create(state: FloatArray) -> NativeBody:
+    """The body that `dynamics = "native"` names."""
+    return NativeBody(state)
+
+
+def fill_body(
+    state: FloatArray,
+    *,
+    dimensions: int,
+    mass: float,
+    inertia: float | ArrayLike | None = None,
+    viscosity: float = 0.0,
+    rotational_viscosity: float = 0.0,
+    integrator: str = "semi-implicit",
+    free: Sequence[bool] | None = None,
+    gravity: ArrayLike | None = None,
+    position: ArrayLike | None = None,
+    orientation: float | ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    angular_velocity: float | ArrayLike | None = None,
+) -> None:
+    """Writes a body's parameters and its state at time zero into its block.
+
+    Args:
+        state: (SIZE,) overwritten whole.
+        dimensions: d = 1, 2, 3.
+        mass: m [kg].
+        inertia: about the centre of mass [kg m^2]: one number, or in space the principal moments (3,) about the body's
+            axes (in the plane, too, then the third counts). Needed where a rotation is free.
+        viscosity: b [N s/m]; rotational_viscosity: b_w [N m s/rad].
+        integrator: "explicit", "semi-implicit", "exact" or "implicit".
+        free: which of the w = 1, 3, 6 freedoms move, in the order of G's rows; all of them if not given.
+        gravity: (d,) [m/s^2].
+        position: (d,) [m]; orientation: an angle [rad], or a unit quaternion x y z w.
+        velocity: (d,) [m/s]; angular_velocity: a number, or (3,) in world axes [rad/s].
+
+    Raises:
+        InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
+    """
+    d = dimensions
+    if d not in FREEDOMS:
+        raise InputError("dimensions", d, "1, 2 or 3")
+    kinds = FREEDOMS[d]
+    moves = np.ones(len(kinds), dtype=bool) if free is None else np.asarray(free)
+    if moves.shape != (len(kinds),) or not np.isin(moves, (0, 1)).all():
+        raise InputError("free", free, f"{len(kinds)} of true or false", "forces first, then moments")
+    if integrator not in INTEGRATORS:
+        raise UnknownNameError("integrator", integrator, INTEGRATORS)
+    state[:] = 0.0
+    state[at.DIMENSIONS] = d
+    state[at.INTEGRATOR] = INTEGRATORS[integrator]
+    for row, freedom in enumerate(kinds):
+        state[at.FREE + freedom] = float(moves[row])
+    turns = state[at.FREE + 3 : at.FREE + 6] != 0.0
+    state[at.MASS] = _number("mass", mass, "a finite number above zero [kg]", zero=False)
+    state[at.INERTIA : at.INERTIA + 3] = _moments(inertia, d, bool(turns.any()))
+    state[at.VISCOSITY] = _number("viscosity", viscosity, "a finite number, zero or above [N s/m]")
+    state[at.ROTATIONAL_VISCOSITY] = _number(
+        "rotational_viscosity", rotational_viscosity, "a finite number, zero or above [N m s/rad]"
+    )
+    state[at.GRAVITY : at.GRAVITY + d] = _vector("gravity", gravity, d)
+    state[at.POSITION : at.POSITION + d] = _vector("position", position, d)
+    state[at.VELOCITY : at.VELOCITY + d] = _vector("velocity", velocity, d)
+    state[at.QUATERNION + 3] = 1.0
+    if d == 1:
+        for name, given in (("orientation", orientation), ("angular_velocity", angular_velocity)):
+            if given is not None:
+                raise InputError(name, given, "none on a line")
+    if d == 2:
+        state[at.ANGLE] = _vector("orientation", orientation, 0)
+        state[at.ANGULAR_VELOCITY + 2] = _vector("angular_velocity", angular_velocity, 0)
+    if d == 3:
+        state[at.ANGULAR_VELOCITY : at.ANGULAR_VELOCITY + 3] = _vector("angular_velocity", angular_velocity, 3)
+        if orientation is not None:
+            quaternion = _vector("orientation", orientation, 4)
+            norm = float(np.linalg.norm(quaternion))
+            if abs(norm - 1.0) > UNIT:
+                raise InputError("orientation", f"a quaternion of norm {norm:.6g}", "x y z w of norm 1")
+            state[at.QUATERNION : at.QUATERNION + 4] = quaternion / norm
+    locked = state[at.FREE : at.FREE + 6] == 0.0
+    for name, o, still in (
+        ("velocity", at.VELOCITY, locked[:3]),
+        ("angular_velocity", at.ANGULAR_VELOCITY, locked[3:]),
+    ):
+        if state[o : o + 3][still].any():
+            raise InputError(name, velocity if o == at.VELOCITY else angular_velocity, "zero where `free` is false")
+    at.orient(state, 0)
+
+
+def viscous_step(state: FloatArray, T: float) -> float:
+    """The largest of b T/m and b_w T/I over the free axes: how much of its speed a body loses in one explicit step.
+
+    I is the smallest principal moment: with some rotations of a body in space locked the true figure may be less.
+    """
+    free = state[at.FREE : at.FREE + 6] != 0.0
+    rates = [0.0]
+    if free[:3].any():
+        rates.append(state[at.VISCOSITY] / state[at.MASS])
+    if free[3:].any():
+        moments = state[at.INERTIA : at.INERTIA + 3]
+        rates.append(state[at.ROTATIONAL_VISCOSITY] / (moments[2] if state[at.DIMENSIONS] == 2 else moments.min()))
+    return float(T * max(rates))
+
+
+def step_is_stable(state: FloatArray, T: float) -> bool:
+    """Whether viscosity slows the body: explicit and semi-implicit need `viscous_step` < 2, the others nothing."""
+    exact = state[at.INTEGRATOR] in (at.EXACT, at.IMPLICIT)
+    return bool(exact or viscous_step(state, T) < VISCOUS_LIMIT)
+
+
+def _number(name: str, given: float, expected: str, *, zero: bool = True) -> float:
+    value = float(_vector(name, given, 0, expected))
+    if value < 0.0 or (value == 0.0 and not zero):
+        raise InputError(name, given, expected)
+    return value
+
+
+def _vector(name: str, given: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
+    """Zeros for None; length 0 stands for one bare number."""
+    shape = (length,) if length else ()
+    if given is None:
+        return np.zeros(shape)
+    expected = expected or (f"{length} finite numbers" if length else "a finite number")
+    try:
+        value = np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(name, given, expected) from error
+    if value.shape != shape or not np.isfinite(value).all():
+        raise InputError(name, given, expected)
+    return value
+
+
+def _moments(given: float | ArrayLike | None, d: int, needed: bool) -> FloatArray:
+    """Principal moments (3,) as the block has them."""
+    if given is None:
+        if needed:
+            raise InputError(
+                "inertia", None, "a moment of inertia [kg m^2]", "a rotation is free; give it, or lock that"
+            )
+        return np.zeros(3)
+    expected = "a number above zero, or three principal moments [kg m^2]"
+    values = np.full(3, _vector("inertia", given, 0 if np.ndim(given) == 0 else 3, expected))
+    if d == 2:
+        values[:2] = 0.0
+    counted = values[2:] if d == 2 else values
+    if needed and not (counted > 0.0).all():
+        raise InputError("inertia", given, expected)
+    if d == 3 and 2.0 * values.max() > values.sum() * (1.0 + 1e-9):
+        raise InputError("inertia", given, "moments of which none exceeds the sum of the others", "check their units")
+    return values

@@ -1,0 +1,67 @@
+"""Rotations as scalars: quaternions (x, y, z, w), rotation vectors, and matrices written row by row into a buffer."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+SMALL = 1e-8  # squared angle below which two terms of the series are exact to rounding
+
+
+def product(
+    ax: float, ay: float, az: float, aw: float, bx: float, by: float, bz: float, bw: float
+) -> tuple[float, float, float, float]:
+    """a b: the rotation b followed by the rotation a."""
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def exponential(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """exp of a rotation vector [rad]: (u sin(|u|/2)/|u|, cos(|u|/2)), exact to rounding down to no rotation at all."""
+    square = x * x + y * y + z * z
+    if square < SMALL:
+        s = 0.5 - square / 48.0
+        return x * s, y * s, z * s, 1.0 - 0.125 * square
+    angle = math.sqrt(square)
+    s = math.sin(0.5 * angle) / angle
+    return x * s, y * s, z * s, math.cos(0.5 * angle)
+
+
+def normalised(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
+    """q / |q|; a quaternion of length zero comes back as it is."""
+    square = x * x + y * y + z * z + w * w
+    if square <= 0.0:
+        return x, y, z, w
+    k = 1.0 / math.sqrt(square)
+    return x * k, y * k, z * k, w * k
+
+
+def rotate(qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """R v by a unit quaternion, as v + w t + q x t with t = 2 q x v; R' v by its conjugate (-qx, -qy, -qz, qw)."""
+    tx = 2.0 * (qy * z - qz * y)
+    ty = 2.0 * (qz * x - qx * z)
+    tz = 2.0 * (qx * y - qy * x)
+    return (
+        x + qw * tx + qy * tz - qz * ty,
+        y + qw * ty + qz * tx - qx * tz,
+        z + qw * tz + qx * ty - qy * tx,
+    )
+
+
+def quaternion_matrix(S: Any, o: int, x: float, y: float, z: float, w: float) -> None:
+    """Writes the matrix of a unit quaternion at o, nine entries row by row."""
+    S[o], S[o + 1], S[o + 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
+    S[o + 3], S[o + 4], S[o + 5] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
+    S[o + 6], S[o + 7], S[o + 8] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+
+
+def angle_matrix(S: Any, o: int, angle: float) -> None:
+    """Writes the matrix of a rotation about z at o, nine entries row by row."""
+    c, s = math.cos(angle), math.sin(angle)
+    S[o], S[o + 1], S[o + 2] = c, -s, 0.0
+    S[o + 3], S[o + 4], S[o + 5] = s, c, 0.0
+    S[o + 6], S[o + 7], S[o + 8] = 0.0, 0.0, 1.0

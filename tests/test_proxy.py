@@ -1,0 +1,245 @@
+"""Contact points against exact arithmetic, dense sampling and the rule stated another way; thin plates; corners."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from graspfx.objects.proxy import BOX, SPHERE, closest
+
+Array = NDArray[np.float64]
+HALF = (0.025, 0.02, 0.01)
+
+
+def contact(
+    p: Array, face: int = -1, half: tuple[float, ...] = HALF, kind: int = BOX, before: Array | None = None
+) -> tuple[int, Array, Array, float]:
+    """The kernel for a point of d coordinates: face, c, n, gap."""
+    d = len(p)
+    a, b, c = (*half, 0.0, 0.0)[:3]
+    x, y, z = (*p.tolist(), 0.0, 0.0)[:3]
+    u, v, w = (*(np.zeros(3) if before is None else before).tolist(), 0.0, 0.0)[:3]
+    found = closest(kind, d, a, b, c, x, y, z, face, u, v, w)
+    return found[0], np.array(found[1 : 1 + d]), np.array(found[4 : 4 + d]), found[7]
+
+
+def walk(p: Array, face: int, half: tuple[float, ...]) -> tuple[list[Fraction], Fraction]:
+    """The rule in words: stay on the face; beyond its edge go over to the neighbour if that is strictly nearer.
+
+    In exact arithmetic: the contact point and its squared distance.
+    """
+    d = len(p)
+    x, h = [Fraction(v) for v in p.tolist()], [Fraction(v) for v in half[:d]]
+
+    def on_face(f: int) -> tuple[list[Fraction], Fraction]:
+        c = [min(max(x[i], -h[i]), h[i]) for i in range(d)]
+        c[f // 2] = h[f // 2] if f % 2 == 0 else -h[f // 2]
+        return c, sum(((x[i] - c[i]) ** 2 for i in range(d)), Fraction(0))
+
+    c, square = on_face(face)
+    for _ in range(20):
+        near = []
+        for i in range(d):
+            if i != face // 2 and abs(x[i]) > h[i]:
+                f = 2 * i if x[i] > 0 else 2 * i + 1
+                near.append((on_face(f)[1], f))
+        if not near or min(near)[0] >= square:
+            return c, square
+        face = min(near)[1]
+        c, square = on_face(face)
+    raise AssertionError("the walk did not end")
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_outside_it_is_the_nearest_point_exactly(d: int) -> None:
+    """Optimality of a projection on a box, checked with rational numbers: where c is not clamped it is p itself."""
+    rng = np.random.default_rng(d)
+    seen = 0
+    for _ in range(1000):
+        p = rng.normal(size=d) * 0.03
+        if (np.abs(p) <= HALF[:d]).all():
+            continue
+        seen += 1
+        face, c, n, gap = contact(p)
+        for x, h, q in zip(p.tolist(), HALF, c.tolist(), strict=False):
+            assert q == (x if abs(x) <= h else math.copysign(h, x))
+        square = sum((Fraction(x) - Fraction(q)) ** 2 for x, q in zip(p.tolist(), c.tolist(), strict=True))
+        assert gap == pytest.approx(math.sqrt(square), rel=1e-15)
+        np.testing.assert_allclose(c - p, gap * n, atol=1e-17)
+        assert np.linalg.norm(n) == pytest.approx(1.0, abs=1e-15)
+        excess = np.abs(p) - HALF[:d]
+        assert excess[face // 2] == excess.max()
+        assert p[face // 2] * (1 - 2 * (face % 2)) > 0
+    assert seen > 300
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_outside_no_sampled_point_of_the_surface_is_nearer(d: int) -> None:
+    rng = np.random.default_rng(10 + d)
+    h = np.array(HALF[:d])
+    t = np.linspace(-1.0, 1.0, 41)
+    grids = [[sign] if i == axis else t for axis in range(d) for sign in (-1.0, 1.0) for i in range(d)]
+    surface = np.array([q for k in range(2 * d) for q in product(*grids[k * d : (k + 1) * d])]) * h
+    for p in rng.normal(size=(200, d)) * 0.04:
+        if (np.abs(p) > h).any():
+            nearest = np.linalg.norm(surface - p, axis=1).min()
+            gap = contact(p)[3]
+            assert gap <= nearest + 1e-15
+            assert nearest <= gap + 0.002  # the samples are at most 1.25 mm apart
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_inside_a_new_finger_takes_the_face_with_the_largest_signed_excess(d: int) -> None:
+    rng = np.random.default_rng(20 + d)
+    h = np.array(HALF[:d])
+    for p in rng.uniform(-1, 1, size=(300, d)) * h:
+        face, c, n, gap = contact(p)
+        depths = np.stack([h - p, h + p], axis=1).ravel()  # +x, -x, +y, ...
+        assert face == depths.argmin()
+        assert gap == pytest.approx(-depths.min(), rel=1e-15)
+        np.testing.assert_allclose(p - c, -gap * n, atol=1e-17)
+        assert n[face // 2] == 2 * (face % 2) - 1
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.parametrize("half", [HALF, (0.02, 0.02, 0.0005), (0.0005, 0.0005, 0.02)])
+def test_along_any_path_it_is_the_walk_over_edges(d: int, half: tuple[float, ...]) -> None:
+    """From every face, for points all around, in and out: the contact point of the walk, in one step."""
+    rng = np.random.default_rng(30 + d)
+    for _ in range(700):
+        p = rng.uniform(-2, 2, size=d) * np.maximum(half[:d], 0.005)
+        face = int(rng.integers(2 * d))
+        c, square = walk(p, face, half)
+        _, found, n, gap = contact(p, face, half)
+        assert [Fraction(v) for v in found.tolist()] == c
+        assert abs(gap) == pytest.approx(math.sqrt(square), rel=1e-15)
+        np.testing.assert_allclose(p - found, -gap * n, atol=1e-17)
+
+
+def test_a_thin_plate_pressed_six_times_through_never_lets_the_finger_out_behind() -> None:
+    """1 mm plate, up to 6 mm deep, sliding at up to 1 m/s within its edges: 0 ticks on a wrong side.
+
+    The nearest face instead would be wrong nearly always: the finger is behind the plate.
+    """
+    rng = np.random.default_rng(1)
+    half = (0.05, 0.04, 0.0005)
+    wrong = nearest_wrong = ticks = 0
+    for path in range(20):
+        face = 4 + path % 2
+        up = 1.0 if face == 4 else -1.0
+        p = np.array([0.0, 0.0, up * 0.003])
+        for k in range(300):
+            depth = 0.006 * math.sin(0.05 * k + 0.3) ** 2 * (k > 5)
+            p[:2] = np.clip(p[:2] + rng.uniform(-0.005, 0.005, size=2), -np.array(half[:2]), half[:2])
+            p[2] = up * (half[2] - depth) if k > 5 else up * 0.003
+            face, _, n, gap = contact(p, face, half)
+            if k > 5:
+                ticks += 1
+                wrong += n[2] != -up or gap != pytest.approx(-depth, abs=1e-15)
+                nearest_wrong += contact(p, -1, half)[2][2] != -up
+    assert (wrong, ticks) == (0, 20 * 294)
+    assert nearest_wrong > 0.7 * ticks
+
+
+def test_a_finger_pressed_deep_leaves_over_the_edge() -> None:
+    """6 mm deep in the top of a 1 mm plate and slid past the side: free, at the distance to the side, then below."""
+    half = (0.05, 0.04, 0.0005)
+    face, _, n, gap = contact(np.array([0.0499, 0.0, -0.0055]), 4, half)
+    assert (face, n.tolist()) == (4, [0, 0, -1])
+    assert gap == pytest.approx(-0.006, rel=1e-14)
+    face, c, _, gap = contact(np.array([0.0501, 0.0, -0.0055]), face, half)
+    assert gap == pytest.approx(math.hypot(0.0001, 0.005), rel=1e-12)
+    np.testing.assert_array_equal(c, [0.05, 0.0, -0.0005])
+    face, _, n, gap = contact(np.array([0.0499, 0.0, -0.0055]), face, half)
+    assert (face, n.tolist()) == (5, [0, 0, 1])
+    assert gap == pytest.approx(0.005, rel=1e-14)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_outside_the_contact_point_moves_no_faster_than_the_finger(d: int) -> None:
+    """A projection is a contraction, also round edges and corners: no hop between faces."""
+    rng = np.random.default_rng(40 + d)
+    h = np.array(HALF[:d])
+    p = np.full(d, 0.04)
+    face, c, n, gap = contact(p)
+    for _ in range(5000):
+        q = np.clip(p + rng.normal(size=d) * 0.002, -0.05, 0.05)
+        if (np.abs(q) <= h).all():
+            continue
+        face, new, turned, distance = contact(q, face)
+        if (np.abs(0.5 * (p + q)) <= h).all() or distance < 0:
+            p, (face, c, n, gap) = q, contact(q)
+            continue
+        step = float(np.linalg.norm(q - p))
+        assert np.linalg.norm(new - c) <= step * (1 + 1e-12) + 1e-16
+        assert abs(distance - gap) <= step * (1 + 1e-12) + 1e-16
+        if min(gap, distance) > step:
+            assert np.linalg.norm(turned - n) <= 2 * step / min(gap, distance)
+        p, c, n, gap = q, new, turned, distance
+
+
+def test_a_finger_enters_where_it_came_from() -> None:
+    """Outside near an edge, 5 mm beyond +x and 1 mm beyond +y, then 1 mm inside both: on +x."""
+    face = contact(np.array([0.030, 0.021]))[0]
+    face, c, _, gap = contact(np.array([0.024, 0.019]), face)
+    assert (face, c.tolist()) == (0, [0.025, 0.019])
+    assert gap == pytest.approx(-0.001, rel=1e-13)
+
+
+@pytest.mark.parametrize("kind", [BOX, SPHERE])
+def test_on_a_line_a_finger_that_goes_right_through_stays_on_its_side(kind: int) -> None:
+    """40 mm beyond the far side of a 50 mm interval: 90 mm deep; a sphere is the same interval."""
+    for side, face in ((1.0, 0), (-1.0, 1)):
+        f = contact(np.array([side * 0.03]), -1, (0.025,), kind)[0]
+        assert f == face
+        f, c, n, gap = contact(np.array([-side * 0.065]), f, (0.025,), kind)
+        assert (f, c[0], n[0]) == (face, side * 0.025, -side)
+        assert gap == pytest.approx(-0.09, rel=1e-15)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_sphere(d: int) -> None:
+    """c = r p/|p|, n = -p/|p|, gap = |p| - r, in and out."""
+    rng = np.random.default_rng(50 + d)
+    for p in rng.normal(size=(200, d)) * 0.02:
+        r = float(np.linalg.norm(p))
+        face, c, n, gap = contact(p, -1, (0.02,), SPHERE)
+        assert face == 0
+        np.testing.assert_allclose(c, 0.02 * p / r, rtol=1e-14)
+        np.testing.assert_allclose(n, -p / r, rtol=1e-14)
+        assert gap == pytest.approx(r - 0.02, abs=1e-16)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_centre_of_a_sphere_has_the_direction_from_before(d: int) -> None:
+    before = np.array([0.0, -0.02, 0.0])[:d]
+    for p in (np.zeros(d), np.full(d, 1e-200)):
+        _, c, n, gap = contact(p, 0, (0.02,), SPHERE, before)
+        np.testing.assert_allclose(c, before, rtol=1e-15)
+        np.testing.assert_allclose(n, [0.0, 1.0, 0.0][:d], rtol=1e-15)
+        assert gap == -0.02
+    _, c, n, _ = contact(np.zeros(d), -1, (0.02,), SPHERE)  # never touched: any direction, but a direction
+    assert np.linalg.norm(n) == 1.0
+    np.testing.assert_array_equal(c, -0.02 * n)
+
+
+def test_what_the_dimensions_do_not_have_does_not_matter() -> None:
+    for kind in (BOX, SPHERE):
+        plane = closest(kind, 2, 0.02, 0.02, 0.0, 0.03, 0.01, 0.0, -1, 0.0, 0.0, 0.0)
+        assert closest(kind, 2, 0.02, 0.02, 0.0, 0.03, 0.01, 9.0, -1, 0.0, 0.0, 9.0) == plane
+        line = closest(kind, 1, 0.02, 0.0, 0.0, 0.03, 0.0, 0.0, -1, 0.0, 0.0, 0.0)
+        assert closest(kind, 1, 0.02, 0.0, 0.0, 0.03, 9.0, 9.0, -1, 0.0, 9.0, 9.0) == line
+
+
+def test_edges_and_corners_of_vanishing_distance() -> None:
+    """1e-200 m outside a corner: a unit normal all the same."""
+    half = (1e-250, 1e-250, 1e-250)
+    for p in ([1e-200, 1e-200, 1e-200], [1e-200, -1e-200, 0.0]):
+        _, _, n, gap = contact(np.array(p), -1, half)
+        assert np.linalg.norm(n) == pytest.approx(1.0)
+        assert gap >= 0.0

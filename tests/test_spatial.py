@@ -1,0 +1,87 @@
+"""Rotations: group laws, agreement of quaternion and matrix, and small angles against 50 digits."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from graspfx.spatial import angle_matrix, exponential, normalised, product, quaternion_matrix, rotate
+
+EPS = np.finfo(float).eps
+Quaternion = tuple[float, float, float, float]
+
+
+def unit(rng: np.random.Generator) -> Quaternion:
+    q = rng.normal(size=4)
+    x, y, z, w = (q / np.linalg.norm(q)).tolist()
+    return x, y, z, w
+
+
+def matrix(q: Quaternion) -> NDArray[np.float64]:
+    R = np.zeros(11)
+    quaternion_matrix(R, 1, *q)
+    assert R[0] == R[10] == 0.0  # nothing beside the nine entries is touched
+    return R[1:10].reshape(3, 3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_group_laws(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b, c = unit(rng), unit(rng), unit(rng)
+    one = (0.0, 0.0, 0.0, 1.0)
+    inverse = (-a[0], -a[1], -a[2], a[3])
+    assert product(*a, *one) == a
+    assert product(*one, *a) == a
+    np.testing.assert_allclose(product(*a, *inverse), one, atol=4 * EPS)
+    np.testing.assert_allclose(product(*product(*a, *b), *c), product(*a, *product(*b, *c)), atol=4 * EPS)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_quaternion_matrix_and_rotation_are_one_map(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b, v = unit(rng), unit(rng), rng.normal(size=3)
+    R = matrix(a)
+    np.testing.assert_allclose(R, Rotation.from_quat(a).as_matrix(), atol=4 * EPS)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=8 * EPS)
+    np.testing.assert_allclose(rotate(*a, *v), R @ v, atol=8 * EPS)
+    np.testing.assert_allclose(rotate(-a[0], -a[1], -a[2], a[3], *v), R.T @ v, atol=8 * EPS)
+    np.testing.assert_allclose(matrix(product(*a, *b)), R @ matrix(b), atol=8 * EPS)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-160, 1e-12, 1e-6, 9.9e-5, 1.01e-4, 0.01, 1.0, math.pi, 6.0, 40.0])
+def test_exponential_is_exact_to_rounding_at_every_angle(angle: float) -> None:
+    """Each entry within 4 eps of 50 digits, relative to itself; the scalar part, zero at pi, absolutely."""
+    axis = np.array([0.48, -0.6, 0.64])
+    x, y, z, w = exponential(*(angle * axis).tolist())
+    with mpmath.workdps(50):
+        vector = [mpmath.mpf(float(angle * u)) for u in axis]
+        exact = mpmath.sqrt(sum(u * u for u in vector))
+        s = mpmath.sin(exact / 2) / exact if angle else mpmath.mpf("0.5")
+        for got, u in zip((x, y, z), vector, strict=True):
+            assert abs(got - u * s) <= 4 * EPS * max(abs(u * s), EPS * angle) * (1 + angle)
+        assert abs(w - mpmath.cos(exact / 2)) <= 4 * EPS * (1 + angle)
+
+
+def test_turns_about_one_axis_add() -> None:
+    """exp(0.3 u) exp(0.4 u) = exp(0.7 u)."""
+    u = np.array([2.0, -1.0, 2.0]) / 3.0
+    both = product(*exponential(*(0.3 * u)), *exponential(*(0.4 * u)))
+    np.testing.assert_allclose(both, exponential(*(0.7 * u)), atol=2 * EPS)
+
+
+def test_plane_rotation_is_the_one_about_z() -> None:
+    for angle in (-7.0, -1e-9, 0.0, 0.3, 100.0):
+        R = np.zeros(9)
+        angle_matrix(R, 0, angle)
+        np.testing.assert_allclose(R.reshape(3, 3), matrix(exponential(0.0, 0.0, angle)), atol=8 * EPS)
+
+
+def test_normalised_keeps_the_direction_and_lets_zero_be() -> None:
+    q = normalised(1.0, -2.0, 3.0, -4.0)
+    np.testing.assert_allclose(np.array(q) * math.sqrt(30.0), [1.0, -2.0, 3.0, -4.0], rtol=4 * EPS)
+    assert normalised(0.0, 0.0, 0.0, 0.0) == (0.0, 0.0, 0.0, 0.0)
