@@ -1,0 +1,77 @@
+"""Moment arms of contacts about their centroid, accurate also for contacts that lie nearly on a line or far away.
+
+A rotation about the line through nearly collinear contacts moves them by h R where the others move them by R, and that
+difference of products loses eps / h in ordinary arithmetic. Here it is taken in pairs of floats, value and rounding
+error (Dekker 1971, Knuth 1969), and rounded once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Pair = tuple[FloatArray, FloatArray]
+
+SPLITTER = 134217729.0  # 2^27 + 1 cuts a double into two halves whose products are exact
+NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the other two coordinates of a cross product
+
+
+def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """u_k x (c_i - c) for each axis of rotation, c the centroid.
+
+    Args:
+        points: (n, d) [m], d = 2 or 3.
+        principal: in space, axes u_k along the principal axes of the contacts instead of the world's.
+
+    Returns:
+        Axes (1, 1) in the plane, (3, 3) in space with one axis a row; fields (axes, n, d) [m]; c - c_0, (d,) [m].
+    """
+    n, d = points.shape
+    offset = two_sum(points, -points[0])  # exact
+    terms = np.concatenate(offset).T.tolist()
+    high = [math.fsum(row) for row in terms]
+    low = [math.fsum([*row, -h]) for row, h in zip(terms, high, strict=True)]
+    arm = add(multiply(np.asarray(float(n)), offset), (-np.array(high), -np.array(low)))  # n (c_i - c)
+    centroid = np.array(high) / n
+    if d == 2:
+        field = np.stack([-arm[0][:, 1], arm[0][:, 0]], axis=1) / n
+        return np.ones((1, 1)), field[None], centroid
+    axes = np.linalg.svd(arm[0], full_matrices=n < d)[2] if principal else np.eye(3)
+    u = axes[:, None, :]
+    plus = multiply(u[:, :, NEXT], (arm[0][:, LAST], arm[1][:, LAST]))
+    minus = multiply(u[:, :, LAST], (arm[0][:, NEXT], arm[1][:, NEXT]))
+    product = add(plus, (-minus[0], -minus[1]))
+    return axes, (product[0] + product[1]) / n, centroid
+
+
+def two_sum(a: FloatArray, b: FloatArray) -> Pair:
+    """a + b as rounded sum and exact remainder (Knuth)."""
+    s = a + b
+    v = s - a
+    return s, (a - (s - v)) + (b - v)
+
+
+def two_product(a: FloatArray, b: FloatArray) -> Pair:
+    """a b as rounded product and exact remainder (Dekker)."""
+    p = a * b
+    ca, cb = SPLITTER * a, SPLITTER * b
+    ah, bh = ca - (ca - a), cb - (cb - b)
+    al, bl = a - ah, b - bh
+    return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
+
+
+def add(x: Pair, y: Pair) -> Pair:
+    """Sum of two pairs, to about 1e-32 of the larger."""
+    s, e = two_sum(x[0], y[0])
+    t, f = two_sum(x[1], y[1])
+    s, e = two_sum(s, e + t)
+    return two_sum(s, e + f)
+
+
+def multiply(a: FloatArray, x: Pair) -> Pair:
+    """a x for an ordinary a, with NumPy's broadcasting."""
+    p, e = two_product(a, x[0])
+    return two_sum(p, e + a * x[1])

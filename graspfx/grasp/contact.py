@@ -1,0 +1,179 @@
+"""What a contact can transmit: the models frictionless, hard, soft and full, as components with a direction each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError, UnknownNameError
+
+FloatArray = NDArray[np.float64]
+
+MODELS = ("frictionless", "hard", "soft", "full")
+MOMENTS = {1: 0, 2: 1, 3: 3}  # how many moments a wrench has: none on the line, t_z in the plane, three in space
+UNIT = 1e-8  # how far frames may be from orthonormal, and their last axis from the normal
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """n contacts in d dimensions and their m force components, contact by contact, forces before moments.
+
+    | model | line | plane | space |
+    |---|---|---|---|
+    | frictionless | f_n | f_n | f_n |
+    | hard | f | f_x f_y | f_x f_y f_z |
+    | soft | as hard | as hard | hard, and the torsion about the normal |
+    | full | as hard | hard, and t_z | hard, and t_x t_y t_z |
+
+    A soft contact's torsion about a normal that lies in the plane, or on the line, does not exist there: soft is hard.
+    Axes are the world's unless frames are given.
+
+    Attributes:
+        points: (n, d) [m].
+        normals: (n, d), unit, into the object, or None.
+        models: n names.
+        finger: (m,), which contact a component belongs to.
+        moment: (m,), True where the component is a moment [N m].
+        force_axes: (m, d), unit direction of a force component, zero for a moment.
+        moment_axes: (m, 0 | 1 | 3), unit axis of a moment component, zero for a force.
+    """
+
+    points: FloatArray
+    normals: FloatArray | None
+    models: tuple[str, ...]
+    finger: NDArray[np.int64]
+    moment: NDArray[np.bool_]
+    force_axes: FloatArray
+    moment_axes: FloatArray
+
+
+def contacts(
+    points: ArrayLike,
+    normals: ArrayLike | None = None,
+    *,
+    model: str | Sequence[str] = "hard",
+    frames: ArrayLike | None = None,
+) -> Contacts:
+    """Checks a description of contacts and writes out its components.
+
+    Args:
+        points: (n, d) [m], d = 1, 2 or 3.
+        normals: (n, d) into the object, any length but zero; needed for frictionless contacts, and for soft ones in
+            space, unless frames are given.
+        model: one name for all, or one per contact.
+        frames: (n, d, d), each contact's axes as orthonormal columns, the last one the normal into the object.
+
+    Raises:
+        InputError: shapes that do not fit, values that are not finite, a normal that is missing or has no length,
+            frames that are not orthonormal or whose last axis is not the normal.
+        UnknownNameError: a model that does not exist.
+    """
+    p = finite("points", points)
+    if p.ndim != 2 or p.shape[0] == 0 or p.shape[1] not in MOMENTS:
+        raise InputError("points", p, "an array (n, d) with n > 0 and d = 1, 2 or 3")
+    n, d = p.shape
+    names = _models(model, n)
+    unit = None if normals is None else _unit_normals(normals, (n, d))
+    axes = None if frames is None else _axes(frames, unit, (n, d))
+    if axes is not None and unit is None:
+        unit = axes[:, :, -1]
+    if axes is None and all(name == "hard" for name in names):
+        force = np.tile(np.eye(d), (n, 1))
+        none = np.zeros(n * d, dtype=bool)
+        return Contacts(p, unit, names, np.repeat(np.arange(n), d), none, force, np.zeros((n * d, MOMENTS[d])))
+
+    finger: list[int] = []
+    moment: list[bool] = []
+    force_axes: list[FloatArray] = []
+    moment_axes: list[FloatArray] = []
+    for i, name in enumerate(names):
+        own = np.eye(d) if axes is None else axes[i].T  # rows are the contact's axes
+        forces, moments = _components(name, d, own, None if unit is None else unit[i], i)
+        for direction in forces:
+            force_axes.append(direction)
+            moment_axes.append(np.zeros(MOMENTS[d]))
+        for axis in moments:
+            force_axes.append(np.zeros(d))
+            moment_axes.append(axis)
+        finger += [i] * (len(forces) + len(moments))
+        moment += [False] * len(forces) + [True] * len(moments)
+    return Contacts(
+        p, unit, names, np.array(finger), np.array(moment),
+        np.array(force_axes), np.array(moment_axes).reshape(len(finger), MOMENTS[d]),
+    )  # fmt: skip
+
+
+def finite(name: str, given: ArrayLike) -> FloatArray:
+    """A float array of finite values, copied, or an error that names the argument."""
+    try:
+        value = np.array(given, dtype=float)
+    except (TypeError, ValueError) as cause:
+        raise InputError(name, given, "numbers in a rectangular array") from cause
+    if not np.isfinite(value).all():
+        raise InputError(name, given, "finite values", "find where the NaN or infinity comes from")
+    return value
+
+
+def _models(model: str | Sequence[str], n: int) -> tuple[str, ...]:
+    names = (model,) * n if isinstance(model, str) else tuple(model)
+    for name in names:
+        if name not in MODELS:
+            raise UnknownNameError("contact model", str(name), MODELS)
+    if len(names) != n:
+        raise InputError("model", list(names), f"one name, or one for each of the {n} contacts")
+    return names
+
+
+def _unit_normals(normals: ArrayLike, shape: tuple[int, int]) -> FloatArray:
+    given = finite("normals", normals)
+    if given.shape != shape:
+        raise InputError("normals", given, f"an array of shape {shape}, one normal for each point")
+    largest = np.abs(given).max(axis=1, keepdims=True)
+    if not (largest > 0.0).all():
+        i = int(np.argmin(largest))
+        raise InputError(f"normals[{i}]", given[i].tolist(), "a direction", "a zero vector has none")
+    scaled = given / largest  # before squaring, which would underflow
+    return np.asarray(scaled / np.linalg.norm(scaled, axis=1, keepdims=True))
+
+
+def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, int]) -> FloatArray:
+    n, d = shape
+    axes = finite("frames", frames)
+    if axes.shape != (n, d, d):
+        raise InputError("frames", axes, f"an array of shape {(n, d, d)}, each contact's axes as columns")
+    error = np.abs(np.swapaxes(axes, 1, 2) @ axes - np.eye(d)).max(axis=(1, 2))
+    if error.max() > UNIT:
+        i = int(np.argmax(error))
+        raise InputError(f"frames[{i}]", axes[i].tolist(), "orthonormal columns", f"they are off by {error[i]:.1e}")
+    if unit is not None:
+        error = np.abs(axes[:, :, -1] - unit).max(axis=1)
+        if error.max() > UNIT:
+            i = int(np.argmax(error))
+            raise InputError(
+                f"frames[{i}]", axes[i].tolist(), f"the normal {unit[i].tolist()} as its last column",
+                "axes stand in columns, and the normal points into the object",
+            )  # fmt: skip
+    return axes
+
+
+def _components(name: str, d: int, own: FloatArray, normal: FloatArray | None, i: int) -> tuple[FloatArray, FloatArray]:
+    """Directions of a contact's forces (k, d) and axes of its moments (l, 0 | 1 | 3)."""
+    along = name == "frictionless" or (name == "soft" and d == 3)
+    if along and normal is None:
+        raise InputError(
+            "normals",
+            None,
+            f"a normal for contact {i}, which is {name}",
+            "give normals (n, d) into the object, or frames",
+        )
+    none = np.zeros((0, MOMENTS[d]))
+    if name == "frictionless":
+        return np.atleast_2d(np.asarray(normal)), none
+    if name == "soft" and d == 3:
+        return own, np.atleast_2d(np.asarray(normal))
+    if name == "full" and d > 1:
+        return own, own if d == 3 else np.ones((1, 1))
+    return own, none

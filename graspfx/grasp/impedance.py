@@ -1,0 +1,264 @@
+"""Eq. (4): coupling impedances for the external and for the internal part of a grasp's forces."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.grasp.contact import finite
+from graspfx.grasp.split import SYMMETRIC, Split
+
+FloatArray = NDArray[np.float64]
+Gain = float | FloatArray
+Form = Literal["literal", "symmetric"]
+Pair = Literal["stiffness", "damping"]
+
+LOOP_RADIUS = 0.005  # [m], of the closed motion for which the warning gives an energy
+
+
+class ActiveCouplingWarning(UserWarning):
+    """A coupling that can create energy."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Impedance:
+    """A spring and a damper for contact displacements, f = K e + D e'.
+
+    A gain is a number; one per finger (n,); a symmetric positive semidefinite matrix (d, d) for every finger, or
+    (n, d, d) with one each, in the axes of the contacts' force components; or a full matrix (m, m).
+
+    Args:
+        stiffness: [N/m].
+        damping: [N s/m].
+
+    Raises:
+        InputError: a negative or not finite number, a matrix that is not symmetric positive semidefinite.
+    """
+
+    stiffness: Gain
+    damping: Gain
+
+    def __init__(self, stiffness: ArrayLike, damping: ArrayLike = 0.0) -> None:
+        object.__setattr__(self, "stiffness", _gain("stiffness", stiffness))
+        object.__setattr__(self, "damping", _gain("damping", damping))
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """f = P (K_ep e + K_ed e') + (I - P) (K_ip e + K_id e') (Kawai and Yoshikawa, eq. 4), f on the object.
+
+    P is the split's projector on forces. With a metric M = L L, L symmetric, numbers enter as k M, and gains per finger
+    and (d, d) matrices as L K L, so that contacts with a small weight get a small force; full matrices stand as given.
+
+    The form "literal" is eq. (4). With gains that do not commute with P its stiffness is asymmetric: it creates energy
+    on closed motions, and a warning says how much, once. The form "symmetric",
+    P K_ep P' + (I - P) K_ip (I - P)', never does. With numbers for gains the two agree.
+
+    Where the external and the internal stiffness are equal, f = K e without P in either form, exactly (the
+    conventional method, eqs. 20-23); the same for the damping.
+
+    Args:
+        external: K_ep and K_ed.
+        internal: K_ip and K_id.
+        form: "literal" or "symmetric".
+
+    Raises:
+        UnknownNameError: another form.
+    """
+
+    external: Impedance
+    internal: Impedance
+    form: Form = "literal"
+    _told: set[Pair] = field(default_factory=set, init=False, repr=False)
+    _made: dict[Pair, tuple[Split, FloatArray]] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.form not in get_args(Form):
+            raise UnknownNameError("form of the coupling", str(self.form), get_args(Form))
+        for name in ("external", "internal"):
+            if not isinstance(getattr(self, name), Impedance):
+                raise InputError(name, getattr(self, name), "an Impedance", f"{name}=Impedance(stiffness, damping)")
+
+    def stiffness(self, split: Split) -> FloatArray:
+        """K of f = K e + D e', (m, m) [N/m], read-only; kept until another split is asked for."""
+        return self._matrix("stiffness", split)
+
+    def damping(self, split: Split) -> FloatArray:
+        """D of f = K e + D e', (m, m) [N s/m], read-only; kept until another split is asked for."""
+        return self._matrix("damping", split)
+
+    def force(self, split: Split, e: ArrayLike, de: ArrayLike | None = None) -> FloatArray:
+        """Contact forces on the object (m,) [N], by one projection of one vector where the gains are numbers.
+
+        Args:
+            split: of the contacts.
+            e: displacement of the fingers from their contacts, p - c, (m,) [m].
+            de: its rate [m/s]; zero if None.
+        """
+        x = _motion("e", e, split)
+        dx = None if de is None else _motion("de", de, split)
+        part = self._part("stiffness", split, x)
+        if dx is None:
+            return part[0] if part[1] is None else part[0] + split.project(part[1])
+        rate = self._part("damping", split, dx)
+        f = part[0] + rate[0]
+        if part[1] is not None and rate[1] is not None:
+            return f + split.project(part[1] + rate[1])
+        difference = part[1] if rate[1] is None else rate[1]
+        return f if difference is None else f + split.project(difference)
+
+    def _pair(self, which: Pair) -> tuple[Gain, Gain]:
+        return getattr(self.external, which), getattr(self.internal, which)
+
+    def _part(self, which: Pair, split: Split, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+        """b and a of the force b + P a of one pair of gains; a is None where P is not needed."""
+        outer, inner = self._pair(which)
+        if isinstance(outer, float) and isinstance(inner, float):
+            y = split.weigh(x)
+            return inner * y, None if outer == inner else (outer - inner) * y
+        return self._matrix(which, split) @ x, None
+
+    def _matrix(self, which: Pair, split: Split) -> FloatArray:
+        made = self._made.get(which)
+        if made is not None and made[0] is split:
+            return made[1]
+        outer, inner = self._pair(which)
+        if _equal(outer, inner):
+            K = spread(outer, split)
+        elif isinstance(outer, float) and isinstance(inner, float):
+            K = spread(inner, split) + (outer - inner) * split.modal_metric()
+        else:
+            A, B, E = spread(outer, split), spread(inner, split), split.external
+            if self.form == "symmetric":
+                K = E @ A @ E.T + split.internal @ B @ split.internal.T
+                K = (K + K.T) / 2
+            else:
+                K = B + E @ (A - B)
+                self._warn_if_active(which, K)
+        K.setflags(write=False)
+        self._made[which] = (split, K)
+        return K
+
+    def _warn_if_active(self, which: Pair, K: FloatArray) -> None:
+        if which in self._told:
+            return
+        size = float(np.abs(K).max())
+        skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + K.T) / 2)[0])
+        found = []
+        # a skew damping does no work; a skew stiffness does, 2 pi r^2 k_s on a circle in its plane
+        if which == "stiffness" and skew > SYMMETRIC * size:
+            energy = loop_energy(K, LOOP_RADIUS)
+            found.append(
+                f"its skew part of {skew:.3g} N/m creates up to {energy * 1e3:.2g} mJ on each closed motion of "
+                f"{LOOP_RADIUS * 1e3:g} mm radius"
+            )
+        if lowest < -SYMMETRIC * size:
+            unit = "N/m" if which == "stiffness" else "N s/m"
+            found.append(f"its symmetric part has the eigenvalue {lowest:.3g} {unit}")
+        if found:
+            self._told.add(which)
+            warnings.warn(
+                f"the {which} of eq. (4) can create energy: {' and '.join(found)}; form='symmetric' cannot",
+                ActiveCouplingWarning,
+                stacklevel=4,
+            )
+
+
+def spread(gain: Gain, split: Split) -> FloatArray:
+    """A gain as a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix itself.
+
+    Raises:
+        InputError: a gain that does not fit the contacts.
+    """
+    m, grasp, M = split.components, split.grasp, split.metric
+    if isinstance(gain, float):
+        return gain * (np.diag(M) if M.ndim == 1 else M)
+    n = 0 if grasp is None else grasp.fingers
+    if grasp is not None and gain.shape == (n,):
+        K = np.diag(gain[grasp.finger_of_column])
+    elif (
+        grasp is not None
+        and gain.ndim >= 2
+        and _fits_each_finger(gain, grasp.finger_of_column, n, grasp.torsion_columns)
+    ):
+        d = gain.shape[-1]
+        K = np.zeros((m, m))
+        K.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = gain
+    elif gain.shape == (m, m):
+        return gain.copy()
+    else:
+        expected = f"a number or a matrix ({m}, {m})"
+        if grasp is None:
+            raise InputError(
+                "gain", gain, expected, "a split of a bare matrix does not know its fingers; split a Grasp"
+            )
+        raise InputError(
+            "gain",
+            gain,
+            f"{expected}, {n} numbers, or (d, d) or ({n}, d, d) where each contact has d forces and no moment",
+        )
+    return split.stretch(split.stretch(K).T).T  # L K L; without a metric K to the bit
+
+
+def skew_part(K: FloatArray) -> float:
+    """|(K - K')/2|, the largest singular value [N/m]."""
+    return float(np.linalg.norm((K - K.T) / 2, 2))
+
+
+def loop_energy(K: FloatArray, radius: float) -> float:
+    """2 pi r^2 |(K - K')/2|, the most that f = K e can do on a circle of displacements e of radius r [J]."""
+    return 2.0 * math.pi * radius**2 * skew_part(K)
+
+
+def _fits_each_finger(gain: FloatArray, finger: NDArray[np.int64], n: int, torsion: NDArray[np.bool_]) -> bool:
+    d = gain.shape[-1]
+    return (
+        gain.shape in ((d, d), (n, d, d)) and not torsion.any() and bool((np.bincount(finger, minlength=n) == d).all())
+    )
+
+
+def _gain(name: str, given: ArrayLike) -> Gain:
+    value = finite(name, given)
+    if value.ndim == 0:
+        if value < 0.0:
+            raise InputError(name, float(value), "a number that is not negative")
+        return float(value)
+    if value.ndim == 1:
+        if not len(value) or (value < 0.0).any():
+            raise InputError(name, value.tolist(), "numbers that are not negative, one per finger")
+    elif value.ndim > 3 or value.shape[-1] != value.shape[-2] or not value.size:
+        raise InputError(name, value, "a number, or an array (n,), (d, d), (n, d, d) or (m, m)")
+    else:
+        size = np.abs(value).max()
+        if np.abs(value - np.swapaxes(value, -1, -2)).max() > SYMMETRIC * size:
+            raise InputError(name, value.tolist(), "a symmetric matrix")
+        lowest = np.linalg.eigvalsh(value).min()
+        if lowest < -SYMMETRIC * size:
+            raise InputError(
+                name, value.tolist(), "a positive semidefinite matrix", f"its smallest eigenvalue is {lowest:.3g}"
+            )
+    value.setflags(write=False)
+    return value
+
+
+def _equal(outer: Gain, inner: Gain) -> bool:
+    """The same gain, also when one is written for every finger and the other for each."""
+    a, b = np.asarray(outer), np.asarray(inner)
+    if a.ndim == b.ndim:
+        return np.array_equal(a, b)
+    if {a.ndim, b.ndim} not in ({0, 1}, {2, 3}) or (a.ndim and b.ndim and a.shape[-2:] != b.shape[-2:]):
+        return False
+    return bool((a == b).all())
+
+
+def _motion(name: str, given: ArrayLike, split: Split) -> FloatArray:
+    x = finite(name, given)
+    if x.shape != (split.components,):
+        raise InputError(name, x, f"an array ({split.components},), one entry per contact component")
+    return x

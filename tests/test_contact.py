@@ -1,0 +1,105 @@
+"""Contact models: which components each carries, in which axes, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from graspfx.errors import GraspFXError, InputError, UnknownNameError
+from graspfx.grasp.contact import contacts
+
+POINTS = {1: [[-0.02], [0.02]], 2: [[-0.02, 0.0], [0.02, 0.0]], 3: [[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]}
+NORMALS = {1: [[1.0], [-1.0]], 2: [[1.0, 0.0], [-1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]}
+
+
+@pytest.mark.parametrize(
+    ("model", "per_contact"),
+    [
+        ("frictionless", {1: 1, 2: 1, 3: 1}),
+        ("hard", {1: 1, 2: 2, 3: 3}),
+        ("soft", {1: 1, 2: 2, 3: 4}),
+        ("full", {1: 1, 2: 3, 3: 6}),
+    ],
+)
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_number_of_components(model, per_contact, d):
+    found = contacts(POINTS[d], NORMALS[d], model=model)
+    assert len(found.finger) == 2 * per_contact[d]
+    assert found.finger.tolist() == [0] * per_contact[d] + [1] * per_contact[d]
+
+
+def test_mixed_models_go_contact_by_contact_forces_before_moments():
+    points = np.eye(3)
+    found = contacts(points, -points, model=["soft", "frictionless", "full"])
+    assert found.finger.tolist() == [0] * 4 + [1] + [2] * 6
+    assert found.moment.tolist() == [False] * 3 + [True] + [False] + [False] * 3 + [True] * 3
+    assert found.force_axes[4].tolist() == [0.0, -1.0, 0.0]  # along the normal of the second contact
+    assert found.moment_axes[3].tolist() == [-1.0, 0.0, 0.0]  # torsion about the normal of the first
+    assert np.array_equal(found.moment_axes[8:], np.eye(3))
+
+
+def test_normals_are_scaled_to_unit_length_whatever_their_size():
+    # 3-4-5, at sizes whose squares would overflow or underflow
+    found = contacts([[0.0, 0.0]] * 2, [[3e200, 4e200], [3e-200, -4e-200]], model="frictionless")
+    assert np.allclose(found.force_axes, [[0.6, 0.8], [0.6, -0.8]], rtol=1e-15)
+
+
+def test_frames_give_the_axes_and_the_normal():
+    # columns: y, z, x; the normal is x, and the components of a force are along y, z, x
+    frame = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    soft = contacts([[0.0, 0.0, 0.0]], frames=[frame], model="soft")
+    assert soft.normals.tolist() == [[1.0, 0.0, 0.0]]
+    assert soft.force_axes[:3].tolist() == frame.T.tolist()
+    assert soft.moment_axes[3].tolist() == [1.0, 0.0, 0.0]
+    assert contacts([[0.0, 0.0, 0.0]], frames=[frame], model="frictionless").force_axes.tolist() == [[1.0, 0.0, 0.0]]
+
+
+def test_the_input_is_not_kept():
+    points = np.zeros((2, 3))
+    found = contacts(points)
+    points[:] = 1.0
+    assert not found.points.any()
+
+
+ROTATED = [[[0.8, 0.6], [-0.6, 0.8]]] * 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"points": [0.0, 1.0]}, "n, d"),
+        ({"points": np.zeros((0, 3))}, "n > 0"),
+        ({"points": np.zeros((2, 4))}, "d = 1, 2 or 3"),
+        ({"points": [[0.0, np.nan]]}, "NaN"),
+        ({"points": [[0.0, np.inf]]}, "finite"),
+        ({"points": [["a", "b"]]}, "numbers"),
+        ({"points": [[0.0], [0.0, 1.0]]}, "rectangular"),
+        ({"points": POINTS[2], "normals": [[1.0, 0.0]]}, "shape (2, 2)"),
+        ({"points": POINTS[2], "normals": [[1.0, 0.0], [0.0, 0.0]]}, "normals[1]"),
+        ({"points": POINTS[2], "normals": [[1.0, 0.0], [np.nan, 0.0]]}, "normals"),
+        ({"points": POINTS[2], "model": "frictionless"}, "contact 0"),
+        ({"points": POINTS[3], "model": ["hard", "soft"]}, "contact 1"),
+        ({"points": POINTS[2], "model": ["hard"]}, "each of the 2"),
+        ({"points": POINTS[2], "frames": np.eye(2)}, "(2, 2, 2)"),
+        ({"points": POINTS[2], "frames": [np.eye(2), 1.001 * np.eye(2)]}, "frames[1]"),
+        ({"points": POINTS[2], "normals": NORMALS[2], "frames": ROTATED}, "last column"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_with_words(arguments, words):
+    with pytest.raises(InputError) as caught:
+        contacts(**arguments)
+    assert words in str(caught.value)
+
+
+def test_unknown_model_has_a_close_match():
+    with pytest.raises(UnknownNameError, match="did you mean 'frictionless'"):
+        contacts(POINTS[2], model="frictionles")
+    with pytest.raises(GraspFXError):
+        contacts(POINTS[2], model=["hard", "sotf"])
+
+
+def test_soft_and_full_need_no_normal_where_they_have_no_torsion():
+    # on the line and in the plane soft is hard; full is about z in the plane
+    assert len(contacts(POINTS[2], model="soft").finger) == 4
+    assert contacts(POINTS[2], model="full").moment_axes[2].tolist() == [1.0]
+    assert contacts(POINTS[3], model="full").normals is None

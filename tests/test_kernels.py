@@ -1,0 +1,147 @@
+"""The kernels of the grasp: rigid modes against pseudoinverses and 50 digits, the blend's bound, pivots."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+from graspfx.grasp.kernels import contact_frame, pivot, rigid_modes, smoothstep
+
+STRIDE = 4  # a point and a weight
+
+
+def external(
+    points: np.ndarray, weights: np.ndarray | None = None, axes: np.ndarray | None = None, shifts: int | None = None,
+    low: float = 1e-300, high: float = 2e-300,
+) -> np.ndarray:  # fmt: skip
+    """P from the modes, (n d, n d); the blend is off unless lengths are given."""
+    n, d = points.shape
+    turns = {1: 0, 2: 1, 3: 3}[d]
+    if axes is None:
+        axes = np.vstack([np.eye(3)[:d], np.eye(3)[3 - turns :]])
+        shifts = d
+    assert shifts is not None
+    w = np.ones(n) if weights is None else weights
+    S = np.zeros(n * STRIDE + 18 + 6 * (1 + 3 * n))
+    S[: n * STRIDE].reshape(n, STRIDE)[:, :d] = points
+    S[: n * STRIDE].reshape(n, STRIDE)[:, 3] = w
+    o = n * STRIDE
+    S[o : o + 3 * len(axes)] = axes.ravel()
+    count = rigid_modes(
+        memoryview(S), 0, STRIDE, 0, 3, n, d, o, shifts, len(axes) - shifts, low, high, o + 18
+    )  # fmt: skip
+    P = np.zeros((n * d, n * d))
+    for k in range(count):
+        mode = S[o + 18 + k * (1 + 3 * n) :][: 1 + 3 * n]
+        q = mode[1:].reshape(n, 3)[:, :d].ravel()
+        P += mode[0] * np.outer(q, q)
+    return P
+
+
+def exact_external(points: np.ndarray) -> np.ndarray:
+    """P at 50 digits, full rank in space: G'(G G')^-1 G."""
+    with mpmath.workdps(50):
+        n = len(points)
+        G = mpmath.zeros(6, 3 * n)
+        for i, p in enumerate(points):
+            x, y, z = (mpmath.mpf(float(a)) for a in p)
+            block = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -z, y], [z, 0, -x], [-y, x, 0]]
+            for r in range(6):
+                for c in range(3):
+                    G[r, 3 * i + c] = block[r][c]
+        P = G.T * mpmath.inverse(G * G.T) * G
+        return np.array(P.tolist(), dtype=float)
+
+
+@pytest.mark.parametrize(
+    ("scale", "offset", "tolerance"),
+    [(0.03, 0.0, 2e-15), (1e-6, 0.0, 2e-15), (30.0, 0.0, 2e-15), (0.03, 1000.0, 2e-15), (1e-6, 1.0, 2e-15)],
+)
+def test_against_fifty_digits(scale: float, offset: float, tolerance: float) -> None:
+    """mm, m and 1e-6 m apart, 1 km away: modes are taken about the first contact, so that distance costs nothing."""
+    rng = np.random.default_rng(1)
+    worst = 0.0
+    for _ in range(20):
+        points = rng.normal(size=(5, 3)) * scale + offset
+        worst = max(worst, np.abs(external(points) - exact_external(points)).max())
+    assert worst < tolerance
+
+
+@pytest.mark.parametrize("h", [1e-2, 1e-4, 1e-6])
+def test_near_collinear_contacts(h: float) -> None:
+    """The error grows like eps/h, the data's own uncertainty, not like eps/h^2 as through a 3 x 3 moment matrix."""
+    rng = np.random.default_rng(2)
+    worst = 0.0
+    for _ in range(20):
+        points = np.outer(np.linspace(-1, 1, 5), rng.normal(size=3)) + h * rng.normal(size=(5, 3))
+        worst = max(worst, np.abs(external(points) - exact_external(points)).max())
+    assert worst < 20 * 2.2e-16 / h
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_weights_and_partial_freedoms_against_the_pseudoinverse(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, w = rng.normal(size=(4, 3)), rng.uniform(0.01, 1, 4)
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    for shifts in range(4):
+        for turns in range(4):
+            if shifts + turns == 0:
+                continue
+            axes = np.vstack([frame[:shifts], frame[3 - turns :]])
+            rows = [np.tile(a, 4) for a in axes[:shifts]]
+            rows += [np.cross(a, points).ravel() for a in axes[shifts:]]
+            root = np.sqrt(np.repeat(w, 3))
+            G = np.array(rows) * root
+            expected = np.linalg.pinv(G) @ G
+            np.testing.assert_allclose(external(points, w, axes, shifts), expected, atol=2e-14)
+
+
+def test_blend_bounds_the_step_across_collinearity() -> None:
+    """The middle finger crosses the others' line: |df| <= |kip - kep| |e| [1.5 d_arm/(l2 - l1) + 2 d/R]."""
+    low, high, R, step = 0.00025, 0.001, 0.03, 2e-6
+    e = np.array([0, 0, -0.5, 0, 0, 1.0, 0, 0, -0.5]) * 1e-3  # along the rotation that comes and goes
+    worst_ratio, last = 0.0, None
+    for y in np.arange(-0.003, 0.003, step):
+        P = external(np.array([[-R, 0.0, 0.0], [0.0, y, 0.0], [R, 0.0, 0.0]]), low=low, high=high)
+        eigenvalues = np.linalg.eigvalsh(P)
+        assert eigenvalues[0] > -1e-14 and eigenvalues[-1] < 1 + 1e-14
+        f = 90.0 * P @ e
+        if last is not None:
+            arm = step * np.sqrt(2.0) / 3.0  # rms of (0, y, 0) about its mean
+            bound = 90.0 * np.linalg.norm(e) * (1.5 * arm / (high - low) + 2 * step / R)
+            worst_ratio = max(worst_ratio, np.linalg.norm(f - last) / bound)
+        last = f
+    assert 0.5 < worst_ratio <= 1.0
+
+
+def test_contact_frame_is_orthonormal_for_every_normal() -> None:
+    rng = np.random.default_rng(4)
+    normals = np.vstack([np.eye(3), -np.eye(3), [[1e-9, 0, -1.0]], rng.normal(size=(50, 3))])
+    for normal in normals / np.linalg.norm(normals, axis=1, keepdims=True):
+        S = np.concatenate([normal, np.zeros(9)])
+        contact_frame(S, 0, 3, 3)
+        F = S[3:].reshape(3, 3)
+        np.testing.assert_allclose(F @ F.T, np.eye(3), atol=4e-16)
+        np.testing.assert_array_equal(F[0], normal)
+    S = np.array([0.6, 0.8, 0.0] + [0.0] * 9)
+    contact_frame(S, 0, 2, 3)
+    assert S[3:9].tolist() == [0.6, 0.8, 0.0, -0.8, 0.6, 0.0]
+
+
+def test_pivoting_twice_is_the_identity_and_once_exchanges() -> None:
+    rng = np.random.default_rng(5)
+    M, q = rng.normal(size=(4, 4)) + 4 * np.eye(4), rng.normal(size=4)
+    S = np.concatenate([M.ravel(), q])
+    pivot(memoryview(S), 0, 4, 16, 4, 2)
+    x = rng.normal(size=4)
+    y = q + M @ x
+    exchanged_x, exchanged_y = x.copy(), y.copy()
+    exchanged_x[2], exchanged_y[2] = y[2], x[2]
+    np.testing.assert_allclose(S[16:] + S[:16].reshape(4, 4) @ exchanged_x, exchanged_y, rtol=1e-12)
+    pivot(memoryview(S), 0, 4, 16, 4, 2)
+    np.testing.assert_allclose(S, np.concatenate([M.ravel(), q]), rtol=1e-12)
+
+
+def test_smoothstep_values() -> None:
+    assert [smoothstep(x, 1.0, 3.0) for x in (0.0, 1.0, 2.0, 3.0, 4.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]

@@ -1,0 +1,173 @@
+"""Touching and letting go: the paper's two-finger rule, n fingers against every subset, sticking contacts."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import InputError
+
+KEP, KIP = 40.0, 160.0
+ALONE = 2 * KEP * KIP / (KEP + KIP)
+
+
+def pair_stiffness(kep: float = KEP, kip: float = KIP) -> np.ndarray:
+    """K of two fingers on a line, from eqs. (10)-(12)."""
+    return 0.5 * np.array([[kep + kip, kep - kip], [kep - kip, kep + kip]])
+
+
+def random_stiffness(rng: np.random.Generator, n: int, d: int, kep: float, kip: float) -> np.ndarray:
+    """kep P + kip (I - P) with P from numpy's pseudoinverse of a hand-made G."""
+    r = rng.normal(size=(n, d)) * 0.03
+    rows = [np.tile(np.eye(d)[a], n) for a in range(d)]
+    if d == 2:
+        rows.append(np.stack([-r[:, 1], r[:, 0]], axis=1).ravel())
+    if d == 3:
+        rows += [np.cross(np.eye(3)[a], r).ravel() for a in range(3)]
+    P = np.linalg.pinv(np.array(rows)) @ np.array(rows)
+    return kep * P + kip * (np.eye(n * d) - P)
+
+
+def random_normals(rng: np.random.Generator, n: int, d: int) -> np.ndarray:
+    v = rng.normal(size=(n, d))
+    return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def every_subset(K: np.ndarray, e: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """The friction-free answer by trying every set of touching fingers."""
+    n, d = normals.shape
+    N = np.zeros((n * d, n))
+    for i in range(n):
+        N[i * d : (i + 1) * d, i] = normals[i]
+    A, g = N.T @ np.linalg.inv(K) @ N, N.T @ e  # minimise 1/2 l'A l - l'g over l >= 0
+    best = None
+    for k in range(n + 1):
+        for subset in itertools.combinations(range(n), k):
+            s = list(subset)
+            force = np.zeros(n)
+            if s:
+                force[s] = np.linalg.solve(A[np.ix_(s, s)], g[s])
+            if (force >= -1e-12).all() and (A @ force - g >= -1e-12).all():
+                best = force
+    assert best is not None
+    return N @ best
+
+
+def test_two_fingers_follow_equations_24_to_26() -> None:
+    """2000 random pairs: both push while (11)-(12) say so, else the nearer one alone with 2 kep kip/(kep + kip)."""
+    rng = np.random.default_rng(0)
+    normals = np.array([[1.0], [-1.0]])
+    for _ in range(2000):
+        e = rng.normal(size=2) * 0.01
+        both = pair_stiffness() @ e
+        pushes = both * normals[:, 0]
+        expected = both
+        if (pushes < 0.0).any():
+            expected = np.zeros(2)
+            nearer = int(np.argmax(e * normals[:, 0]))
+            if e[nearer] * normals[nearer, 0] > 0.0:
+                expected[nearer] = ALONE * e[nearer]
+        touch = gx.unilateral_force(pair_stiffness(), e, normals)
+        np.testing.assert_allclose(touch.force, expected, rtol=1e-14, atol=1e-16)
+        assert touch.residual < 1e-14  # of forces up to 5 N
+
+
+def test_contact_point_of_equation_25() -> None:
+    """At x_i = x_ci the finger's force is zero, just inside it is not: to 1e-14 of the force at hand."""
+    x, xj = 0.0, 0.003  # finger j pushes from the left, in by 3 mm; normals +1 and -1
+    x_ci = (KIP - KEP) / (KEP + KIP) * xj + 2 * KEP / (KEP + KIP) * x  # eq. (25)
+    normals = np.array([[1.0], [-1.0]])
+    f = pair_stiffness() @ np.array([xj - x, x_ci - x])
+    assert abs(f[1]) < 1e-14 * abs(f[0])
+    inside = gx.unilateral_force(pair_stiffness(), [xj - x, x_ci - x - 1e-9], normals)
+    outside = gx.unilateral_force(pair_stiffness(), [xj - x, x_ci - x + 1e-9], normals)
+    assert inside.status == ("slide", "slide")
+    assert outside.status == ("slide", "free")
+    assert outside.force[0] == pytest.approx(ALONE * (xj - x), rel=1e-14)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 20])
+def test_lone_finger_among_n_on_a_line(n: int) -> None:
+    """One of n fingers on a line pushes with n kep kip/((n - 1) kep + kip)."""
+    K = KIP * np.eye(n) + (KEP - KIP) / n
+    e = np.full(n, -1.0)
+    e[0] = 0.001
+    touch = gx.unilateral_force(K, e, np.ones((n, 1)))
+    assert touch.force[0] == pytest.approx(n * KEP * KIP / ((n - 1) * KEP + KIP) * 0.001, rel=1e-13)
+    assert touch.force[1:].tolist() == [0.0] * (n - 1)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+def test_agrees_with_every_subset(n: int, d: int) -> None:
+    rng = np.random.default_rng(10 * n + d)
+    for _ in range(40):
+        kep, kip = 10 ** rng.uniform(0, 3, 2)
+        K, normals = random_stiffness(rng, n, d, kep, kip), random_normals(rng, n, d)
+        e = rng.normal(size=n * d) * 0.01
+        touch = gx.unilateral_force(K, e, normals)
+        expected = every_subset(K, e, normals)
+        np.testing.assert_allclose(touch.force, expected, atol=1e-10 * max(kep, kip) * 0.01)
+        assert touch.residual <= 1e-11 * max(kep, kip) * 0.01
+
+
+def test_matrix_that_is_not_symmetric() -> None:
+    """A literal law's K: the complementarity problem still has one answer, found among the subsets."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        skew = rng.normal(size=(4, 4))
+        K = 50 * np.eye(4) + 5 * (skew - skew.T)
+        e, normals = rng.normal(size=4) * 0.01, random_normals(rng, 4, 1)
+        touch = gx.unilateral_force(K, e, normals)
+        sign = normals[:, 0]
+        f, s = touch.force * sign, np.linalg.solve(K, touch.force) * sign - e * sign
+        assert (f >= 0.0).all() and (s > -1e-14).all() and abs(f @ s) < 1e-16
+
+
+def test_singular_stiffness() -> None:
+    """kip = 0: the fingers share the external force only, so a lone finger feels nothing."""
+    K = 0.5 * KEP * np.ones((2, 2))
+    normals = np.array([[1.0], [-1.0]])
+    assert gx.unilateral_force(K, [0.001, 0.002], normals).force.tolist() == [0.0, 0.0]
+    both = gx.unilateral_force(K, [0.001, 0.001], np.array([[1.0], [1.0]]))
+    np.testing.assert_allclose(both.force, [KEP * 0.001] * 2, rtol=1e-14)
+
+
+def test_sticking_finger_is_released_whole() -> None:
+    """Friction 0 drops the tangents at once, "stick" keeps them until the normal force would pull."""
+    K = np.eye(4) * 50.0
+    normals = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    e = np.array([0.001, 0.002, 0.004, 0.002])
+    stick = gx.unilateral_force(K, e, normals, friction="stick")
+    slip = gx.unilateral_force(K, e, normals)
+    np.testing.assert_allclose(stick.force, [0.05, 0.1, 0.0, 0.0], atol=1e-16)
+    np.testing.assert_allclose(slip.force, [0.05, 0.0, 0.0, 0.0], atol=1e-16)
+    assert stick.status == ("stick", "free")
+    assert slip.status == ("slide", "free")
+
+
+def test_lone_sticking_finger_is_isotropic() -> None:
+    """Two opposed fingers, rotation locked, one free: 2 kep kip/(kep + kip) along the normal and along the tangent."""
+    P = 0.5 * np.tile(np.eye(2), (2, 2))
+    K = KEP * P + KIP * (np.eye(4) - P)
+    normals = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    touch = gx.unilateral_force(K, [0.001, 0.0007, 0.02, 0.0], normals, friction="stick")
+    np.testing.assert_allclose(touch.force, [ALONE * 0.001, ALONE * 0.0007, 0.0, 0.0], rtol=1e-13, atol=1e-17)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((np.eye(2), [0.0, 0.0], [[1.0], [0.0]]), "length zero for finger 1"),
+        ((np.eye(3), [0.0, 0.0], [[1.0], [1.0]]), r"\(2, 2\)"),
+        ((np.eye(2), [0.0, np.nan], [[1.0], [1.0]]), "finite"),
+        ((-np.eye(2), [0.0, 0.0], [[1.0], [1.0]]), "negative eigenvalue"),
+        ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], 0.5), "coefficient"),
+    ],
+)
+def test_bad_input_says_what_is_wrong(arguments: tuple[object, ...], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        gx.unilateral_force(*arguments)  # type: ignore[arg-type]
