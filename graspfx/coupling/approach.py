@@ -1,0 +1,118 @@
+"""From motion to displacement, in the object's frame: contact points, e = p - c, its rate, the fingers' weights."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from graspfx.coupling import block as at
+from graspfx.grasp.kernels import contact_frame, rigid_modes, smoothstep
+from graspfx.objects import kernels as body
+from graspfx.objects.proxy import closest
+
+
+def approach(S: Any) -> int:
+    """Contact point, displacement, rate and weight of every finger; returns 1 if a finger's motion is not finite.
+
+    With the reaction at the fingertip the rate is e' = p' - v - w x (p - x), else e' = p' - v - w x (c - x), so that
+    damping never creates energy.
+    """
+    n = int(S[at.FINGERS])
+    d = int(S[at.DIMENSIONS])
+    bilateral = S[at.ATTACHED] != 0.0
+    x, R, v, w = body.POSITION, body.ROTATION, body.VELOCITY, body.ANGULAR_VELOCITY
+    if S[at.IMPLICIT] != 0.0:
+        x, R, v, w = body.NEXT_POSITION, body.NEXT_ROTATION, body.NEXT_VELOCITY, body.NEXT_ANGULAR_VELOCITY
+    x, R, v, w = at.BODY + x, at.BODY + R, at.BODY + v, at.BODY + w
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        total = 0.0
+        for a in range(d):
+            total += S[r + at.POSITION + a] + S[r + at.VELOCITY + a]
+        if not abs(total) <= 1e300:  # NaN compares false
+            return 1
+        px = S[r + at.POSITION] - S[x]
+        py = S[r + at.POSITION + 1] - S[x + 1]
+        pz = S[r + at.POSITION + 2] - S[x + 2]
+        gx = S[R] * px + S[R + 3] * py + S[R + 6] * pz
+        gy = S[R + 1] * px + S[R + 4] * py + S[R + 7] * pz
+        gz = S[R + 2] * px + S[R + 5] * py + S[R + 8] * pz
+        if not bilateral:
+            touch(S, r, d, gx, gy, gz)
+        cx, cy, cz = S[r + at.CONTACT], S[r + at.CONTACT + 1], S[r + at.CONTACT + 2]
+        S[r + at.DISPLACEMENT] = gx - cx
+        S[r + at.DISPLACEMENT + 1] = gy - cy
+        S[r + at.DISPLACEMENT + 2] = gz - cz
+        qx = S[R] * cx + S[R + 1] * cy + S[R + 2] * cz
+        qy = S[R + 3] * cx + S[R + 4] * cy + S[R + 5] * cz
+        qz = S[R + 6] * cx + S[R + 7] * cy + S[R + 8] * cz
+        S[r + at.CONTACT_WORLD] = S[x] + qx
+        S[r + at.CONTACT_WORLD + 1] = S[x + 1] + qy
+        S[r + at.CONTACT_WORLD + 2] = S[x + 2] + qz
+        if S[at.DAMPED] != 0.0:
+            if S[at.AT_CONTACT] == 0.0:
+                qx, qy, qz = px, py, pz
+            wx, wy, wz = S[w], S[w + 1], S[w + 2]
+            ux = S[r + at.VELOCITY] - S[v] - (wy * qz - wz * qy)
+            uy = S[r + at.VELOCITY + 1] - S[v + 1] - (wz * qx - wx * qz)
+            uz = S[r + at.VELOCITY + 2] - S[v + 2] - (wx * qy - wy * qx)
+            S[r + at.RATE] = S[R] * ux + S[R + 3] * uy + S[R + 6] * uz
+            S[r + at.RATE + 1] = S[R + 1] * ux + S[R + 4] * uy + S[R + 7] * uz
+            S[r + at.RATE + 2] = S[R + 2] * ux + S[R + 5] * uy + S[R + 8] * uz
+    return 0
+
+
+def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
+    """Contact point, normal, gap and weight of the finger in row r, which is at g in the object's frame."""
+    c = r + at.CONTACT
+    m = r + at.NORMAL
+    if S[at.STICK] != 0.0 and S[r + at.TOUCHING] != 0.0:
+        S[r + at.GAP] = S[m] * (S[c] - gx) + S[m + 1] * (S[c + 1] - gy) + S[m + 2] * (S[c + 2] - gz)
+    else:
+        face, cx, cy, cz, nx, ny, nz, gap = closest(
+            int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
+            gx, gy, gz, int(S[r + at.FACE]), S[c], S[c + 1], S[c + 2],
+        )  # fmt: skip
+        S[c], S[c + 1], S[c + 2] = cx, cy, cz
+        S[m], S[m + 1], S[m + 2] = nx, ny, nz
+        S[r + at.FACE] = face
+        S[r + at.GAP] = gap
+        contact_frame(S, m, d, r + at.FRAME)
+    if S[at.FADE] != 0.0:
+        S[r + at.WEIGHT] = 1.0 - smoothstep(S[r + at.GAP], S[at.NEAR], S[at.FAR])
+
+
+def refactor(S: Any) -> None:
+    """The rigid modes of the contacts, only if a contact, a weight or a free direction has changed in the object."""
+    n = int(S[at.FINGERS])
+    d = int(S[at.DIMENSIONS])
+    known = S[at.SPLIT_KNOWN] != 0.0
+    if S[at.MIXED] != 0.0:
+        known = False
+        turn_axes(S, d)
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        same = S[r + at.WEIGHT] == S[r + at.SPLIT_WEIGHT]
+        for a in range(d):
+            same = same and S[r + at.CONTACT + a] == S[r + at.SPLIT_CONTACT + a]
+        if not same:
+            known = False
+            S[r + at.SPLIT_WEIGHT] = S[r + at.WEIGHT]
+            for a in range(d):
+                S[r + at.SPLIT_CONTACT + a] = S[r + at.CONTACT + a]
+    if not known:
+        S[at.COUNT] = rigid_modes(
+            S, at.ROW, at.STRIDE, at.CONTACT, at.WEIGHT, n, d,
+            at.AXES, int(S[at.SHIFTS]), int(S[at.TURNS]), S[at.ARM_LOW], S[at.ARM_HIGH], at.modes(n),
+        )  # fmt: skip
+        S[at.SPLIT_KNOWN] = 1.0
+
+
+def turn_axes(S: Any, d: int) -> None:
+    """The free world directions in the object's frame, translations first."""
+    R = at.BODY + (body.ROTATION if S[at.IMPLICIT] == 0.0 else body.NEXT_ROTATION)
+    k = at.AXES
+    for half in range(2):
+        for a in range(3):
+            if S[at.BODY + body.FREE + 3 * half + a] != 0.0:
+                S[k], S[k + 1], S[k + 2] = S[R + 3 * a], S[R + 3 * a + 1], S[R + 3 * a + 2]
+                k += 3

@@ -1,0 +1,243 @@
+"""A grasped object: its state block, named views of it, and one sample at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.coupling import block as at
+from graspfx.coupling.approach import approach
+from graspfx.coupling.sample import FINE, NOT_FINITE, let_go, locate, respond
+from graspfx.errors import InputError
+from graspfx.grasp.impedance import Coupling
+from graspfx.grasp.matrix import Grasp
+from graspfx.objects import kernels as body
+
+FloatArray = NDArray[np.float64]
+
+WEIGHT_FLOOR = 1e-12  # a metric has to be positive; the cone takes what is left of a faded finger's force
+
+
+class Shape(Protocol):
+    """What the coupling needs of a shape: the number and the parameters of its closest-point kernel."""
+
+    @property
+    def kind(self) -> int: ...
+
+    @property
+    def parameters(self) -> tuple[float, float, float]: ...
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How fingers touch: the switches of the coupling, under the names of a scene's keys.
+
+    Attributes:
+        attached: bilateral contact at points fixed in the object, no cone.
+        stick: a touching finger holds where it touched; else it slips freely.
+        fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
+        at_contact: the reaction acts at the contact point, else at the fingertip.
+        blend: rms arms (l1, l2) [m] between which a rotation joins the external space.
+    """
+
+    attached: bool = False
+    stick: bool = False
+    fade: tuple[float, float] | None = (0.002, 0.01)
+    at_contact: bool = False
+    blend: tuple[float, float] = (0.00025, 0.001)
+
+
+class GraspedObject:
+    """n fingers coupled to one object in d dimensions.
+
+    Every sample: write `finger_position` and `finger_velocity` (n, d), call `sample()`, read `force` (n, d) on the
+    object; the object's wrench is in the body's part of the block, ready for `body.step`.
+
+    Args:
+        fingers: n.
+        dimensions: d.
+        period: T [s].
+        law: the gains of eq. (4).
+        rules: how fingers touch.
+        shape: None only with attached contacts, which then are at the object's centre.
+        fill_body: writes the object's parameters and initial state into its part of the block.
+
+    Raises:
+        InputError: unilateral contact without a shape or with a stiffness of zero.
+    """
+
+    def __init__(
+        self,
+        fingers: int,
+        dimensions: int,
+        period: float,
+        law: Coupling,
+        rules: Rules,
+        fill_body: Callable[[FloatArray], None],
+        *,
+        shape: Shape | None = None,
+    ) -> None:
+        n, d = fingers, dimensions
+        self.fingers, self.dimensions, self.law = n, d, law
+        scalars = [
+            float(gain) if np.ndim(gain) == 0 else None
+            for part in (law.external, law.internal)
+            for gain in (part.stiffness, part.damping)
+        ]
+        self.matrices = any(gain is None for gain in scalars)
+        self.block = np.zeros(at.size(n, d, matrices=self.matrices))
+        self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
+        S = self.block
+        S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
+        if self.matrices:
+            S[at.DENSE] = 1.0
+            S[at.DAMPED] = any(np.any(part.damping) for part in (law.external, law.internal))
+        else:
+            S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = scalars
+            S[at.EQUAL] = scalars[:2] == scalars[2:]
+            S[at.DAMPED] = scalars[1] != 0.0 or scalars[3] != 0.0
+            if not rules.attached and not (scalars[0] and scalars[2]):
+                raise InputError(
+                    "stiffness", f"external {scalars[0]}, internal {scalars[2]} N/m", "both above zero",
+                    "unilateral contact shares a push between them; attach the contacts to study a zero",
+                )  # fmt: skip
+        S[at.ATTACHED], S[at.STICK], S[at.AT_CONTACT] = rules.attached, rules.stick, rules.at_contact
+        if rules.fade is not None and not rules.attached:
+            S[at.FADE] = 1.0
+            S[at.NEAR], S[at.FAR] = rules.fade
+        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend
+        fill_body(S[at.BODY : at.BODY + body.SIZE])
+        S[at.IMPLICIT] = S[at.BODY + body.INTEGRATOR] == body.IMPLICIT
+        self._free_directions()
+        rows = self.rows = S[at.ROW : at.ROW + n * at.STRIDE].reshape(n, at.STRIDE)
+        rows[:, at.WEIGHT] = 1.0
+        rows[:, at.FACE] = -1.0
+        rows[:, at.FRAME : at.FRAME + 9] = np.eye(3).ravel()
+        self._shaped = shape is not None
+        if shape is None and not rules.attached:
+            raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
+        if shape is not None:
+            S[at.SHAPE] = shape.kind
+            S[at.PARAMETERS : at.PARAMETERS + 3] = shape.parameters
+        self.body_state = S[at.BODY : at.BODY + body.SIZE]
+        self.finger_position = rows[:, at.POSITION : at.POSITION + d]
+        self.finger_velocity = rows[:, at.VELOCITY : at.VELOCITY + d]
+        self.contact_position = rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d]
+        self.force = rows[:, at.FORCE : at.FORCE + d]
+        self.touching = rows[:, at.TOUCHING]
+        self.touching[:] = rules.attached
+        self.where = self._entries()
+        self._made_from: FloatArray | None = None
+
+    @property
+    def wrench(self) -> FloatArray:
+        """f_v of eq. (2) about the object's centre, (w,): force, then moment."""
+        return self.block[self.where["wrench"]]
+
+    @property
+    def implicit(self) -> bool:
+        """The body's free motion has to be predicted before each sample."""
+        return bool(self.block[at.IMPLICIT])
+
+    @property
+    def shortfall(self) -> float:
+        """By how much the fade began too near the surface, at most so far [m]; 0 if it never did."""
+        return float(self.block[at.SHORTFALL])
+
+    def inward(self) -> FloatArray:
+        """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
+        d = self.dimensions
+        R = self.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
+        return (self.rows[:, at.NORMAL : at.NORMAL + 3] @ R.T)[:, :d]
+
+    def attach(self, contacts: FloatArray) -> None:
+        """Attached contact points, (n, d) in the object's frame [m]; the object's centre unless they are set."""
+        self.rows[:, at.CONTACT : at.CONTACT + self.dimensions] = contacts
+
+    def meet(self, position: FloatArray) -> None:
+        """Find each finger's contact point on the shape from where it starts, (n, d) [m]: the face that it will be on.
+
+        Attached contacts stay where this puts them.
+        """
+        if not self._shaped:
+            return
+        self.finger_position[:] = position
+        attached, touching = self.block[at.ATTACHED], self.touching.copy()
+        self.block[at.ATTACHED] = self.touching[:] = 0.0
+        approach(self._S)
+        self.block[at.ATTACHED], self.touching[:] = attached, touching
+
+    def sample(self) -> int:
+        """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
+        fault = locate(self._S)
+        if fault == FINE and self.matrices:
+            self._fill_matrices()
+        if fault == FINE:
+            fault = respond(self._S)
+        if fault != FINE:
+            let_go(self._S)
+        return fault
+
+    def let_go(self) -> None:
+        """Zero force and wrench."""
+        let_go(self._S)
+
+    def _entries(self) -> dict[str, NDArray[np.intp]]:
+        """Which entries of the block hold what a recording asks for."""
+        n, d = self.fingers, self.dimensions
+        rows = np.arange(at.ROW, at.ROW + n * at.STRIDE).reshape(n, at.STRIDE)
+        o = at.BODY
+        turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
+        angle = {1: [], 2: [body.ANGLE], 3: [body.QUATERNION + a for a in range(4)]}[d]
+        return {
+            "finger_position": rows[:, at.POSITION : at.POSITION + d],
+            "finger_velocity": rows[:, at.VELOCITY : at.VELOCITY + d],
+            "contact_position": rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d],
+            "finger_force": rows[:, at.FORCE : at.FORCE + d],
+            "touching": rows[:, at.TOUCHING],
+            "gap": rows[:, at.GAP],
+            "position": np.arange(o + body.POSITION, o + body.POSITION + d),
+            "velocity": np.arange(o + body.VELOCITY, o + body.VELOCITY + d),
+            "orientation": np.array([o + a for a in angle], dtype=np.intp),
+            "angular_velocity": np.array([o + body.ANGULAR_VELOCITY + a for a in turns], dtype=np.intp),
+            "wrench": np.array([o + body.FORCE + a for a in range(d)] + [o + body.MOMENT + a for a in turns]),
+        }
+
+    def _free_directions(self) -> None:
+        S, d = self.block, self.dimensions
+        free = S[at.BODY + body.FREE : at.BODY + body.FREE + 6] != 0.0
+        shifts, turns = int(free[:3].sum()), int(free[3:].sum())
+        S[at.SHIFTS], S[at.TURNS] = shifts, turns
+        S[at.AXES : at.AXES + 18].reshape(6, 3)[: shifts + turns] = np.vstack([np.eye(3), np.eye(3)])[free]
+        # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
+        S[at.MIXED] = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
+
+    def _fill_matrices(self) -> None:
+        """K and D of the law in the object's axes, anew when a contact, a weight or the rotation has changed."""
+        n, d, rows = self.fingers, self.dimensions, self.rows
+        o = body.NEXT_ROTATION if self.block[at.IMPLICIT] else body.ROTATION
+        R = self.body_state[o : o + 9].reshape(3, 3)[:d, :d]
+        now = np.concatenate([R.ravel(), rows[:, at.CONTACT : at.CONTACT + d].ravel(), rows[:, at.WEIGHT]])
+        if self._made_from is not None and np.array_equal(now, self._made_from):
+            return
+        self._made_from = now
+        free = self.block[at.BODY + body.FREE : at.BODY + body.FREE + 6] != 0.0
+        kept = {1: free[:1], 2: free[[0, 1, 5]], 3: free}[d]
+        arms = rows[:, at.CONTACT : at.CONTACT + d] @ R.T
+        metric = np.maximum(rows[:, at.WEIGHT], WEIGHT_FLOOR)
+        split = Grasp(arms, free=kept).split(metric=None if (metric == 1.0).all() else metric)
+        turn = np.kron(np.eye(n), R)
+        o, m = at.dense(n, d), n * d
+        self.block[o : o + m * m] = (turn.T @ self.law.stiffness(split) @ turn).ravel()
+        self.block[o + m * m : o + 2 * m * m] = (turn.T @ self.law.damping(split) @ turn).ravel()
+
+
+def fault_text(fault: int, fingers: Sequence[str]) -> str:
+    """What a fault of `sample` means to the user."""
+    if fault == NOT_FINITE:
+        return f"a finger's position or velocity is not finite ({', '.join(fingers)}); all forces are zero"
+    return "the contact forces did not settle; all forces are zero"

@@ -1,0 +1,94 @@
+"""One whole sample: contacts, split, eq. (4), cones, reaction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from graspfx.coupling import block as at
+from graspfx.coupling.approach import approach, refactor
+from graspfx.coupling.force import attached, push, unilateral
+from graspfx.objects import kernels as body
+
+FINE = 0
+NOT_FINITE = 1  # a finger's motion is NaN or infinite: all forces are zero
+UNRESOLVED = 2  # the projection did not settle: all forces are zero
+
+
+def locate(S: Any) -> int:
+    """The first half: where the contacts are, and the split if it is needed and has changed."""
+    fault = approach(S)
+    if fault == FINE and S[at.EQUAL] == 0.0 and S[at.DENSE] == 0.0:
+        refactor(S)
+    return fault
+
+
+def respond(S: Any) -> int:
+    """The second half: forces on the object and the object's wrench."""
+    fault = attached(S) if S[at.ATTACHED] != 0.0 else unilateral(S)
+    if fault == FINE:
+        react(S)
+        if S[at.FADE] != 0.0:
+            check_fade(S)
+    return fault
+
+
+def sample(S: Any) -> int:
+    """Motion in, forces and wrench out; returns FINE, or why every force is zero."""
+    fault = locate(S)
+    if fault == FINE:
+        fault = respond(S)
+    if fault != FINE:
+        let_go(S)
+    return fault
+
+
+def react(S: Any) -> None:
+    """Forces in world axes, and their sum and moment about the object's centre: f_v = G f (eq. 2)."""
+    n = int(S[at.FINGERS])
+    d = int(S[at.DIMENSIONS])
+    implicit = S[at.IMPLICIT] != 0.0
+    R = at.BODY + (body.NEXT_ROTATION if implicit else body.ROTATION)
+    x = at.BODY + (body.NEXT_POSITION if implicit else body.POSITION)
+    where = at.CONTACT_WORLD if S[at.AT_CONTACT] != 0.0 else at.POSITION
+    fx = fy = fz = mx = my = mz = 0.0
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        a, b, c = S[r + at.LOCAL], S[r + at.LOCAL + 1], S[r + at.LOCAL + 2]
+        u = S[R] * a + S[R + 1] * b + S[R + 2] * c
+        v = S[R + 3] * a + S[R + 4] * b + S[R + 5] * c
+        w = S[R + 6] * a + S[R + 7] * b + S[R + 8] * c
+        S[r + at.FORCE], S[r + at.FORCE + 1], S[r + at.FORCE + 2] = u, v, w
+        fx, fy, fz = fx + u, fy + v, fz + w
+        if d > 1:
+            px, py, pz = S[r + where] - S[x], S[r + where + 1] - S[x + 1], S[r + where + 2] - S[x + 2]
+            mx += py * w - pz * v
+            my += pz * u - px * w
+            mz += px * v - py * u
+    o = at.BODY + body.FORCE
+    S[o], S[o + 1], S[o + 2] = fx, fy, fz
+    o = at.BODY + body.MOMENT
+    S[o], S[o + 1], S[o + 2] = mx, my, mz
+
+
+def let_go(S: Any) -> None:
+    """Zero force at every finger and on the object."""
+    for i in range(int(S[at.FINGERS])):
+        r = at.ROW + i * at.STRIDE
+        S[r + at.TOUCHING] = 0.0
+        for a in range(3):
+            S[r + at.FORCE + a] = 0.0
+            S[r + at.LOCAL + a] = 0.0
+    for a in range(3):
+        S[at.BODY + body.FORCE + a] = 0.0
+        S[at.BODY + body.MOMENT + a] = 0.0
+
+
+def check_fade(S: Any) -> None:
+    """Keeps the largest shortfall of NEAR: below 1/2 |1/kep - 1/kip| sum |f| a fading finger can touch again."""
+    kep, kip = S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS]
+    if kep <= 0.0 or kip <= 0.0:
+        return
+    total = 0.0
+    for i in range(int(S[at.FINGERS])):
+        total += push(S, i, int(S[at.DIMENSIONS]))
+    S[at.SHORTFALL] = max(S[at.SHORTFALL], 0.5 * abs(1.0 / kep - 1.0 / kip) * total - S[at.NEAR])
