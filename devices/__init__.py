@@ -1,0 +1,1 @@
+"""The shelf of drivers: a module each, with `connect(**settings) -> Device`."""

@@ -1,0 +1,188 @@
+"""The two-link arm of a finger: kinematics, reach, and what its masses amount to at the tip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import DeviceError, InputError
+
+FloatArray = NDArray[np.float64]
+Pair = tuple[float, float]
+Elbow = Literal["left", "right"]
+Drive = Literal["base", "elbow"]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """p = base + l1 (cos a1, sin a1) + l2 (cos a2, sin a2), with a1, a2 the directions of the links.
+
+    Both angles are taken from the x axis, counterclockwise [rad]. What the joints turn by is q = (a1, a2) when both
+    motors stand at the base (`drive="base"`: a belt or a parallelogram takes the second one's motion to link 2), and
+    q = (a1, a2 - a1) when the second motor sits at the elbow (`drive="elbow"`). The elbow is to the left or to the
+    right of the line from the base to the finger.
+
+    Args:
+        base: where the first joint is [m].
+        links: l1, l2 [m].
+        elbow: "left" or "right".
+        drive: "base" or "elbow".
+        margin: how near to the stretched and the folded posture the finger may come [m].
+    """
+
+    base: Pair
+    links: Pair
+    elbow: Elbow
+    drive: Drive
+    margin: float
+
+    def __post_init__(self) -> None:
+        if self.elbow not in ("left", "right"):
+            raise InputError("elbow", self.elbow, '"left" or "right", seen from the base towards the finger')
+        if self.drive not in ("base", "elbow"):
+            raise InputError("drive", self.drive, '"base" or "elbow": where the second motor sits')
+        shortest = min(self.links)
+        if not 0.0 < self.margin < shortest:
+            raise InputError("margin", self.margin, f"a length between 0 and the shorter link, {shortest:g} m")
+
+    @property
+    def reach(self) -> Pair:
+        """Least and greatest distance of the finger from the base [m], the margin taken off."""
+        l1, l2 = self.links
+        return abs(l1 - l2) + self.margin, l1 + l2 - self.margin
+
+    @property
+    def bend(self) -> float:
+        """Sign of sin(a2 - a1): -1 with the elbow to the left, +1 with it to the right."""
+        return -1.0 if self.elbow == "left" else 1.0
+
+    def tip(self, a1: float, a2: float) -> Pair:
+        """Position of the finger [m] at link directions a1, a2 [rad]."""
+        l1, l2 = self.links
+        return self.base[0] + l1 * math.cos(a1) + l2 * math.cos(a2), self.base[1] + l1 * math.sin(a1) + l2 * math.sin(
+            a2
+        )
+
+    def jacobian(self, a1: float, a2: float) -> FloatArray:
+        """J = dp/da, (2, 2) [m], by the directions of the links."""
+        l1, l2 = self.links
+        return np.array([[-l1 * math.sin(a1), -l2 * math.sin(a2)], [l1 * math.cos(a1), l2 * math.cos(a2)]])
+
+    def angles(self, x: float, y: float) -> Pair:
+        """a1, a2 [rad] that put the finger at x, y [m], with the elbow on its side; DeviceError out of reach."""
+        dx, dy = x - self.base[0], y - self.base[1]
+        self.check_reach(dx, dy)
+        l1, l2 = self.links
+        c = (dx * dx + dy * dy - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
+        bend = self.bend * math.acos(c)
+        a1 = math.atan2(dy, dx) - math.atan2(l2 * math.sin(bend), l1 + l2 * c)
+        return a1, a1 + bend
+
+    def turned(self, a1: float, a2: float) -> Pair:
+        """q, what the joints have turned by [rad], from the directions of the links."""
+        return (a1, a2) if self.drive == "base" else (a1, a2 - a1)
+
+    def directed(self, q1: float, q2: float) -> Pair:
+        """a1, a2 from q: the inverse of `turned`."""
+        return (q1, q2) if self.drive == "base" else (q1, q1 + q2)
+
+    def check_reach(self, dx: float, dy: float) -> None:
+        """DeviceError if a finger at dx, dy from the base [m] is out of reach, with the figures."""
+        low, high = self.reach
+        r = math.hypot(dx, dy)
+        if low <= r <= high:
+            return
+        posture, way = ("stretched", "closer to") if r > high else ("folded", "away from")
+        raise DeviceError(
+            f"finger at ({self.base[0] + dx:.4f}, {self.base[1] + dy:.4f}) m, {r:.4f} m from the arm's base at "
+            f"({self.base[0]:.4f}, {self.base[1]:.4f}) m: the arm works from {low:.4f} to {high:.4f} m (links of "
+            f"{self.links[0]:g} and {self.links[1]:g} m, {self.margin:g} m short of the {posture} posture); "
+            f"move the finger {way} the base, or the base itself"
+        )
+
+    def check_elbow(self, bend: float) -> None:
+        """DeviceError if the elbow is on the other side; `bend` is sin(a2 - a1)."""
+        if bend * self.bend <= 0.0:
+            side = "right" if self.elbow == "left" else "left"
+            raise DeviceError(
+                f"the elbow of the arm at ({self.base[0]:.4f}, {self.base[1]:.4f}) m is on the {side}, expected on the "
+                f"{self.elbow}: the arm went through its stretched or folded posture, or the encoders' zero is not "
+                "what `zero` says; bring the elbow back and open the device again"
+            )
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """M(a) = [[I1, c m + r], [c m + r, I2]] and D = [[d1, d], [d, d2]], with c = cos(a2 - a1).
+
+    Both go with the directions of the links: the kinetic energy is w'M w/2, w = da/dt. A rotor counts with its spin
+    alone, which its gear makes large.
+
+    Args:
+        arm: the geometry.
+        masses: of the links [kg].
+        inertias: of the links about their centres of mass [kg m^2].
+        centres: from the joint at which a link begins to its centre of mass, along the link [m].
+        reflected: inertias of the rotors, gear^2 J, at the joints [kg m^2].
+        friction: viscous, at the joints [N m s/rad].
+    """
+
+    arm: Arm
+    masses: Pair
+    inertias: Pair
+    centres: Pair
+    reflected: Pair
+    friction: Pair
+
+    def __post_init__(self) -> None:
+        i1, i2, m, r, *_ = self.constants
+        if not (i1 > 0.0 and i2 > 0.0 and i1 * i2 > (abs(m) + abs(r)) ** 2):
+            raise InputError(
+                "link_masses",
+                self.masses,
+                "masses and inertias that give both joints inertia in every posture",
+                "a link needs a mass and an inertia about its centre, or its joint a rotor",
+            )
+
+    @property
+    def constants(self) -> tuple[float, float, float, float, float, float, float]:
+        """I1, I2, m, r [kg m^2], d1, d, d2 [N m s/rad]."""
+        l1 = self.arm.links[0]
+        i1 = self.inertias[0] + self.masses[0] * self.centres[0] ** 2 + self.masses[1] * l1**2
+        i2 = self.inertias[1] + self.masses[1] * self.centres[1] ** 2
+        r1, r, r2 = self._by_direction(self.reflected)
+        return (i1 + r1, i2 + r2, self.masses[1] * l1 * self.centres[1], r, *self._by_direction(self.friction))
+
+    def _by_direction(self, joint: Pair) -> tuple[float, float, float]:
+        """A'diag(joint) A with q = A a: entries 11, 12, 22."""
+        if self.arm.drive == "base":
+            return joint[0], 0.0, joint[1]
+        return joint[0] + joint[1], -joint[1], joint[1]
+
+    def mass_matrix(self, a1: float, a2: float) -> FloatArray:
+        """M(a), (2, 2) [kg m^2]."""
+        i1, i2, m, r, *_ = self.constants
+        mixed = m * math.cos(a2 - a1) + r
+        return np.array([[i1, mixed], [mixed, i2]])
+
+    def friction_matrix(self) -> FloatArray:
+        """D, (2, 2) [N m s/rad]."""
+        *_, d1, d, d2 = self.constants
+        return np.array([[d1, d], [d, d2]])
+
+    def effective_mass(self, a1: float, a2: float) -> FloatArray:
+        """Lambda = (J M^-1 J')^-1, (2, 2) [kg]: what the finger feels of the arm (Khatib 1987)."""
+        return self._at_tip(self.mass_matrix(a1, a2), a1, a2)
+
+    def effective_friction(self, a1: float, a2: float) -> FloatArray:
+        """J^-T D J^-1, (2, 2) [N s/m]."""
+        return self._at_tip(self.friction_matrix(), a1, a2)
+
+    def _at_tip(self, A: FloatArray, a1: float, a2: float) -> FloatArray:
+        to_joints = np.linalg.inv(self.arm.jacobian(a1, a2))
+        at_tip: FloatArray = to_joints.T @ A @ to_joints
+        return at_tip

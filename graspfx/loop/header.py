@@ -1,0 +1,88 @@
+"""What a recording says of itself: the scene verbatim, versions, the machine, and how the run went."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of a run before it starts.
+
+    Attributes:
+        period: T [s].
+        scene: its name.
+        scene_text: the scene file verbatim, or the scene as JSON when it has none.
+        scene_table: the scene as it was run, overrides applied, as nested tables.
+        overrides: by dotted key.
+        title: of the scene.
+        created: UTC, ISO 8601.
+        versions: of what the run stands on.
+        machine: platform, processor, python.
+    """
+
+    period: float
+    scene: str = ""
+    scene_text: str = ""
+    scene_table: Mapping[str, Any] = field(default_factory=dict)
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    title: str = ""
+    created: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    machine: Mapping[str, str] = field(default_factory=dict)
+
+
+class RunFault(NamedTuple):
+    """What went wrong at a tick; from there on every force is zero."""
+
+    tick: int
+    message: str
+
+    def __str__(self) -> str:
+        return f"tick {self.tick}: {self.message}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run went: what its header could not know."""
+
+    faults: tuple[RunFault, ...] = ()
+    wall_time: float | None = None  # [s]
+    complete: bool = True
+
+
+def now() -> str:
+    """The time of day, UTC, ISO 8601."""
+    from datetime import UTC, datetime
+
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Of Python, GraspFX, numpy and the other packages named that are installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    import numpy as np
+
+    import graspfx
+
+    found = {"python": platform.python_version(), "graspfx": graspfx.__version__, "numpy": np.__version__}
+    for package in packages:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> dict[str, str]:
+    """Platform, processor and interpreter."""
+    return {
+        "platform": platform.platform(),
+        "processor": platform.processor() or platform.machine(),
+        "implementation": f"{platform.python_implementation()} {sys.version.split()[0]}",
+    }

@@ -1,0 +1,92 @@
+"""Which column of a tick's row holds what, and how the columns unfold into arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from types import MappingProxyType
+
+WIDTHS = {1: 1, 2: 3, 3: 6}  # w
+WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One quantity: where it stands in a row, its shape per tick, the names of its dimensions and its unit."""
+
+    name: str
+    where: slice
+    shape: tuple[int, ...]
+    dimensions: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns of a recording, all float64 in one row per tick.
+
+    Attributes:
+        dimensions: d.
+        fingers: their names.
+        objects: their names.
+        finger_objects: for each finger, the number of the object that it touches.
+        gaps: whether fingers have a gap to the surface (not with attached contacts).
+        moments: whether fingers exert moments.
+        simulated: whether true positions are known.
+    """
+
+    dimensions: int
+    fingers: tuple[str, ...]
+    objects: tuple[str, ...]
+    finger_objects: tuple[int, ...]
+    gaps: bool = True
+    moments: bool = False
+    simulated: bool = True
+
+    @cached_property
+    def columns(self) -> MappingProxyType[str, Column]:
+        """By name: `finger_force`, ..., and per object `objects/NAME/position`, ..."""
+        columns: dict[str, Column] = {}
+        start = 0
+        for name, axes, unit, meaning in self._quantities():
+            shape = tuple(count for _, count in axes)
+            where = slice(start, start + prod(shape))
+            columns[name] = Column(name, where, shape, tuple(axis for axis, _ in axes), unit, meaning)
+            start += prod(shape)
+        return MappingProxyType(columns)
+
+    @cached_property
+    def width(self) -> int:
+        """Numbers per tick."""
+        return sum(prod(column.shape) for column in self.columns.values())
+
+    def _quantities(self) -> Iterator[tuple[str, tuple[tuple[str, int], ...], str, str]]:
+        d = self.dimensions
+        n = ("finger", len(self.fingers))
+        axis, turn, wrench = ("axis", d), ("turn", 3), ("component", WIDTHS[d])
+        yield "finger_position", (n, axis), "m", "as the device reports it"
+        yield "finger_velocity", (n, axis), "m/s", "as the device reports or estimates it"
+        yield "contact_position", (n, axis), "m", "on the object's surface"
+        yield "finger_force", (n, axis), "N", "of the finger on the object"
+        if self.moments:
+            yield "finger_moment", (n, turn), "N m", "of the finger on the object"
+        yield "touching", (n,), "1", "whether the finger exerts a force"
+        if self.gaps:
+            yield "gap", (n,), "m", "distance to the surface, negative inside"
+        if self.simulated:
+            yield "true_position", (n, axis), "m", "of the simulated fingertip"
+        yield "device_energy", (n,), "J", "work done so far on the fingertip through the device"
+        for name in self.objects:
+            at = f"objects/{name}/"
+            yield at + "position", (axis,), "m", "of the object's centre"
+            yield at + "velocity", (axis,), "m/s", "of the object's centre"
+            if d == 2:
+                yield at + "orientation", (), "rad", "angle"
+                yield at + "angular_velocity", (), "rad/s", "about the normal of the plane"
+            if d == 3:
+                yield at + "orientation", (("quaternion", 4),), "1", "quaternion x, y, z, w"
+                yield at + "angular_velocity", (turn,), "rad/s", "in world axes"
+            yield at + "wrench", (wrench,), "N, N m", "of the fingers on the object, about its centre, in world axes"

@@ -1,0 +1,316 @@
+"""What happened in a run: rows taken tick by tick, and the recording that they become."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from types import MappingProxyType, TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import RecordingError
+from graspfx.loop.header import Header, Outcome, RunFault
+from graspfx.loop.layout import Layout
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LARGEST_BLOCK = 1024  # rows
+
+
+class Sink(Protocol):
+    """Where full blocks of rows go."""
+
+    def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
+        """Rows (r, width), and the faults since the last write."""
+
+    def close(self, outcome: Outcome) -> None: ...
+
+
+class Recorder:
+    """Takes one row per tick into blocks allocated beforehand; full blocks leave between ticks.
+
+    In the tick: `recorder.row(k)[:] = ...`, one copy. After it: `recorder.drain()`, which hands a full block to the
+    sinks and does nothing otherwise. Used as a context manager it closes the sinks also when the run breaks off.
+
+    Args:
+        layout: the columns of a row.
+        header: of the recording.
+        sinks: where blocks go besides memory.
+        block: rows in a block; about one second of the run if not given.
+    """
+
+    def __init__(self, layout: Layout, header: Header, sinks: Sequence[Sink] = (), block: int | None = None) -> None:
+        self.layout, self.header = layout, header
+        self.faults: list[RunFault] = []
+        self._sinks = tuple(sinks)
+        self._size = block or max(1, min(LARGEST_BLOCK, round(1.0 / header.period)))
+        self._full: list[FloatArray] = []
+        self._drained = self._told = 0
+        self._open()
+        self._outcome: Outcome | None = None
+
+    def row(self, k: int) -> FloatArray:
+        """The row (width,) of tick k, to be filled before the tick ends; ticks come in order."""
+        i = k - self._first
+        if i == self._size:
+            self._turn()
+            i = 0
+        self._used = i + 1
+        return self._rows[i]
+
+    def fault(self, k: int, message: str) -> None:
+        self.faults.append(RunFault(k, message))
+
+    def drain(self) -> None:
+        """Hands what is full to the sinks; call it between ticks."""
+        if self._used == self._size:
+            self._turn()
+        while self._drained < len(self._full):
+            self._write(self._full[self._drained])
+            self._drained += 1
+
+    def finish(self, wall_time: float | None = None, *, complete: bool = True) -> Recording:
+        """Writes what is left, closes the sinks and gives the recording.
+
+        Args:
+            wall_time: that the run took [s].
+            complete: False for a run that broke off.
+        """
+        self.drain()
+        rest = self._block[: self._used]
+        if self._used or len(self.faults) > self._told:
+            self._write(rest)
+        self._outcome = Outcome(tuple(self.faults), wall_time, complete)
+        for sink in self._sinks:
+            sink.close(self._outcome)
+        return Recording(np.concatenate([*self._full, rest]), self.layout, self.header, self._outcome)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._outcome is None:
+            self.finish(complete=False)
+
+    def _open(self) -> None:
+        self._block = np.zeros((self._size, self.layout.width))
+        self._rows = list(self._block)  # views made now, so that a tick makes none
+        self._first = len(self._full) * self._size
+        self._used = 0
+
+    def _turn(self) -> None:
+        self._full.append(self._block)
+        self._open()
+
+    def _write(self, rows: FloatArray) -> None:
+        faults = self.faults[self._told :]
+        self._told = len(self.faults)
+        for sink in self._sinks:
+            sink.write(rows, faults)
+
+
+@dataclass(frozen=True)
+class ObjectMotion:
+    """One object over time.
+
+    Attributes:
+        position: (N, d) [m].
+        velocity: (N, d) [m/s].
+        orientation: (N,) an angle [rad], (N, 4) a quaternion x y z w, or None on a line.
+        angular_velocity: (N,) or (N, 3) [rad/s], or None on a line.
+        wrench: (N, w), of the fingers on the object about its centre [N, N m].
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    orientation: FloatArray | None
+    angular_velocity: FloatArray | None
+    wrench: FloatArray
+
+
+class Recording:
+    """A run: row k of every array is the state read at k T and the forces computed from it.
+
+    Args:
+        rows: (N, width), read-only from here on.
+        layout: its columns.
+        header: what was known before the run.
+        outcome: how it went.
+    """
+
+    def __init__(self, rows: FloatArray, layout: Layout, header: Header, outcome: Outcome | None = None) -> None:
+        if rows.ndim != 2 or rows.shape[1] != layout.width:
+            raise RecordingError(f"rows of shape {rows.shape} do not fit a layout of {layout.width} columns")
+        self.rows = rows
+        self.rows.flags.writeable = False
+        self.layout, self.header, self.outcome = layout, header, outcome or Outcome()
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def array(self, column: str) -> FloatArray:
+        """A column of the layout, (N, ...), as a view."""
+        found = self.layout.columns[column]
+        return self.rows[:, found.where].reshape(len(self.rows), *found.shape)
+
+    def optional(self, column: str) -> FloatArray | None:
+        """A column, or None if the layout lacks it."""
+        return self.array(column) if column in self.layout.columns else None
+
+    @cached_property
+    def time(self) -> FloatArray:
+        """k T, (N,) [s]."""
+        return np.arange(len(self.rows), dtype=np.float64) * self.header.period
+
+    @property
+    def finger_position(self) -> FloatArray:
+        """As the devices report it, (N, n, d) [m]."""
+        return self.array("finger_position")
+
+    @property
+    def finger_velocity(self) -> FloatArray:
+        """As the devices report or estimate it, (N, n, d) [m/s]."""
+        return self.array("finger_velocity")
+
+    @property
+    def contact_position(self) -> FloatArray:
+        """(N, n, d) [m]."""
+        return self.array("contact_position")
+
+    @property
+    def finger_force(self) -> FloatArray:
+        """On the object, (N, n, d) [N]; the devices display its negative."""
+        return self.array("finger_force")
+
+    @property
+    def finger_moment(self) -> FloatArray | None:
+        """On the object, (N, n, 3) [N m]; None for fingers that exert none."""
+        return self.optional("finger_moment")
+
+    @cached_property
+    def touching(self) -> BoolArray:
+        """(N, n)."""
+        return np.not_equal(self.array("touching"), 0.0)
+
+    @property
+    def gap(self) -> FloatArray | None:
+        """Distance to the surface, negative inside, (N, n) [m]; None for attached contacts."""
+        return self.optional("gap")
+
+    @property
+    def true_position(self) -> FloatArray | None:
+        """Of simulated fingertips, (N, n, d) [m]; None for real devices."""
+        return self.optional("true_position")
+
+    @property
+    def device_energy(self) -> FloatArray:
+        """Work done so far on each fingertip through its device, (N, n) [J]."""
+        return self.array("device_energy")
+
+    @cached_property
+    def objects(self) -> Mapping[str, ObjectMotion]:
+        """Each object's motion, by its name."""
+        motions = {}
+        for name in self.layout.objects:
+            at = f"objects/{name}/"
+            motions[name] = ObjectMotion(
+                position=self.array(at + "position"),
+                velocity=self.array(at + "velocity"),
+                orientation=self.optional(at + "orientation"),
+                angular_velocity=self.optional(at + "angular_velocity"),
+                wrench=self.array(at + "wrench"),
+            )
+        return MappingProxyType(motions)
+
+    @property
+    def object_position(self) -> FloatArray:
+        """The first object's, (N, d) [m]."""
+        return self._first_object.position
+
+    @property
+    def object_velocity(self) -> FloatArray:
+        """The first object's, (N, d) [m/s]."""
+        return self._first_object.velocity
+
+    @property
+    def object_orientation(self) -> FloatArray | None:
+        """The first object's: (N,), (N, 4) or None."""
+        return self._first_object.orientation
+
+    @property
+    def wrench(self) -> FloatArray:
+        """On the first object, (N, w) [N, N m]."""
+        return self._first_object.wrench
+
+    @property
+    def _first_object(self) -> ObjectMotion:
+        return self.objects[self.layout.objects[0]]
+
+    @property
+    def period(self) -> float:
+        """T [s]."""
+        return self.header.period
+
+    @property
+    def faults(self) -> tuple[RunFault, ...]:
+        """What went wrong, by tick."""
+        return self.outcome.faults
+
+    @property
+    def wall_time(self) -> float | None:
+        """That the run took [s]; None if it broke off."""
+        return self.outcome.wall_time
+
+    @property
+    def scene_text(self) -> str:
+        """The scene file, verbatim."""
+        return self.header.scene_text
+
+    def summary(self) -> dict[str, Any]:
+        """The run in numbers, SI units; the keys are those of `graspfx.loop.summary.summarise`."""
+        from graspfx.loop.summary import summarise
+
+        return summarise(
+            period=self.period,
+            finger_position=self.finger_position,
+            contact_position=self.contact_position,
+            finger_force=self.finger_force,
+            touching=self.touching,
+            gap=self.gap,
+            device_energy=self.device_energy,
+            object_position=[motion.position for motion in self.objects.values()],
+            finger_objects=self.layout.finger_objects,
+            wall_time=self.wall_time,
+            true_position=self.true_position,
+            faults=len(self.faults),
+        )
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes the recording as HDF5.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        from graspfx.loop.file import FileSink
+
+        sink = FileSink(path, self.layout, self.header)
+        sink.write(self.rows, self.faults)
+        sink.close(self.outcome)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Recording:
+        """A recording from a file; also from one whose run was killed, as far as it was written.
+
+        Raises:
+            RecordingError: there is no recording in the file.
+        """
+        from graspfx.loop.file import read
+
+        return cls(*read(path))

@@ -1,0 +1,192 @@
+"""The servo: read, couple, record, write, move; once per tick."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.coupling.grasped import GraspedObject, fault_text
+from graspfx.errors import DeviceError
+from graspfx.loop.clock import SimulatedClock
+from graspfx.loop.device import Device, SimulatedDevice
+from graspfx.loop.layout import Layout
+from graspfx.loop.plant import Hand, Plant
+from graspfx.loop.record import Recorder
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+READ = ("finger_position", "finger_velocity")
+COMPUTED = ("contact_position", "finger_force", "touching", "gap")
+OBJECT = ("position", "velocity", "orientation", "angular_velocity", "wrench")
+
+
+class Body(Protocol):
+    """What moves an object: its state and wrench are in the object's block."""
+
+    def step(self, T: float) -> None: ...
+
+    def free_motion(self, T: float) -> None: ...
+
+
+@dataclass(frozen=True)
+class Held:
+    """An object with its body and the numbers of the fingers that are assigned to it."""
+
+    name: str
+    grasped: GraspedObject
+    body: Body
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Station:
+    """A device and the finger that each of its channels is (-1: a channel that the scene does not use)."""
+
+    device: Device
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A plant, the hand that holds it, the devices whose efforts drive it and the fingers that it moves."""
+
+    plant: Plant
+    hand: Hand
+    devices: Sequence[SimulatedDevice]
+    fingers: Index
+
+
+class Servo:
+    """Runs a scene that has been built: row k is the state read at k T and the forces computed from it.
+
+    A reading that is not finite, a device that raises DeviceError or a projection that does not settle latches a fault:
+    from that tick on every force is zero, and what had been computed in that tick is not displayed.
+
+    Everything that is recorded lives in one row, so that recording is one copy.
+    """
+
+    def __init__(
+        self,
+        period: float,
+        layout: Layout,
+        stations: Sequence[Station],
+        objects: Sequence[Held],
+        moved: Sequence[Moved] = (),
+    ) -> None:
+        self.clock = SimulatedClock(period)
+        self.period, self.layout = period, layout
+        self.stations, self.objects, self.moved = stations, objects, moved
+        self.faulted = False
+        self.row = np.zeros(layout.width)
+        self.position = self._view("finger_position")
+        self.velocity = self._view("finger_velocity")
+        self.force = self._view("finger_force")  # on the objects; the devices display its negative
+        self._energy = self._view("device_energy")
+        self._place = self._view("true_position") if layout.simulated else self.position
+        self._before = np.zeros_like(self.position)
+        self._displayed = np.zeros_like(self.position)
+        self._commands = [np.zeros((len(s.fingers), layout.dimensions)) for s in stations]
+        self._used = [s.fingers >= 0 for s in stations]
+        self._efforts = [np.concatenate([d.effort for d in m.devices]) for m in moved]
+        self._into = [self._pairs(held, READ) for held in objects]
+        self._out_of = [self._pairs(held, COMPUTED, OBJECT) for held in objects]
+        self._predicted = [held.body for held in objects if held.grasped.implicit]
+
+    def run(self, ticks: int, recorder: Recorder) -> None:
+        """That many ticks, each recorded."""
+        for k in range(ticks):
+            self.tick(k, recorder)
+            recorder.drain()
+
+    def tick(self, k: int, recorder: Recorder) -> None:
+        """Sample k."""
+        self._read(k, recorder)
+        self._couple(k, recorder)
+        recorder.row(k)[:] = self.row
+        self._display(k, recorder)
+        for held in self.objects:
+            held.body.step(self.period)
+        for m, effort in zip(self.moved, self._efforts, strict=True):
+            first = 0
+            for device in m.devices:
+                now = device.effort
+                effort[first : first + len(now)] = now
+                first += len(now)
+            m.plant.advance(effort, m.hand, self.period)
+        self.clock.advance()
+
+    def _view(self, column: str) -> FloatArray:
+        found = self.layout.columns[column]
+        return self.row[found.where].reshape(found.shape)
+
+    def _pairs(self, held: Held, per_finger: Sequence[str], of_object: Sequence[str] = ()) -> tuple[Index, Index]:
+        """Entries of the row and the entries of the object's block that hold the same."""
+
+        def each() -> Iterator[tuple[Index, Index]]:
+            numbers = np.arange(self.layout.width)
+            columns, where = self.layout.columns, held.grasped.where
+            for name in per_finger:
+                if name in columns:
+                    yield numbers[columns[name].where].reshape(columns[name].shape)[held.fingers], where[name]
+            for name in of_object:
+                found = columns.get(f"objects/{held.name}/{name}")
+                if found is not None:
+                    yield numbers[found.where], where[name]
+
+        pairs = list(each())
+        return np.concatenate([a.ravel() for a, _ in pairs]), np.concatenate([b.ravel() for _, b in pairs])
+
+    def _read(self, k: int, recorder: Recorder) -> None:
+        for station, used in zip(self.stations, self._used, strict=True):
+            try:
+                position, velocity, _ = station.device.read()
+            except DeviceError as error:
+                self._fault(k, recorder, str(error))
+                continue
+            fingers = station.fingers[used]
+            self.position[fingers] = position[used]
+            self.velocity[fingers] = velocity[used]
+        if self.layout.simulated:
+            for m in self.moved:
+                self._place[m.fingers] = m.plant.position
+        if k:
+            self._energy += (self._displayed * (self._place - self._before)).sum(axis=1)
+        self._before[:] = self._place
+
+    def _couple(self, k: int, recorder: Recorder) -> None:
+        for body in self._predicted:
+            body.free_motion(self.period)
+        for held, (row, block) in zip(self.objects, self._into, strict=True):
+            g = held.grasped
+            g.block[block] = self.row[row]
+            if not self.faulted:
+                code = g.sample()
+                if code:
+                    self._fault(k, recorder, fault_text(code, [self.layout.fingers[i] for i in held.fingers]))
+        for held, (row, block) in zip(self.objects, self._out_of, strict=True):
+            if self.faulted:
+                held.grasped.let_go()
+            self.row[row] = held.grasped.block[block]
+
+    def _display(self, k: int, recorder: Recorder) -> None:
+        np.negative(self.force, out=self._displayed)
+        for station, used, command in zip(self.stations, self._used, self._commands, strict=True):
+            command[used] = self._displayed[station.fingers[used]]
+            try:
+                station.device.write(command)
+            except DeviceError as error:
+                self._fault(k, recorder, str(error))
+        if self.faulted:
+            self._displayed[:] = 0.0
+            for station in self.stations:
+                station.device.stop()
+
+    def _fault(self, k: int, recorder: Recorder, message: str) -> None:
+        if not self.faulted:
+            self.faulted = True
+            recorder.fault(k, message)

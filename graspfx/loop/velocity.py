@@ -1,0 +1,144 @@
+"""Velocity from sampled positions, by a window that is as long as the sensor's resolution asks for and no longer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+WINDOW = 16  # samples back, at most
+
+# The state of one component; the ring of its last window + 1 positions follows.
+PERIOD = 0
+NOISE = 1
+LENGTH = 2  # the longest window [samples]
+FILLED = 3  # positions in the ring
+HEAD = 4  # where the newest stands
+USED = 5  # the window of the last estimate [samples], 0 for none
+RING = 6
+
+SLACK = 1e-6  # of the noise bound: positions in whole counts meet the bound exactly, up to rounding
+
+
+def size(window: int) -> int:
+    """Entries of one component's state."""
+    return RING + window + 1
+
+
+def estimate(S: Any, o: int, x: float) -> float:
+    """Take the next position x of the component whose state starts at `o` and return its velocity.
+
+    v_k = (x_k - x_(k-n)) / (n T), n the longest window up to which every line from x_k to x_(k-j), j = 2 ... n, passes
+    within the noise bound of the positions between its ends (`VelocityEstimator`). A line of slope s does so
+    when s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so that one pass decides.
+    """
+    length = int(S[o + LENGTH])
+    head = int(S[o + HEAD]) + 1
+    if head > length:
+        head = 0
+    ring = o + RING
+    S[ring + head] = x
+    S[o + HEAD] = head
+    filled = int(S[o + FILLED])
+    if filled <= length:
+        S[o + FILLED] = filled + 1
+    else:
+        filled = length
+    if filled == 0:
+        S[o + USED] = 0.0
+        return 0.0
+
+    h = S[o + NOISE] * (1.0 + SLACK)
+    at = head
+    low = high = slope = 0.0
+    used = 0
+    for i in range(1, filled + 1):
+        at -= 1
+        if at < 0:
+            at = length
+        step = x - S[ring + at]
+        s = step / i
+        if i > 1 and not (low <= s <= high):
+            break
+        slope = s
+        used = i
+        below, above = (step - h) / i, (step + h) / i
+        if i == 1 or below > low:
+            low = below
+        if i == 1 or above < high:
+            high = above
+    S[o + USED] = used
+    return slope / S[o + PERIOD]  # type: ignore[no-any-return]
+
+
+class VelocityEstimator:
+    """First-order adaptive windowing, end fit, each component by itself.
+
+        v_k = (x_k - x_(k-n)) / (n T)
+
+    with n <= window the longest window up to which every line through the newest and an older position passes within
+    `noise` of all positions between (F. Janabi-Sharifi, V. Hayward and C.-S. J. Chen, Discrete-time adaptive windowing
+    for velocity estimation, IEEE Trans. Control Systems Technology 8(6), 2000). Motion that changes gets a short
+    window, steady motion a long one.
+
+    For a sensor whose error is at most h and a motion whose acceleration is at most A,
+    |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2: the noise, and the delay of the window's middle, n T / 2. A window helps
+    while h / T exceeds A T, a fast loop or a coarse sensor; else the plain difference (window 1) is as good.
+
+    The first position gives zero. A position that is not finite gives velocities that are not finite until
+    two finite ones have followed.
+
+    Args:
+        period: T, between positions [s].
+        shape: of a position, any.
+        noise: the sensor's largest error, half its resolution [m or rad]; 0 means the plain backward difference over
+            one sample, whatever the window.
+        window: the longest window [samples].
+    """
+
+    def __init__(self, period: float, shape: tuple[int, ...], noise: float = 0.0, window: int = WINDOW) -> None:
+        if not (np.isfinite(period) and period > 0.0):
+            raise InputError("period", period, "a finite time above zero [s]")
+        if not (np.isfinite(noise) and noise >= 0.0):
+            raise InputError("noise", noise, "a finite bound of zero or more")
+        if int(window) != window or window < 1:
+            raise InputError("window", window, "a whole number of samples, 1 or more")
+        self._length = int(window) if noise > 0.0 else 1
+        self._velocity: FloatArray = np.zeros(shape)
+        self._position: FloatArray = np.zeros(shape)
+        self._count = self._velocity.size
+        self._size = size(self._length)
+        self._state: FloatArray = np.zeros(self._count * self._size)
+        self._rows = self._state.reshape(self._count, self._size)
+        self._rows[:, PERIOD] = period
+        self._rows[:, NOISE] = noise
+        self._rows[:, LENGTH] = self._length
+        # Plain floats from a view cost half of what array items do.
+        self._S: Any = self._state.data
+        self._x: Any = self._position.reshape(-1).data
+        self._v: Any = self._velocity.reshape(-1).data
+
+    @property
+    def window(self) -> NDArray[np.intp]:
+        """Samples spanned by the last estimate of each component, in the shape of a position; 0 for none."""
+        return self._rows[:, USED].astype(np.intp).reshape(self._velocity.shape)
+
+    def reset(self, position: ArrayLike | None = None) -> None:
+        """Forget every position; then take this one as the first, if it is given."""
+        self._rows[:, FILLED:] = 0.0
+        self._velocity[...] = 0.0
+        if position is not None:
+            self.update(position)
+
+    def update(self, position: ArrayLike) -> FloatArray:
+        """The velocity, after this next position; the array belongs to the estimator and is overwritten."""
+        self._position[...] = position
+        S, x, v = self._S, self._x, self._v
+        for j in range(self._count):
+            v[j] = estimate(S, j * self._size, x[j])
+        return self._velocity

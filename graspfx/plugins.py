@@ -1,0 +1,142 @@
+"""Devices, scenes and dynamics by name: a file's path, the shelf, or an entry point of another distribution."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from hashlib import sha256
+from importlib import import_module
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from os import PathLike, fspath
+from pathlib import Path
+from types import ModuleType
+from typing import Literal
+
+from graspfx.errors import InputError, UnknownNameError
+
+Group = Literal["devices", "scenes", "dynamics"]
+
+SUFFIXES: dict[Group, tuple[str, ...]] = {"devices": (".py",), "scenes": (".toml", ".py"), "dynamics": (".py",)}
+SINGULAR: dict[Group, str] = {"devices": "device", "scenes": "scene", "dynamics": "dynamics"}
+BUILT_IN = {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet"}
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """Where a name leads: to a file, or to a module that may not be imported yet."""
+
+    origin: str
+    path: Path | None = None
+    module: str = ""
+
+
+def names(group: Group) -> dict[str, str]:
+    """Every name of a group with where it comes from; imports none of them."""
+    return {name: " and ".join(plugin.origin for plugin in found) for name, found in sorted(_table(group).items())}
+
+
+def find(group: Group, name: str | PathLike[str], folder: Path | None = None) -> Path:
+    """The file behind a name or a path; a relative path starts in `folder` (the current one if None).
+
+    Raises UnknownNameError for a name that nothing answers to, InputError for a path without a file and for a name
+    that two plug-ins claim.
+    """
+    plugin = _plugin(group, name, folder)
+    return plugin.path if plugin.path is not None else _module_file(group, plugin)
+
+
+def load(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
+    """The module behind a name or a path, imported; errors as for `find`."""
+    plugin = _plugin(group, name, folder)
+    if plugin.path is None or plugin.module:
+        return import_module(plugin.module)
+    if plugin.path.suffix != ".py":
+        raise InputError(SINGULAR[group], str(plugin.path), "a Python file", "a table has nothing to import")
+    return _imported_file(plugin.path)
+
+
+def shelf(group: Group) -> Path:
+    """The folder of the drivers or scenes that come with GraspFX: in the package, or beside it in a checkout."""
+    package = Path(__file__).parent
+    inside = package / group
+    return inside if inside.is_dir() else package.parent / group
+
+
+def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plugin:
+    text = fspath(name)
+    if text.endswith((".py", ".toml")):
+        path = ((folder or Path()) / Path(text).expanduser()).resolve()
+        if path.suffix not in SUFFIXES[group]:
+            raise InputError(SINGULAR[group], text, f"a file that ends in {' or '.join(SUFFIXES[group])}")
+        if not path.is_file():
+            raise InputError(SINGULAR[group], text, "the path of a file", f"there is none at {path}")
+        return Plugin(origin=str(path), path=path)
+    table = _table(group)
+    if text not in table:
+        raise UnknownNameError(SINGULAR[group], text, table, f"a file is named with its {SUFFIXES[group][0]}")
+    first, *others = table[text]
+    if others:
+        origins = " and ".join(plugin.origin for plugin in table[text])
+        raise InputError(SINGULAR[group], text, f"one plug-in of that name, found {origins}", "name a file by its path")
+    return first
+
+
+def _table(group: Group) -> dict[str, list[Plugin]]:
+    table: dict[str, list[Plugin]] = {}
+    for name, plugin in (*_shelved(group), *_entry_points(group)):
+        table.setdefault(name, []).append(plugin)
+    return table
+
+
+def _shelved(group: Group) -> Iterator[tuple[str, Plugin]]:
+    if group == "dynamics":
+        for name, module in BUILT_IN.items():
+            yield name, Plugin(origin=f"GraspFX ({module})", module=module)
+        return
+    for path in sorted(shelf(group).iterdir()):
+        if path.suffix in SUFFIXES[group] and not path.name.startswith(("_", ".")):
+            module = f"graspfx.{group}.{path.stem}" if path.suffix == ".py" and path.stem.isidentifier() else ""
+            yield path.stem.replace("_", "-"), Plugin(origin=f"GraspFX ({group}/{path.name})", path=path, module=module)
+
+
+def _entry_points(group: Group) -> Iterator[tuple[str, Plugin]]:
+    from importlib.metadata import entry_points  # reads archives and mail headers: 20 ms that only a look-up pays
+
+    for point in entry_points(group=f"graspfx.{group}"):
+        owner = f"{point.dist.name} {point.dist.version}" if point.dist else "an unnamed distribution"
+        yield point.name, Plugin(origin=f"{owner} ({point.module})", module=point.module)
+
+
+def _module_file(group: Group, plugin: Plugin) -> Path:
+    """The file of a module; for scenes `package.name` may also stand for package/name.toml."""
+    parent, _, stem = plugin.module.rpartition(".")
+    spec = find_spec(plugin.module)
+    if spec is not None and spec.origin is not None:
+        return Path(spec.origin)
+    package = find_spec(parent) if parent else None
+    for folder in (package and package.submodule_search_locations) or ():
+        table = Path(folder) / f"{stem}.toml"
+        if group == "scenes" and table.is_file():
+            return table
+    raise InputError(SINGULAR[group], plugin.origin, f"a module or file {stem} in {parent or 'the top level'}")
+
+
+def _imported_file(path: Path) -> ModuleType:
+    """The module in a file; the same module each time, as long as the file stays the same."""
+    stamp = path.stat()
+    key = sha256(f"{path} {stamp.st_mtime_ns} {stamp.st_size}".encode()).hexdigest()[:12]
+    name = f"graspfx_file_{path.stem.replace('-', '_')}_{key}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise InputError("path", str(path), "a Python file")
+    module = module_from_spec(spec)
+    with ExitStack() as undo:
+        sys.modules[name] = module  # while it runs too: dataclasses look their module up
+        undo.callback(sys.modules.pop, name)
+        spec.loader.exec_module(module)
+        undo.pop_all()
+    return module

@@ -1,0 +1,320 @@
+"""The conformance kit passes devices that keep their promises and names the promise that a broken one breaks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from itertools import count
+
+import numpy as np
+import pytest
+
+from graspfx.devices.simulated import PointDevice, connect
+from graspfx.errors import DeviceError, GraspFXError, InputError
+from graspfx.loop.device import Features
+from graspfx.testing import ConformanceError, check_device
+
+CORNERS = [-0.1, -0.1], [0.2, 0.1]
+SETTINGS = {
+    "mass": 0.15,
+    "friction": 0.2,
+    "fingers": 2,
+    "dimensions": 2,
+    "resolution": 1e-5,
+    "velocity_window": 8,
+    "delay": 0,
+    "force_limit": 3.0,
+    "workspace": (np.array(CORNERS[0]), np.array(CORNERS[1])),
+}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"fingers": 5, "dimensions": 3, "delay": 2, "friction": 0.2},
+        {"dimensions": 2, "fingers": 2, "resolution": 1e-5, "force_limit": 3.0, "workspace": CORNERS},
+        {"resolution": 1e-3, "delay": 1, "force_limit": 0.05},
+    ],
+)
+def test_simulated_devices_conform(settings):
+    settings = {"mass": 0.15, "dimensions": 1, **settings}
+    check_device(connect(**settings))
+    check_device(partial(connect, **settings), period=0.001)
+
+
+class Hardware:
+    """A device without a plant: a finger that nobody moves, one channel, on a clock of its own."""
+
+    def __init__(self):
+        self.features = Features(fingers=1, dimensions=2, peak_force=0.1)
+        self.displayed, self.ticks, self.latched = np.zeros((1, 2)), count(), False
+
+    def open(self, period):
+        self.period = period
+
+    def read(self):
+        return np.zeros((1, 2)), np.zeros((1, 2)), next(self.ticks) * self.period
+
+    def write(self, forces):
+        if self.latched or not np.isfinite(forces).all():
+            self.stop()
+            self.latched = True
+            raise DeviceError("a force that is not finite")
+        self.displayed = forces.copy()
+        assert np.abs(forces).max() <= 0.05  # half of its peak force at most, and never more than asked
+
+    def stop(self):
+        self.displayed = np.zeros((1, 2))
+
+    def close(self):
+        self.stop()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        self.close()
+
+
+def test_hardware_conforms_is_moved_gently_and_left_without_force():
+    device = Hardware()
+    check_device(device)
+    assert device.latched  # also one that stays shut after a fault
+    assert not device.displayed.any()
+    check_device(Hardware, force=0.01)
+
+
+class UnknownAsZero(PointDevice):
+    features = property(lambda self: replace(super().features, mass=0.0))
+
+
+class WorkspaceUpsideDown(PointDevice):
+    features = property(lambda self: replace(super().features, workspace=(np.ones(2), np.zeros(2))))
+
+
+class FeaturesAfterOpen(PointDevice):
+    features = property(lambda self: self._opened() and super().features)
+
+
+class FlatPositions(PointDevice):
+    def read(self):
+        p, v, time = super().read()
+        return p.ravel(), v, time
+
+
+class NoVelocity(PointDevice):
+    def read(self):
+        p, v, time = super().read()
+        return p, np.full_like(v, np.nan), time
+
+
+class TrueMotion(PointDevice):
+    def read(self):
+        _, v, time = super().read()
+        return self._true, v, time
+
+
+class FailedReadIsZero(PointDevice):
+    def read(self):
+        p, v, time = super().read()
+        return 0.0 * p, v, time
+
+
+class WallClock(PointDevice):
+    ticks = count(5, -1)
+
+    def read(self):
+        p, v, _ = super().read()
+        return p, v, float(next(self.ticks))
+
+
+class HalfTime(PointDevice):
+    def read(self):
+        p, v, time = super().read()
+        return p, v, 0.5 * time
+
+
+class AveragedForces(PointDevice):
+    def write(self, forces):
+        super().write(np.broadcast_to(forces.mean(axis=0), forces.shape))
+
+
+class FirstFingerOnly(PointDevice):
+    def write(self, forces):
+        super().write(forces * [[1.0], [0.0]])
+
+
+class NoLimit(PointDevice):
+    def write(self, forces):
+        self._limit = None
+        super().write(forces)
+
+
+class LimitPerComponentTwice(PointDevice):
+    def write(self, forces):
+        limit, self._limit = self._limit, None
+        super().write(np.clip(forces, -2.0 * limit, 2.0 * limit) if np.isfinite(forces).all() else forces)
+        self._limit = limit
+
+
+class WrongSign(PointDevice):
+    def write(self, forces):
+        super().write(-forces)
+
+
+class ClippedNaN(PointDevice):
+    def write(self, forces):
+        self._effort[...] = np.clip(forces, -self._limit, self._limit)
+
+
+class SilencedNaN(PointDevice):
+    def write(self, forces):
+        super().write(np.nan_to_num(forces, posinf=0.0, neginf=0.0))
+
+
+class LastForceKept(PointDevice):
+    def write(self, forces):
+        if not np.isfinite(forces).all():
+            raise DeviceError("a force that is not finite")
+        super().write(forces)
+
+
+class StopsLater(PointDevice):
+    def stop(self):
+        self._line[...] = 0.0
+
+
+class ClosesOnce(PointDevice):
+    closed = False
+
+    def close(self):
+        if self.closed:
+            raise OSError("the port is closed")
+        super().close()
+        self.closed = True
+
+    def open(self, period):
+        self.closed = False
+        super().open(period)
+
+
+class KeepsForceWhenClosed(PointDevice):
+    def close(self):
+        effort = self._effort.copy()
+        super().close()
+        self._effort[...] = effort + 1.0
+
+
+class SomebodyElse(PointDevice):
+    def __enter__(self):
+        return PointDevice(**SETTINGS)
+
+
+class SwallowsErrors(PointDevice):
+    def __exit__(self, *exc):
+        self.close()
+        return True
+
+
+class Noisy(PointDevice):
+    def read(self):
+        p, v, time = super().read()
+        return p, v + np.random.default_rng().normal(0.0, 1e-6, v.shape), time
+
+
+@pytest.mark.parametrize(
+    ("kind", "promise", "found"),
+    [
+        (UnknownAsZero, "None, never zero", "mass = 0.0"),
+        (WorkspaceUpsideDown, "features", "lower and a higher corner"),
+        (FeaturesAfterOpen, "features are told before `open`", "DeviceError: .*not open"),
+        (FlatPositions, "`read` gives", r"positions of shape \(4,\), not \(2, 2\)"),
+        (NoVelocity, "`read` gives", "velocities that are not finite"),
+        (TrueMotion, "arrays of the device's own", "true motion"),
+        (FailedReadIsZero, "read to the resolution", "m off"),
+        (WallClock, "time does not run back", "the time"),
+        (HalfTime, "count of ticks", "s at tick 1"),
+        (AveragedForces, "its own force", "finger 0 alone"),
+        (FirstFingerOnly, "a force is one", "no effort on a finger"),
+        (NoLimit, "force limit", "hundred times"),
+        (LimitPerComponentTwice, "force limit", "6.0 N, and the limit is 3.0 N"),
+        (WrongSign, "in its direction", "finger 0 moved by -"),
+        (ClippedNaN, "not finite", "nan on finger 0 was taken"),
+        (SilencedNaN, "not finite", "nan on finger 0 was taken"),
+        (LastForceKept, "not finite", r"the effort \[0.1, 0.0\] after nan"),
+        (StopsLater, "`stop` is zero force", "an effort after it"),
+        (ClosesOnce, "`close` leaves no force", "OSError: the port is closed"),
+        (KeepsForceWhenClosed, "`close` leaves no force", "an effort after it"),
+        (SomebodyElse, "the device itself", "another object"),
+        (SwallowsErrors, "lets errors pass", "swallowed"),
+        (Noisy, "the same to the bit", "another motion"),
+    ],
+)
+def test_a_broken_promise_is_named(kind, promise, found):
+    with pytest.raises(ConformanceError, match=found) as error:
+        check_device(kind(**SETTINGS))
+    assert promise in error.value.promise
+    assert isinstance(error.value, AssertionError)
+    assert isinstance(error.value, GraspFXError)
+
+
+class SharedArrays(PointDevice):
+    places = np.zeros((2, 2))
+
+    def read(self):
+        p, v, time = super().read()
+        self.places[...] = p
+        return self.places, v, time
+
+
+class SharedEffort(PointDevice):
+    held = np.zeros((2, 2))
+
+    def open(self, period):
+        self._effort = self.held
+        super().open(period)
+
+
+class OnlyOneAtATime(PointDevice):
+    users = 0
+
+    def open(self, period):
+        if self._estimator is None:
+            type(self).users += 1
+        if self.users > 1:
+            raise OSError("the device is busy")
+        super().open(period)
+
+    def close(self):
+        if self._estimator is not None:
+            type(self).users -= 1
+        super().close()
+
+
+@pytest.mark.parametrize(
+    ("kind", "found"),
+    [
+        (SharedArrays, "arrays that both"),
+        (SharedEffort, "effort of the other"),
+        (OnlyOneAtATime, "OSError: the device is busy"),
+    ],
+)
+def test_two_that_are_not_independent(kind, found):
+    check_device(kind(**SETTINGS))  # one alone keeps its promises
+    with pytest.raises(ConformanceError, match=found) as error:
+        check_device(lambda: kind(**SETTINGS))
+    assert "two devices of a kind" in error.value.promise
+
+
+def test_a_factory_that_gives_one_device_twice():
+    device = PointDevice(**SETTINGS)
+    with pytest.raises(ConformanceError, match="one device twice"):
+        check_device(lambda: device)
+
+
+def test_what_is_no_device():
+    with pytest.raises(InputError, match="device"):
+        check_device(3)
+    with pytest.raises(InputError, match=r"start.*\(2, 2\)"):
+        check_device(connect(mass=0.1, dimensions=2, fingers=2), start=[0.0])
