@@ -1,0 +1,1 @@
+"""A scene described, checked and made to run."""

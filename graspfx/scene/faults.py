@@ -1,0 +1,119 @@
+"""Every fault of a scene in one pass: of each field first, then of what is valid taken together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from graspfx.errors import Fault, closest, shown
+from graspfx.scene.checks import cross_faults
+from graspfx.scene.fields import DRAFT, NotValid
+from graspfx.scene.parts import SceneTable
+
+Key = tuple[str | int, ...]
+
+BOUNDS = {
+    "greater_than": ("more than", "gt"),
+    "greater_than_equal": ("no less than", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("no more than", "le"),
+}
+WANTED = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "dict_type": "a table",
+}
+
+
+def find_faults(data: Mapping[str, Any], folder: Path | None = None) -> list[Fault]:
+    """The faults of a scene given as nested tables; none means that `SceneTable` takes it.
+
+    Args:
+        data: as read from a file.
+        folder: where relative paths in the scene start.
+    """
+    try:
+        draft, found = SceneTable.model_validate(data), []
+    except ValidationError as error:
+        draft = SceneTable.model_validate(data, context=DRAFT)
+        found = [*_field_faults(error, draft)]
+    return [Fault(dotted(key_in(data, at)), text) for at, text in found + cross_faults(draft, folder)]
+
+
+def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:
+    errors = error.errors(include_url=False)
+    unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"]
+    meant = {at: closest(str(at[-1]), known_keys(draft, at[:-1])) for at in unknown}
+    misspelt = {(*at[:-1], name) for at, name in meant.items()}
+    for each in errors:
+        at = each["loc"]
+        if each["type"] == "missing" and at in misspelt:
+            continue  # one slip of the pen, one fault
+        if each["type"] == "extra_forbidden":
+            yield at, f"unknown key; did you mean {meant[at]!r}?" if meant[at] else "unknown key"
+        elif each["type"] == "kind" and isinstance(each["input"], Mapping):
+            yield (*at, "kind"), message(each)
+        else:
+            yield at, message(each)
+
+
+def dotted(key: Sequence[str | int]) -> str:
+    return ".".join(str(part) for part in key)
+
+
+def key_in(data: Any, location: Sequence[str | int]) -> Key:
+    """Where a validator's location stands in the data: without the names of alternatives, which the data lacks."""
+    key: list[str | int] = []
+    for part in location:
+        if isinstance(part, str) and part.startswith("<"):
+            continue
+        if isinstance(part, int) and isinstance(data, Mapping):
+            continue  # a lone table where a list of tables may stand
+        key.append(part)
+        if isinstance(part, int):
+            data = data[part] if isinstance(data, Sequence) and part < len(data) else None
+        else:
+            data = data.get(part) if isinstance(data, Mapping) else None
+    return tuple(key)
+
+
+def message(error: Any) -> str:
+    """One of pydantic's faults in the words of this project."""
+    kind, context, given = error["type"], error.get("ctx", {}), shown(error["input"])
+    if kind == "missing":
+        return "required, but not given"
+    if kind in BOUNDS:
+        words, limit = BOUNDS[kind]
+        return f"expected {words} {context[limit]:g}; given {given}"
+    if kind in WANTED:
+        return f"expected {WANTED[kind]}; given {given}"
+    if kind == "literal_error":
+        return f"expected {context['expected']}; given {given}"
+    if kind in ("too_short", "too_long"):
+        wanted = context.get("min_length", context.get("max_length"))
+        return f"expected {wanted} numbers; given {context['actual_length']}"
+    if kind == "string_pattern_mismatch":
+        return f"expected letters, digits, '_' and '-', a letter first; given {given}"
+    return str(error["msg"])
+
+
+def known_keys(draft: SceneTable, location: Sequence[str | int]) -> list[str]:
+    """The keys that the table at a location takes."""
+    part: Any = draft
+    try:
+        for step in location:
+            if isinstance(step, int):
+                part = part[step]
+            elif not step.startswith("<"):
+                part = getattr(part, step)
+    except NotValid:
+        return []
+    return list(type(part).model_fields)

@@ -1,0 +1,184 @@
+"""Strict fields of a scene: finite numbers, vectors, gains, and tables that refuse keys they do not know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    Tag,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from graspfx.errors import closest, shown
+
+DRAFT: Final = {"draft": True}  # the context that turns every field which is not valid into an absent one
+INVALID: Final = object()
+ROUNDING = 1e-12  # relative; how far from symmetric or positive a matrix may be
+
+
+class NotValid(AttributeError):
+    """A field of a draft that has a fault of its own: what depends on it cannot be judged."""
+
+
+class Table(BaseModel):
+    """A frozen table. Validated with the context DRAFT it keeps the fields that are valid, and only those."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tolerate(cls, data: Any, info: ValidationInfo) -> Any:
+        if info.context is not DRAFT:
+            return data
+        given: Mapping[str, Any] = data if isinstance(data, Mapping) else {}
+        missing = {name: INVALID for name, field in cls.model_fields.items() if field.is_required()}
+        open_ended = cls.model_config["extra"] == "allow"
+        return missing | {key: value for key, value in given.items() if open_ended or key in cls.model_fields}
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _accept(cls, value: Any, handler: Callable[[Any], Any], info: ValidationInfo) -> Any:
+        if info.context is not DRAFT:
+            return handler(value)
+        if value is INVALID:
+            return INVALID
+        try:
+            return handler(value)
+        except ValueError:
+            return INVALID
+
+    @model_validator(mode="after")
+    def _forget(self) -> Self:
+        for name in [name for name, value in self.__dict__.items() if value is INVALID]:
+            del self.__dict__[name]
+        return self
+
+    if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
+
+        def __getattr__(self, name: str) -> Any:
+            if name in type(self).model_fields:
+                raise NotValid(name)
+            return super().__getattr__(name)
+
+
+def _listed(value: Any) -> Any:
+    """Arrays as nested lists."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), BeforeValidator(_listed)]
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+Switch = Annotated[bool, Field(strict=True)]
+Vector = Annotated[tuple[Number, ...], BeforeValidator(_listed)]
+Pair = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
+number_or_list = Discriminator(
+    lambda value: "<list>" if isinstance(value, list | tuple) or getattr(value, "ndim", None) else "<number>"
+)
+NumberOrVector = Annotated[Annotated[Number, Tag("<number>")] | Annotated[Vector, Tag("<list>")], number_or_list]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")]
+
+Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[tuple[float, ...], ...], ...]
+
+
+def _gain(value: Any) -> Gains:
+    """A gain in any of its forms; one fault, whichever form it fails."""
+    value = _listed(value)
+    array = _numbers(value)
+    square = array is not None and array.ndim in (2, 3) and array.shape[-1] == array.shape[-2]
+    if array is None or array.size == 0 or not (array.ndim < 2 or square):
+        expected = (
+            "a number, a list with one per finger, a d x d matrix, one d x d matrix per finger or an m x m matrix"
+        )
+        raise PydanticCustomError("gain", "expected {expected}; given {given}", _context(expected, value))
+    if not np.isfinite(array).all():
+        raise PydanticCustomError("gain", "expected finite numbers; given {given}", {"given": shown(value)})
+    if array.ndim < 2 and (array < 0).any():
+        raise PydanticCustomError("gain", "expected no less than 0; given {given}", {"given": shown(value)})
+    if array.ndim >= 2:
+        _check_matrices(array.reshape(-1, *array.shape[-2:]))
+    frozen: Gains = _frozen(array.tolist())
+    return frozen
+
+
+def _check_matrices(matrices: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+    for matrix in matrices:
+        scale = float(np.abs(matrix).max())
+        if np.abs(matrix - matrix.T).max() > ROUNDING * scale:
+            raise PydanticCustomError("gain", "expected a symmetric matrix: one that is not creates energy by itself")
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        if least < -ROUNDING * scale:
+            raise PydanticCustomError(
+                "gain", "expected a matrix with no negative eigenvalue; the least is {least}", {"least": f"{least:.6g}"}
+            )
+
+
+def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    """Numbers, nested regularly, as an array; None for anything else (strings and booleans are no numbers)."""
+    if isinstance(value, list | tuple):
+        parts = [_numbers(item) for item in value]
+        arrays = [part for part in parts if part is not None]
+        if len(arrays) < len(parts) or len({part.shape for part in arrays}) > 1:
+            return None
+        return np.array(arrays, dtype=np.float64)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return np.array(float(value))
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
+
+
+def _context(expected: str, value: object) -> dict[str, Any]:
+    return {"expected": expected, "given": shown(value)}
+
+
+_NUMBER = {"type": "number", "minimum": 0}
+_MATRIX = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
+Gain = Annotated[
+    Gains,
+    PlainValidator(_gain),
+    PlainSerializer(lambda value: value),
+    WithJsonSchema(
+        {"anyOf": [_NUMBER, {"type": "array", "items": _NUMBER}, _MATRIX, {"type": "array", "items": _MATRIX}]}
+    ),
+]
+
+
+def by_kind(known: tuple[str, ...], *, what: str) -> tuple[BeforeValidator, Discriminator]:
+    """What chooses among tables by their key `kind`: one fault about the kind, else the faults of the chosen table."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, Table) or value is None or value is INVALID:
+            return value
+        if not isinstance(value, Mapping):
+            raise PydanticCustomError("kind", "expected a table; given {given}", {"given": shown(value)})
+        kind = value.get("kind")
+        if kind not in known:
+            close = closest(kind, known) if isinstance(kind, str) else None
+            hint = f"; did you mean {close!r}?" if close else ""
+            context = {"given": shown(kind), "known": ", ".join(known), "what": what, "hint": hint}
+            raise PydanticCustomError("kind", "unknown kind of {what} {given}{hint} (known: {known})", context)
+        return value
+
+    return BeforeValidator(check), Discriminator(tag_of_kind)
+
+
+def tag_of_kind(value: Any) -> str:
+    kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
+    return f"<{kind}>"

@@ -1,0 +1,109 @@
+"""A checked scene: what a run is made from, with the text it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import PrivateAttr
+
+from graspfx.errors import Fault, SceneError
+from graspfx.scene.faults import find_faults
+from graspfx.scene.lines import KeyLines
+from graspfx.scene.overrides import Key, overridden
+from graspfx.scene.parts import SceneTable
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a scene came from.
+
+    Attributes:
+        name: as it stands in messages.
+        text: of the file, verbatim; empty for a scene made in Python.
+        path: of the file.
+        overrides: by dotted key.
+    """
+
+    name: str = "scene"
+    text: str = ""
+    path: Path | None = None
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path | None:
+        """Where relative paths in the scene start; None for the current folder."""
+        return self.path.parent if self.path is not None else None
+
+
+class Scene(SceneTable):
+    """A scene, described and checked: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
+
+    Fields are named as the keys of a scene file; lists of tables (`object`, `finger`, `device`, `hand`) are tuples.
+
+    Raises:
+        SceneError: with every fault at once.
+    """
+
+    _source: Source = PrivateAttr(default_factory=Source)
+
+    def __init__(self, source: Source | None = None, /, **table: Any) -> None:
+        origin = source or Source()
+        faults = find_faults(table, origin.folder)
+        if faults:
+            raise SceneError(origin.name, faults)
+        super().__init__(**table)
+        self._source = origin
+
+    def __eq__(self, other: object) -> bool:
+        """Equal as descriptions, wherever they came from."""
+        return isinstance(other, Scene) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def source(self) -> Source:
+        """Where the scene came from."""
+        return self._source
+
+    def to_dict(self) -> dict[str, Any]:
+        """The scene as nested tables that `Scene(**table)` takes, without what has its default."""
+        table: dict[str, Any] = self.model_dump(mode="json", exclude_unset=True)
+        return table
+
+    def replace(self, overrides: Mapping[str, Any]) -> Scene:
+        """The scene with values replaced by dotted key, as on the command line."""
+        source = Source(
+            self._source.name, self._source.text, self._source.path, {**self._source.overrides, **overrides}
+        )
+        return make_scene(self.to_dict(), overrides, source)
+
+
+def make_scene(
+    table: Mapping[str, Any], overrides: Mapping[str, Any], source: Source, *, lines_from: str | None = None
+) -> Scene:
+    """A scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
+
+    Raises:
+        SceneError: with every fault at once.
+    """
+    data, replaced, faults = overridden(table, overrides)
+    faults += find_faults(data, source.folder)
+    if faults:
+        lines = KeyLines(lines_from) if lines_from is not None else None
+        raise SceneError(source.name, [_placed(fault, replaced, lines) for fault in faults])
+    return Scene(source, **data)
+
+
+def _placed(fault: Fault, replaced: set[Key], lines: KeyLines | None) -> Fault:
+    key = tuple(int(part) if part.isdecimal() else part for part in fault.key.split("."))
+    if any(key[:length] in replaced for length in range(1, len(key) + 1)):
+        return Fault(fault.key, f"{fault.message} (set by an override)")
+    return Fault(fault.key, fault.message, lines[key] if lines is not None else None)
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema of a scene file."""
+    return SceneTable.model_json_schema()

@@ -1,0 +1,77 @@
+"""Values of a scene replaced by dotted key: `coupling.internal.stiffness`, `finger.*.device.mass`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from typing import Any
+
+from graspfx.errors import Fault
+
+Key = tuple[str | int, ...]
+
+
+def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
+    """A copy of nested tables with values replaced, the keys that were, and a fault for each that leads nowhere.
+
+    A number picks a table or value of a list, `*` takes all of them; a lone table counts as a list of one. Tables on
+    the way that are missing are made: whether a key exists is for the scene's validation to say.
+    """
+    changed: dict[str, Any] = deepcopy(dict(data))
+    replaced: set[Key] = set()
+    faults: list[Fault] = []
+    for dotted, value in overrides.items():
+        for outcome in _replace(changed, (), dotted.split("."), value):
+            if isinstance(outcome, str):
+                faults.append(Fault(dotted, outcome))
+            else:
+                replaced.add(outcome)
+    return changed, replaced, faults
+
+
+def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key | str]:
+    """Follows the path into a table or list; yields what it replaced, or why it could not."""
+    part, *rest = path
+    if not part:
+        yield "an override needs a key between its dots"
+    elif isinstance(holder, dict):
+        if part in ("*", "0") and part not in holder and rest:
+            yield from _replace(holder, at, rest, value)  # a lone table as a list of one
+        elif rest:
+            made = part not in holder
+            for outcome in _replace(holder.setdefault(part, {}), (*at, part), rest, value):
+                yield (*at, part) if made and not isinstance(outcome, str) else outcome
+        else:
+            holder[part] = deepcopy(value)
+            yield (*at, part)
+    elif isinstance(holder, list):
+        yield from _replace_item(holder, at, part, rest, value)
+    elif isinstance(holder, str):
+        yield f"{_dotted(at)} is the name {holder!r}: override the table of that name"
+    else:
+        yield f"{_dotted(at)} is a value and has no parts"
+
+
+def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: Any) -> Iterator[Key | str]:
+    if part == "*":
+        numbers = range(len(items))
+    elif part.isdecimal():
+        numbers = range(int(part), int(part) + 1)
+    elif len(items) == 1:
+        yield from _replace(items[0], (*at, 0), [part, *rest], value)
+        return
+    else:
+        yield f"{_dotted(at)} is a list of {len(items)}: name one by its number, or all with '*'"
+        return
+    for i in numbers:
+        if i >= len(items):
+            yield f"{_dotted(at)} has {len(items)}, the last is {_dotted((*at, len(items) - 1))}"
+        elif rest:
+            yield from _replace(items[i], (*at, i), rest, value)
+        else:
+            items[i] = deepcopy(value)
+            yield (*at, i)
+
+
+def _dotted(key: Key) -> str:
+    return ".".join(map(str, key))

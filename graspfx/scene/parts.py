@@ -1,0 +1,188 @@
+"""The tables of a scene file, field by field: object, coupling, finger, device; SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, Tag
+from pydantic_core import PydanticCustomError
+
+from graspfx.errors import shown
+from graspfx.scene.fields import (
+    Count,
+    Gain,
+    Name,
+    NotNegative,
+    NumberOrVector,
+    Pair,
+    Positive,
+    Switch,
+    Table,
+    Vector,
+    by_kind,
+)
+from graspfx.scene.hands import HandOrName, SharedHand, by_name
+
+WIDTHS = {1: 1, 2: 3, 3: 6}  # w, the freedoms of an object
+
+
+class Box(Table):
+    """A box about the object's centre."""
+
+    kind: Literal["box"]
+    size: Annotated[tuple[Positive, ...], Field(description="full edge lengths, (d,) [m]")]
+
+
+class Sphere(Table):
+    """A sphere about the object's centre; a disc in the plane."""
+
+    kind: Literal["sphere"]
+    radius: Positive = Field(description="[m]")
+
+
+_check_shape, _shape_by_kind = by_kind(("box", "sphere"), what="shape")
+Shape = Annotated[
+    Annotated[Box, Tag("<box>")] | Annotated[Sphere, Tag("<sphere>")],
+    _shape_by_kind,
+    _check_shape,
+]
+
+
+class Object(Table):
+    """What the fingers touch: m a + b v = f_v (27), translation and rotation."""
+
+    name: Name = "object"
+    mass: Positive = Field(description="m [kg]")
+    viscosity: NotNegative = Field(description="b [N s/m]")
+    rotational_viscosity: NotNegative | None = Field(
+        default=None, description="[N m s/rad]; required where a rotation is free"
+    )
+    inertia: NumberOrVector | None = Field(
+        default=None, description="about the centre [kg m^2]; that of the solid shape if not given"
+    )
+    shape: Shape | None = None
+    free: Annotated[tuple[Switch, ...], Field(description="which of the w freedoms move")] | None = None
+    dynamics: Literal["native", "bullet"] = "native"
+    integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = "exact"
+    position: Vector | None = Field(default=None, description="of the centre at first, (d,) [m]; the origin")
+    orientation: NumberOrVector | None = Field(
+        default=None, description="plane: an angle [rad]; space: a quaternion x, y, z, w"
+    )
+    velocity: Vector | None = Field(default=None, description="(d,) [m/s]; at rest")
+    angular_velocity: NumberOrVector | None = Field(default=None, description="[rad/s], space: (3,); at rest")
+
+
+class Impedance(Table):
+    """Stiffness and damping of eq. (4), as a number, one per finger, or matrices."""
+
+    stiffness: Gain = Field(description="[N/m]")
+    damping: Gain = Field(default=0.0, description="[N s/m]")
+
+
+def _friction(value: Any) -> Any:
+    if value == "stick" or (isinstance(value, int | float) and not isinstance(value, bool) and value == 0):
+        return value if value == "stick" else 0.0
+    if isinstance(value, int | float) and not isinstance(value, bool) and value > 0:
+        text = "a run takes 0 (slips freely) or 'stick' (holds where it touched), no coefficient; given {given}"
+    else:
+        text = "expected 0 or 'stick'; given {given}"
+    raise PydanticCustomError("friction", text, {"given": shown(value)})
+
+
+def _model(value: Any) -> Any:
+    if value in ("frictionless", "soft", "full"):
+        raise PydanticCustomError("model", "a run takes 'hard' fingers only; given {given}", {"given": shown(value)})
+    return value
+
+
+class Coupling(Table):
+    """How the fingers hold the object: eq. (4) and the rules of touching."""
+
+    contact: Literal["unilateral", "attached"] = "unilateral"
+    external: Impedance
+    internal: Impedance
+    form: Literal["literal", "symmetric"] = "literal"
+    reaction: Literal["fingertip", "contact"] = "fingertip"
+    friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = 0.0
+    absent: Literal["fade", "follow"] = "fade"
+    fade: Pair = Field(default=(0.002, 0.01), description="gaps between which a free finger leaves the split [m]")
+    blend: Pair = Field(
+        default=(0.00025, 0.001), description="rms arms between which a rotation joins the external space [m]"
+    )
+
+
+class Device(Table):
+    """A driver and its settings: whatever its `connect` takes."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str = Field(description="a driver's name, or the path of a .py file")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The table's other keys."""
+        return dict(self.model_extra or {})
+
+
+class SharedDevice(Device):
+    """A device with several fingers, which name it by its label."""
+
+    label: Name
+
+
+DeviceOrName = Annotated[Annotated[str, Tag("<name>")] | Annotated[Device, Tag("<table>")], by_name]
+
+
+class Finger(Table):
+    """A fingertip: the device that moves it, the hand that holds it, the object that it touches."""
+
+    name: Name | None = None
+    device: DeviceOrName = Field(description="a table, or the label of a [[device]]")
+    channel: Count = Field(default=0, description="which finger of the device")
+    hand: HandOrName | None = Field(default=None, description="a table, or the name of a [[hand]]")
+    start: Vector = Field(description="(d,) [m]")
+    object: Name | None = Field(default=None, description="the name of an [object]; the first if not given")
+    model: Annotated[Literal["hard"], BeforeValidator(_model)] = "hard"
+
+
+def _no_switch(value: Any) -> Any:
+    return str(value).lower() if isinstance(value, bool) else value  # true equals 1 to Python
+
+
+def _table_or_list(value: Any) -> Any:
+    return [value] if isinstance(value, Mapping | Object) else value
+
+
+class SceneTable(Table):
+    """A whole scene, each field on its own; what the fields must be to one another is checked elsewhere."""
+
+    title: str = ""
+    dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(description="d")
+    period: Positive = Field(description="T [s]")
+    duration: Positive = Field(description="[s]")
+    gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")
+    object: Annotated[tuple[Object, ...], BeforeValidator(_table_or_list)]
+    coupling: Coupling
+    finger: tuple[Finger, ...]
+    device: tuple[SharedDevice, ...] = ()
+    hand: tuple[SharedHand, ...] = ()
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """Each finger's name, or finger0, finger1, ..."""
+        return tuple(finger.name or f"finger{i}" for i, finger in enumerate(self.finger))
+
+    @property
+    def finger_objects(self) -> tuple[int, ...]:
+        """Which object each finger touches, by index."""
+        numbers = {thing.name: i for i, thing in enumerate(self.object)}
+        return tuple(numbers[finger.object] if finger.object else 0 for finger in self.finger)
+
+    def free(self, thing: Object) -> tuple[bool, ...]:
+        """Which of an object's w freedoms move."""
+        return thing.free if thing.free is not None else (True,) * WIDTHS[self.dimensions]
+
+    def turns(self, thing: Object) -> bool:
+        """Whether a rotation of an object is free."""
+        return any(self.free(thing)[self.dimensions :])

@@ -1,0 +1,178 @@
+"""What each sample of a scene will do, what it will skip, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from graspfx.scene.parts import Device, Finger, Object, SceneTable
+
+
+@dataclass(frozen=True)
+class PlanRow:
+    """A step of the sample, whether it runs, and why or how."""
+
+    step: str
+    runs: bool
+    why: str
+
+
+def plan(scene: SceneTable) -> list[PlanRow]:
+    """The steps of one sample in their order, then the packages that the run imports."""
+    return [PlanRow(step, runs, why) for step, runs, why in _rows(scene)]
+
+
+Row = tuple[str, bool, str]
+
+
+def _rows(scene: SceneTable) -> Iterator[Row]:
+    yield "read", True, _listing(_drivers(scene))
+    yield _velocity(scene)
+    for thing in scene.object:
+        yield _named(scene, thing, "predict"), *_prediction(thing)
+    yield _contact_points(scene)
+    yield _weights(scene)
+    yield from _split(scene)
+    yield _impedance(scene)
+    yield _projection(scene)
+    yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
+    yield "write", True, "the negative of each finger's force"
+    for thing in scene.object:
+        yield _named(scene, thing, "move"), True, _body(scene, thing)
+        yield _named(scene, thing, "turn"), *_turn(scene, thing)
+    yield _hand(scene)
+    yield "record", True, "a row per tick, to disk in blocks outside it"
+    yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
+
+
+def packages(scene: SceneTable) -> list[str]:
+    """What the framework imports for a run of the scene, figures and tables aside."""
+    found = ["numpy", "pydantic (scene)", "h5py (recording)"]
+    hands = [finger.hand for finger in scene.finger] + list(scene.hand)
+    if any(getattr(getattr(hand, "motion", None), "kind", "") == "path" for hand in hands):
+        found.append("scipy (recorded path)")
+    if any(thing.dynamics == "bullet" for thing in scene.object):
+        found.append("pybullet (dynamics)")
+    return found
+
+
+def _drivers(scene: SceneTable) -> list[str]:
+    tables: list[Device] = [*scene.device, *(f.device for f in scene.finger if isinstance(f.device, Device))]
+    return [table.name for table in tables]
+
+
+def _listing(names: list[str]) -> str:
+    counts = {name: names.count(name) for name in names}
+    return ", ".join(f"{count} x {name}" for name, count in counts.items())
+
+
+def _velocity(scene: SceneTable) -> Row:
+    damped = _damped(scene)
+    return (
+        "rate of displacement",
+        damped,
+        "for the damping of eq. (4)" if damped else "no damping: only positions make forces",
+    )
+
+
+def _prediction(thing: Object) -> tuple[bool, str]:
+    if thing.dynamics == "native" and thing.integrator == "implicit":
+        return True, "implicit: forces are solved together with the object's new state"
+    return False, "forces follow from the object's present state (integrator = 'implicit' would solve both at once)"
+
+
+def _contact_points(scene: SceneTable) -> Row:
+    if scene.coupling.contact == "attached":
+        return "contact points", False, "attached: they are fixed in the object, and nothing lets go"
+    kinds = sorted({thing.shape.kind for thing in scene.object if thing.shape is not None})
+    return "contact points", True, f"closed form on {' and '.join(kinds)}, a proxy that stays on its face"
+
+
+def _weights(scene: SceneTable) -> Row:
+    coupling = scene.coupling
+    if coupling.contact == "attached":
+        return "fade", False, "attached: every finger stays in the split"
+    if equal_gains(scene):
+        return "fade", False, "equal gains: there is no split to leave"
+    if coupling.absent == "follow":
+        return "fade", False, "absent = 'follow': a free finger stays in the split"
+    low, high = (1e3 * gap for gap in coupling.fade)
+    return "fade", True, f"a free finger leaves the split between {low:g} and {high:g} mm from the surface"
+
+
+def _split(scene: SceneTable) -> Iterator[Row]:
+    if equal_gains(scene):
+        yield "split", False, "equal external and internal gains: the conventional method, eqs. (20)-(23)"
+        return
+    yield "split", True, "eq. (3), when contacts or the object have moved"
+    turning = [thing for thing in scene.object if scene.turns(thing)]
+    if turning:
+        low, high = (1e3 * arm for arm in scene.coupling.blend)
+        yield "split: rotation", True, f"joins the external space between {low:g} and {high:g} mm of arm"
+    else:
+        why = "a line has none" if scene.dimensions == 1 else "locked: what would turn the object is internal"
+        yield "split: rotation", False, why
+
+
+def _impedance(scene: SceneTable) -> Row:
+    coupling = scene.coupling
+    gains = (coupling.external, coupling.internal)
+    if all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping)):
+        return "impedance", True, "eq. (4) with one number each: one projection of one vector"
+    return "impedance", True, f"eq. (4) with gains per finger or matrices, {coupling.form} form"
+
+
+def _projection(scene: SceneTable) -> Row:
+    if scene.coupling.contact == "attached":
+        return "letting go", False, "attached: the contact is bilateral, no cone"
+    law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
+    return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
+
+
+def _body(scene: SceneTable, thing: Object) -> str:
+    if not any(scene.free(thing)[: scene.dimensions]):
+        return f"{thing.dynamics}; every translation is locked"
+    if thing.dynamics == "bullet":
+        given = f" (integrator = {thing.integrator!r} is ignored)" if "integrator" in thing.model_fields_set else ""
+        return f"PyBullet, with exact viscosity{given}"
+    return f"native, {thing.integrator}"
+
+
+def _turn(scene: SceneTable, thing: Object) -> tuple[bool, str]:
+    if scene.dimensions == 1:
+        return False, "a line has no rotation"
+    if not scene.turns(thing):
+        return False, "every rotation is locked"
+    return True, "angular velocity and orientation"
+
+
+def _hand(scene: SceneTable) -> Row:
+    held = [finger for finger in scene.finger if finger.hand is not None]
+    if not held:
+        return "hand", False, "no finger names one"
+    kinds = sorted({_motion(scene, finger) for finger in held})
+    return "hand", True, f"holds {len(held)} of {len(scene.finger)} fingers; motion: {', '.join(kinds)}"
+
+
+def _motion(scene: SceneTable, finger: Finger) -> str:
+    named: dict[str, Any] = {hand.name: hand for hand in scene.hand}
+    hand: Any = named[finger.hand] if isinstance(finger.hand, str) else finger.hand
+    kind: str = hand.motion.kind
+    return kind
+
+
+def _named(scene: SceneTable, thing: Object, step: str) -> str:
+    return step if len(scene.object) == 1 else f"{step} {thing.name}"
+
+
+def equal_gains(scene: SceneTable) -> bool:
+    """kep = kip and ked = kid: the conventional method."""
+    external, internal = scene.coupling.external, scene.coupling.internal
+    return external.stiffness == internal.stiffness and external.damping == internal.damping
+
+
+def _damped(scene: SceneTable) -> bool:
+    return any(np.any(np.asarray(each.damping)) for each in (scene.coupling.external, scene.coupling.internal))

@@ -1,0 +1,19 @@
+"""paper-waving with the cube free to turn: eq. (27) for translation, and a rotational viscosity for the rotation."""
+
+from __future__ import annotations
+
+import graspfx as gx
+
+EDGE = 0.05  # [m]
+
+
+def scene(rotational_viscosity: float | None = None) -> gx.Scene:
+    """The cube's rotation is the weakest mode of the grasp; without any rotational viscosity it is not stable.
+
+    Args:
+        rotational_viscosity: [N m s/rad]; b_v a^2 / 6 if not given, which makes rotation as damped as translation.
+    """
+    waving = gx.load("paper-waving")
+    if rotational_viscosity is None:
+        rotational_viscosity = waving.object[0].viscosity * EDGE**2 / 6
+    return waving.replace({"object.free": [True, True, True], "object.rotational_viscosity": rotational_viscosity})

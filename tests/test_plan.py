@@ -1,0 +1,102 @@
+"""The plan says what a scene's sample does, what it skips, and why."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from graspfx.scene.model import Scene
+from graspfx.scene.plan import PlanRow, equal_gains, packages, plan
+
+
+def scene(**changes: Any) -> Scene:
+    """Two fingers on a box in the plane whose rotation is free, with 30/70 N/m; changes by dotted key, _ for dots."""
+    finger = {"device": {"name": "simulated", "mass": 0.15}, "hand": {"stiffness": 33.0}}
+    made = Scene(
+        dimensions=2,
+        period=0.005,
+        duration=1.0,
+        object={
+            "mass": 0.1,
+            "viscosity": 0.8,
+            "rotational_viscosity": 3e-4,
+            "shape": {"kind": "box", "size": [0.05, 0.05]},
+        },
+        coupling={"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}},
+        finger=[finger | {"start": [-0.03, 0.0]}, finger | {"start": [0.03, 0.0]}],
+    )
+    return made.replace({key.replace("__", "."): value for key, value in changes.items()})
+
+
+def row(made: Scene, step: str) -> PlanRow:
+    [found] = [each for each in plan(made) if each.step == step]
+    return found
+
+
+CASES: list[tuple[dict[str, Any], str, bool, str]] = [
+    ({}, "split", True, "eq. (3)"),
+    (
+        {"coupling__internal__stiffness": 30.0},
+        "split",
+        False,
+        "equal external and internal gains: the conventional method",
+    ),
+    ({"coupling__internal__damping": 0.1}, "rate of displacement", True, "damping"),
+    ({}, "rate of displacement", False, "no damping"),
+    ({}, "split: rotation", True, "between 0.25 and 1 mm of arm"),
+    ({"object__free": [True, True, False]}, "split: rotation", False, "locked"),
+    ({"object__free": [True, True, False]}, "turn", False, "every rotation is locked"),
+    ({}, "turn", True, "angular velocity"),
+    ({}, "fade", True, "between 2 and 10 mm"),
+    ({"coupling__absent": "follow"}, "fade", False, "absent = 'follow'"),
+    ({"coupling__internal__stiffness": 30.0}, "fade", False, "equal gains"),
+    ({}, "letting go", True, "slips freely"),
+    ({"coupling__friction": "stick"}, "letting go", True, "holds where it touched"),
+    ({"coupling__contact": "attached"}, "letting go", False, "attached: the contact is bilateral"),
+    ({"coupling__contact": "attached"}, "contact points", False, "attached: they are fixed in the object"),
+    ({}, "contact points", True, "closed form on box"),
+    ({"object__integrator": "implicit"}, "predict", True, "solved together"),
+    ({}, "predict", False, "present state"),
+    ({}, "move", True, "native, exact"),
+    ({"coupling__external__stiffness": [30.0, 30.0]}, "impedance", True, "per finger or matrices, literal form"),
+    ({}, "impedance", True, "one projection of one vector"),
+    ({"coupling__reaction": "contact"}, "reaction", True, "contact point"),
+    ({}, "read", True, "2 x simulated"),
+    ({}, "hand", True, "holds 2 of 2 fingers; motion: rest"),
+]
+
+
+@pytest.mark.parametrize(("changes", "step", "runs", "why"), CASES)
+def test_steps(changes: dict[str, Any], step: str, runs: bool, why: str) -> None:
+    found = row(scene(**changes), step)
+    assert found.runs is runs
+    assert why in found.why
+
+
+def test_bullet_names_its_package_and_ignores_an_integrator() -> None:
+    pytest.importorskip("pybullet", reason="PyBullet has no wheels there")
+    given = scene(object__dynamics="bullet", object__integrator="implicit")
+    assert "(integrator = 'implicit' is ignored)" in row(given, "move").why
+    assert not row(given, "predict").runs
+    assert "pybullet (dynamics)" in packages(given)
+    assert "ignored" not in row(scene(object__dynamics="bullet"), "move").why
+    assert not any("pybullet" in package for package in packages(scene()))
+
+
+def test_the_conventional_method_is_equal_gains_of_both_kinds() -> None:
+    assert equal_gains(scene(coupling__internal__stiffness=30.0))
+    assert not equal_gains(scene(coupling__internal__stiffness=30.0, coupling__internal__damping=0.1))
+
+
+def test_several_objects_have_rows_of_their_own() -> None:
+    things = [{"name": name, "mass": 0.1, "viscosity": 0.8} for name in ("left", "right")]
+    table = scene().to_dict() | {"dimensions": 1, "object": things}
+    table["coupling"]["contact"] = "attached"
+    for finger, name in zip(table["finger"], ("left", "right"), strict=True):
+        finger |= {"start": [0.0], "object": name}
+        del finger["hand"]
+    steps = [each.step for each in plan(Scene(**table))]
+    assert {"move left", "move right", "turn left", "turn right"} <= set(steps)
+    assert len(steps) == len(set(steps))
+    assert not row(Scene(**table), "hand").runs

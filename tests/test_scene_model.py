@@ -1,0 +1,345 @@
+"""A scene takes what it promises, refuses everything else with one fault each, and survives a round trip."""
+
+from __future__ import annotations
+
+import copy
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspfx.errors import SceneError
+from graspfx.scene import checks
+from graspfx.scene.model import Scene, schema
+
+
+def line() -> dict[str, Any]:
+    """Two fingers on a line, attached: the least that a scene needs."""
+    finger = {"device": {"name": "simulated", "mass": 0.15, "friction": 0.2}, "start": [0.002]}
+    return {
+        "dimensions": 1,
+        "period": 0.005,
+        "duration": 2.0,
+        "object": {"mass": 0.1, "viscosity": 0.8},
+        "coupling": {"contact": "attached", "external": {"stiffness": 30.0}, "internal": {"stiffness": 70}},
+        "finger": [finger, copy.deepcopy(finger)],
+    }
+
+
+def plane() -> dict[str, Any]:
+    """Two fingers on a box in the plane, unilateral, with rotation."""
+    table = line()
+    table["dimensions"] = 2
+    table["object"] |= {"shape": {"kind": "box", "size": [0.05, 0.05]}, "rotational_viscosity": 3e-4}
+    table["coupling"].pop("contact")
+    for i, finger in enumerate(table["finger"]):
+        finger["start"] = [0.03 - 0.06 * i, 0.0]
+    return table
+
+
+def space() -> dict[str, Any]:
+    table = plane()
+    table["dimensions"] = 3
+    table["object"]["shape"] = {"kind": "sphere", "radius": 0.03}
+    for finger in table["finger"]:
+        finger["start"] = [*finger["start"], 0.0]
+    return table
+
+
+def put(table: dict[str, Any], key: str, value: Any) -> dict[str, Any]:
+    *path, last = key.split(".")
+    holder: Any = table
+    for part in path:
+        holder = holder[int(part)] if isinstance(holder, list) else holder.setdefault(part, {})
+    holder[last] = value
+    return table
+
+
+def faults(table: dict[str, Any]) -> list[str]:
+    """The keys and messages of a scene's faults."""
+    try:
+        Scene(**table)
+    except SceneError as error:
+        return [f"{fault.key}: {fault.message}" for fault in error.faults]
+    return []
+
+
+def test_defaults_are_those_of_the_reference() -> None:
+    scene = Scene(**line())
+    thing, coupling, finger = scene.object[0], scene.coupling, scene.finger[0]
+    assert (thing.name, thing.dynamics, thing.integrator) == ("object", "native", "exact")
+    assert (coupling.form, coupling.reaction, coupling.friction, coupling.absent) == (
+        "literal",
+        "fingertip",
+        0.0,
+        "fade",
+    )
+    assert (coupling.fade, coupling.blend) == ((0.002, 0.01), (0.00025, 0.001))
+    assert (finger.channel, finger.model, finger.hand) == (0, "hard", None)
+    assert finger.device.settings == {"mass": 0.15, "friction": 0.2}  # type: ignore[union-attr]
+    assert scene.finger_names == ("finger0", "finger1")
+    assert scene.finger_objects == (0, 0)
+
+
+def test_whole_numbers_are_numbers_and_become_floats() -> None:
+    stiffness = Scene(**line()).coupling.internal.stiffness
+    assert stiffness == 70.0
+    assert isinstance(stiffness, float)
+
+
+def test_arrays_are_taken_as_lists() -> None:
+    table = put(put(line(), "finger.0.start", np.array([0.002])), "coupling.external.stiffness", np.array([30.0, 30.0]))
+    scene = Scene(**table)
+    assert scene.finger[0].start == (0.002,)
+    assert scene.coupling.external.stiffness == (30.0, 30.0)
+
+
+@pytest.mark.parametrize("make", [line, plane, space])
+def test_round_trip_through_a_table_json_and_pickle(make: Any) -> None:
+    scene = Scene(**make())
+    table = scene.to_dict()
+    assert json.loads(json.dumps(table)) == table
+    assert Scene(**table) == scene
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert table["finger"][0]["device"] == {"name": "simulated", "mass": 0.15, "friction": 0.2}
+
+
+def test_a_scene_cannot_be_changed_but_replaced() -> None:
+    scene = Scene(**line())
+    with pytest.raises(ValueError, match="frozen"):
+        scene.period = 0.1
+    other = scene.replace({"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.3})
+    assert (scene.coupling.internal.stiffness, other.coupling.internal.stiffness) == (70.0, 50.0)
+    assert [finger.device.settings["mass"] for finger in other.finger] == [0.3, 0.3]  # type: ignore[union-attr]
+    assert other.source.overrides == {"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.3}
+    assert other != scene
+
+
+def test_objects_may_be_several_tables() -> None:
+    table = line()
+    table["object"] = [
+        {"name": "left", "mass": 0.1, "viscosity": 0.8},
+        {"name": "right", "mass": 0.2, "viscosity": 0.8},
+    ]
+    table["finger"][1]["object"] = "right"
+    assert Scene(**table).finger_objects == (0, 1)
+
+
+MATRIX = [[80.0, 10.0], [10.0, 40.0]]
+
+
+@pytest.mark.parametrize("gain", [0.0, 30, [30, 40], MATRIX, [MATRIX, MATRIX], np.eye(4).tolist()])
+def test_every_form_of_gain_is_taken(gain: Any) -> None:
+    table = put(plane(), "coupling.contact", "attached")
+    assert faults(put(table, "coupling.external.stiffness", gain)) == []
+
+
+@pytest.mark.parametrize(
+    ("gain", "message"),
+    [
+        (-1.0, "expected no less than 0; given -1.0"),
+        ([30.0, -1.0], "expected no less than 0"),
+        (float("nan"), "expected finite numbers"),
+        (True, "expected a number, a list with one per finger"),
+        ("30", "expected a number, a list with one per finger"),
+        ([30.0], "expected 2 numbers for 2 fingers in 2 dimensions; given 1"),
+        ([[1.0, 2.0], [3.0]], "expected a number, a list with one per finger"),
+        (np.eye(3).tolist(), "expected 2 x 2 or 4 x 4 numbers for 2 fingers in 2 dimensions; given 3 x 3"),
+        ([[1.0, 2.0], [0.0, 1.0]], "expected a symmetric matrix"),
+        ([[1.0, 2.0], [2.0, 1.0]], "no negative eigenvalue; the least is -1"),  # eigenvalues 1 +- 2
+    ],
+)
+def test_a_gain_in_none_of_its_forms_is_one_fault(gain: Any, message: str) -> None:
+    [fault] = faults(put(plane(), "coupling.external.stiffness", gain))
+    assert fault.startswith("coupling.external.stiffness: ")
+    assert message in fault
+
+
+def test_a_full_gain_needs_one_object() -> None:
+    table = put(line(), "object", [{"name": name, "mass": 0.1, "viscosity": 0.8} for name in "ab"])
+    [fault] = faults(put(table, "coupling.internal.stiffness", np.eye(2).tolist()))
+    assert "needs a scene with one object" in fault
+
+
+WRONG: list[tuple[Any, str, Any, str]] = [
+    # fields
+    (line, "dimensions", 4, "dimensions: expected 1, 2 or 3"),
+    (line, "dimensions", True, "dimensions: expected 1, 2 or 3; given 'true'"),
+    (line, "period", 0.0, "period: expected more than 0; given 0.0"),
+    (line, "period", "5 ms", "period: expected a number; given '5 ms'"),
+    (line, "period", True, "period: expected a number; given True"),
+    (line, "duration", float("inf"), "duration: expected a finite number"),
+    (line, "object.mass", 0, "object.mass: expected more than 0; given 0"),
+    (line, "object.viscosity", -0.1, "object.viscosity: expected no less than 0"),
+    (
+        line,
+        "object.integrator",
+        "euler",
+        "object.integrator: expected 'explicit', 'semi-implicit', 'exact' or 'implicit'",
+    ),
+    (line, "object.name", "a b", "object.name: expected letters"),
+    (line, "object.free", [1], "object.free.0: expected true or false; given 1"),
+    (plane, "object.shape", {"kind": "bxo", "size": [1, 1]}, "object.shape.kind: unknown kind of shape 'bxo'; did you"),
+    (plane, "object.shape", {"kind": "sphere"}, "object.shape.radius: required"),
+    (plane, "object.shape", "box", "object.shape: expected a table; given 'box'"),
+    (plane, "coupling.friction", 0.3, "coupling.friction: a run takes 0 (slips freely) or 'stick'"),
+    (plane, "coupling.friction", "slick", "coupling.friction: expected 0 or 'stick'"),
+    (line, "coupling.fade", [0.1], "coupling.fade"),
+    (line, "finger.0.model", "soft", "finger.0.model: a run takes 'hard' fingers only; given 'soft'"),
+    (line, "finger.0.channel", -1, "finger.0.channel: expected no less than 0"),
+    (line, "finger.0.channel", 0.5, "finger.0.channel"),
+    (line, "finger.0.device", 3, "finger.0.device: expected a table"),
+    (line, "finger.0.hand", {"stiffness": [-1]}, "finger.0.hand.stiffness: expected no less than 0"),
+    (line, "finger.0.hand", {"stifness": 1}, "finger.0.hand.stifness: unknown key; did you mean 'stiffness'?"),
+    (line, "finger", [], "finger: expected at least one"),
+    (line, "object", [], "object: expected at least one"),
+    (line, "objct", {}, "objct: unknown key; did you mean 'object'?"),
+    # relations
+    (line, "gravity", [0.0, -9.81], "gravity: expected 1 number (dimensions = 1); given [0.0, -9.81]"),
+    (line, "object.position", [0, 0], "object.position: expected 1 number"),
+    (line, "finger.1.start", [0, 0], "finger.1.start: expected 1 number"),
+    (plane, "object.shape.size", [0.05], "object.shape.size: expected 2 numbers"),
+    (plane, "object.shape", None, "object.shape: required for unilateral contact"),
+    (plane, "object.free", [True, True], "object.free: expected 3 of true or false (two translations, one rotation)"),
+    (plane, "object.rotational_viscosity", None, "object.rotational_viscosity: required where a rotation is free"),
+    (plane, "object.orientation", [0, 0, 0, 1], "object.orientation: expected a number in the plane"),
+    (line, "object.orientation", 0.1, "object.orientation: a line has no rotation"),
+    (line, "object.inertia", 0.1, "object.inertia: a line has no rotation"),
+    (space, "object.orientation", [0, 0, 0, 2], "object.orientation: expected a quaternion of norm 1; its norm is 2"),
+    (space, "object.orientation", 0.1, "object.orientation: expected a quaternion of 4 numbers x, y, z, w"),
+    (space, "object.angular_velocity", [1, 2], "object.angular_velocity: expected 3 numbers"),
+    (space, "object.inertia", [1, 2], "object.inertia: expected a number or 3 numbers"),
+    (plane, "object.inertia", -1.0, "object.inertia: expected more than 0"),
+    (plane, "coupling.internal.stiffness", 0.0, "coupling.internal.stiffness: unilateral contact expects more than 0"),
+    (plane, "coupling.fade", [0.01, 0.01], "coupling.fade: expected [h1, h2] with 0 <= h1 < h2"),
+    (plane, "coupling.blend", [0.0, 0.01], "coupling.blend: expected [l1, l2] with 0 < l1 < l2"),
+    (line, "finger.0.object", "objct", "finger.0.object: no [[object]] has the name 'objct'; did you mean 'object'?"),
+    (line, "finger.0.device", "left", "finger.0.device: no [[device]] has the label 'left'"),
+    (line, "finger.0.hand", "left", "finger.0.hand: no [[hand]] has the name 'left'"),
+    (line, "finger.0.name", "finger1", "finger.1.name: 'finger1' is taken"),
+    (
+        line,
+        "hand",
+        [{"name": "a", "arm": {"stiffness": 1}, "grip": {"stiffness": 1}}],
+        "hand.0.name: no finger names 'a'",
+    ),
+    (line, "finger.0.hand", {"stiffness": 1, "rest": [0, 0]}, "finger.0.hand.rest: expected 1 number"),
+    (plane, "finger.0.hand", {"stiffness": [1, 2, 3]}, "finger.0.hand.stiffness: expected 2 numbers"),
+    # drivers
+    (line, "finger.0.device.mss", 0.1, "finger.0.device.mss: unknown setting of 'simulated'; did you mean 'mass'?"),
+    (line, "finger.0.device", {"name": "simulated"}, "finger.0.device.mass: required by 'simulated', but not given"),
+    (line, "finger.0.device.name", "simulatd", "finger.0.device.name: unknown device 'simulatd'; did you mean 'simul"),
+    (line, "finger.0.device.mass", float("nan"), "finger.0.device.mass: expected finite numbers"),
+    (line, "finger.0.device.dimensions", 2, "finger.0.device.dimensions: expected 1, as the scene"),
+]
+
+
+@pytest.mark.parametrize(
+    ("make", "key", "value", "message"), WRONG, ids=[f"{key}={value}" for _, key, value, _ in WRONG]
+)
+def test_one_slip_is_one_fault(make: Any, key: str, value: Any, message: str) -> None:
+    found = faults(put(make(), key, value))
+    assert len(found) == 1
+    assert found[0].startswith(message)
+
+
+MOTIONS: list[tuple[dict[str, Any], str | None]] = [
+    ({"kind": "rest"}, None),
+    ({"kind": "sine", "amplitude": 0.05, "frequency": 0.5, "axis": 1, "begin": 0.5, "ramp": 1.0}, None),
+    ({"kind": "sine", "amplitude": 0.05, "frequency": 0.5, "axis": "y"}, None),
+    (
+        {"kind": "sine", "amplitude": 0.05, "frequency": 0.5, "axis": "z"},
+        "motion.axis: expected an axis of 2 dimensions",
+    ),
+    ({"kind": "sine", "amplitude": 0.05, "frequency": 0.0}, "motion.frequency: expected more than 0"),
+    ({"kind": "reach", "displacement": [0.1, 0.0], "duration": 1.0}, None),
+    ({"kind": "reach", "displacement": [0.1], "duration": 1.0}, "motion.displacement: expected 2 numbers"),
+    ({"kind": "path", "times": [0, 1], "positions": [[0, 0], [1, 1]]}, None),
+    (
+        {"kind": "path", "times": [0, 0], "positions": [[0, 0], [1, 1]]},
+        "motion.times: expected at least two times, rising",
+    ),
+    (
+        {"kind": "path", "times": [0, 1], "positions": [[0, 0]]},
+        "motion.positions: expected one for each of the 2 times",
+    ),
+    ({"kind": "path", "times": [0, 1], "positions": [[0], [1]]}, "motion.positions.0: expected 2 numbers"),
+    ({"kind": "path", "times": [0, 1]}, "motion: expected a file, or times and positions"),
+    ({"kind": "path", "file": "nowhere.csv"}, "motion.file: path: given"),
+    ({"kind": "sinus"}, "motion.kind: unknown kind of motion 'sinus'; did you mean 'sine'?"),
+]
+
+
+@pytest.mark.parametrize(("motion", "message"), MOTIONS)
+@pytest.mark.parametrize("shared", [False, True])
+def test_motions_of_own_and_of_shared_hands(motion: dict[str, Any], message: str | None, shared: bool) -> None:
+    table = plane()
+    if shared:
+        spring = {"stiffness": [33.0, 20.0], "damping": 0.5}
+        table["hand"] = [{"name": "right", "arm": spring, "grip": spring, "motion": motion, "squeeze": 0.004}]
+        table["finger"][0]["hand"] = table["finger"][1]["hand"] = "right"
+    else:
+        table["finger"][0]["hand"] = {"stiffness": 33.0, "rest": [0.0, 0.0], "motion": motion, "squeeze_ramp": 0.1}
+    key = "hand.0." if shared else "finger.0.hand."
+    found = faults(table)
+    assert len(found) == (message is not None)
+    assert message is None or found[0].startswith(key + message)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "ok"), [("explicit", False), ("semi-implicit", False), ("exact", True), ("implicit", True)]
+)
+def test_viscosity_that_would_blow_up_is_refused_with_its_figure(integrator: str, ok: bool) -> None:
+    # b T / m = 40 * 0.005 / 0.1 = 2, the limit of stability of v += T (-b/m) v
+    found = faults(put(put(line(), "object.viscosity", 40.0), "object.integrator", integrator))
+    assert (found == []) == ok
+    assert ok or "viscosity * period / mass is 2, " in found[0]
+
+
+def test_devices_with_several_fingers() -> None:
+    table = line()
+    table["device"] = [{"label": "left", "name": "simulated", "mass": 0.1, "fingers": 2}]
+    for i, finger in enumerate(table["finger"]):
+        finger |= {"device": "left", "channel": i}
+    assert faults(table) == []
+    table["finger"][1]["channel"] = 0
+    assert faults(table) == ["finger.1.channel: channel 0 of 'left' is finger 0's already"]
+    table["device"].append({"label": "left", "name": "simulated", "mass": 0.1})
+    assert "device.1.label: 'left' is taken; every device needs a name of its own" in faults(table)
+
+
+def test_bullet_without_pybullet_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checks, "find_spec", lambda name: None)
+    [fault] = faults(put(line(), "object.dynamics", "bullet"))
+    assert fault.startswith("object.dynamics: 'bullet' needs the package pybullet, which is not installed: pip install")
+
+
+def test_a_driver_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty.py").write_text("")
+    Path("broken.py").write_text("import nowhere_to_be_found\n")
+    Path("open.py").write_text("def connect(**settings): ...\n")
+    found = [faults(put(line(), "finger.0.device", {"name": name})) for name in ("empty.py", "broken.py", "open.py")]
+    assert found[0] == ["finger.0.device.name: the driver 'empty.py' has no function connect(**settings)"]
+    assert "cannot be imported: No module named 'nowhere_to_be_found'" in found[1][0]
+    assert found[2] == []
+
+
+def test_every_fault_at_once_and_nothing_is_judged_by_what_is_wrong() -> None:
+    table = plane()
+    table["dimensions"] = "two"  # so that no length can be judged
+    table["gravity"] = [1.0]
+    table["finger"][0]["device"] = {"name": "simulated", "mss": 1.0}
+    table["coupling"]["fade"] = [0.2, 0.1]
+    assert [fault.split(":")[0] for fault in faults(table)] == ["dimensions", "finger.0.device.mss", "coupling.fade"]
+
+
+def test_schema_knows_every_table() -> None:
+    described = schema()
+    assert {"dimensions", "period", "object", "coupling", "finger", "device", "hand"} <= described["properties"].keys()
+    assert described["additionalProperties"] is False
+    assert set(described["required"]) == {"dimensions", "period", "duration", "object", "coupling", "finger"}
+    json.dumps(described, allow_nan=False)

@@ -1,0 +1,184 @@
+"""The servo: repeatable, faults to zero force, several objects, devices and hands of several fingers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import DeviceError, InputError
+
+LINE = {
+    "dimensions": 1,
+    "period": 0.005,
+    "duration": 0.5,
+    "object": {"mass": 0.1, "viscosity": 0.8, "shape": {"kind": "box", "size": [0.05]}},
+    "coupling": {"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
+}
+POINT = {"name": "simulated", "mass": 0.15, "friction": 0.2}
+
+
+def finger(start: float, **changes: object) -> dict[str, object]:
+    hand = {"stiffness": 60.0, "damping": 0.5, "squeeze": 0.005}
+    return {"start": [start], "device": POINT, "hand": hand, **changes}
+
+
+def scene(*fingers: dict[str, object], **changes: object) -> gx.Scene:
+    return gx.Scene(**{**LINE, "finger": list(fingers), **changes})
+
+
+def test_two_runs_are_bit_identical() -> None:
+    for name in ("reference-1dof", "paper-spring", "paper-waving", "paper-waving-turning"):
+        first, second = (gx.run(gx.load(name), duration=0.5) for _ in range(2))
+        assert np.array_equal(first.rows, second.rows), name
+
+
+def test_time_is_the_tick_count() -> None:
+    rec = gx.run(scene(finger(-0.025), finger(0.025)), duration=1.001)
+    assert len(rec.time) == 200
+    assert np.array_equal(rec.time, np.arange(200) * 0.005)
+
+
+DRIVER = """
+import numpy as np
+from graspfx.loop.device import Features
+from graspfx.errors import DeviceError
+
+class Broken:
+    features = Features(fingers=1, dimensions=1)
+    def __init__(self, how):
+        self.how, self.ticks, self.written = how, 0, []
+    def open(self, period): pass
+    def read(self):
+        self.ticks += 1
+        x = np.array([[-0.02]])
+        if self.ticks > 20 and self.how == "nan":
+            x[:] = np.nan
+        if self.ticks > 20 and self.how == "raises":
+            raise DeviceError("the cable is out; plug it in")
+        return x, np.zeros((1, 1)), 0.005 * self.ticks
+    def write(self, forces): self.written.append(forces.copy())
+    def stop(self): self.written.append(np.zeros((1, 1)))
+    def close(self): pass
+    def __enter__(self): return self
+    def __exit__(self, *exc): self.close()
+
+made = []
+def connect(*, how):
+    made.append(Broken(how))
+    return made[-1]
+"""
+
+
+@pytest.mark.parametrize(("how", "says"), [("nan", "finger0, finger1"), ("raises", "cable")])
+def test_a_broken_reading_gives_zero_force_and_a_fault(tmp_path: Path, how: str, says: str) -> None:
+    """Pushed in by 5 mm until sample 20; from that very sample on nothing is displayed, nothing acts on the object."""
+    driver = tmp_path / "broken.py"
+    driver.write_text(DRIVER)
+    broken = {"start": [-0.02], "device": {"name": str(driver), "how": how}}
+    rec = gx.run(scene(broken, finger(0.025)), duration=0.3)
+    assert len(rec.time) == 60
+    assert (rec.finger_force[:20, 0] > 0.0).all()
+    assert not rec.finger_force[20:].any() and not rec.wrench[20:].any()
+    [fault] = rec.faults
+    assert fault.tick == 20 and says in fault.message
+    from graspfx import plugins
+
+    device = plugins.load("devices", str(driver)).made[-1]
+    assert all(np.isfinite(f).all() for f in device.written)
+    assert not any(f.any() for f in device.written[20:])
+
+
+def test_a_finger_that_leaves_its_workspace_faults() -> None:
+    inside = {**POINT, "workspace": [[-0.03], [0.0]]}
+    away = {"stiffness": 60.0, "motion": {"kind": "reach", "displacement": [-0.03], "duration": 0.3}}
+    rec = gx.run(scene(finger(-0.025, device=inside, hand=away), finger(0.025)))
+    assert len(rec.faults) == 1 and "workspace" in rec.faults[0].message
+    assert not rec.finger_force[rec.faults[0].tick :].any()
+
+
+def test_a_start_out_of_reach_is_a_clear_error() -> None:
+    with pytest.raises(DeviceError, match=r"thumb.*arm works from"):
+        gx.run(gx.load("paper-waving", {"finger.0.start": [-0.5, 0.0]}))
+
+
+def test_arm_and_grip_of_one_hand() -> None:
+    """Fig. 9: the arm's stiffness acts on the mean of the fingers, the grip's on their difference."""
+    hand = {"name": "right", "arm": {"stiffness": 20.0}, "grip": {"stiffness": 200.0}}
+    shared = [{"start": [s], "device": POINT, "hand": "right"} for s in (-0.025, 0.025)]
+    coupling = {**LINE["coupling"], "contact": "attached"}
+    pushed = {**LINE["object"], "velocity": [0.1]}
+    rec = gx.run(scene(*shared, hand=[hand], coupling=coupling, object=pushed), duration=1.0)
+    x = rec.true_position[:, :, 0]
+    assert np.ptp(x.mean(axis=1)) > 1e-3
+    assert np.abs(x[:, 1] - x[:, 0] - 0.05).max() < 1e-15  # nothing excites the grip
+
+
+def test_one_device_with_two_fingers_is_the_same_run_as_two_devices() -> None:
+    two = [{**finger(s), "device": "pair", "channel": c} for c, s in enumerate((-0.025, 0.025))]
+    pair = {**POINT, "label": "pair", "fingers": 2}
+    together = gx.run(scene(*two, device=[pair]))
+    apart = gx.run(scene(finger(-0.025), finger(0.025)))
+    np.testing.assert_allclose(together.finger_force, apart.finger_force, atol=1e-15)
+
+
+def test_hands_that_cross_devices() -> None:
+    """Two devices with two fingers each, one hand on the first of both, one on the others: one plant moves all four."""
+    shared = [{**POINT, "label": name, "fingers": 2} for name in ("a", "b")]
+    gains = (("p", 30.0), ("q", 50.0))
+    hands = [{"name": name, "arm": {"stiffness": k}, "grip": {"stiffness": 2 * k}} for name, k in gains]
+    starts = {("a", 0): -0.025, ("a", 1): 0.025, ("b", 0): -0.0251, ("b", 1): 0.0251}
+    crossed = [
+        {"start": [x], "device": label, "channel": c, "hand": "pq"[c]} for (label, c), x in starts.items()
+    ]  # fmt: skip
+    rec = gx.run(scene(*crossed, device=shared, hand=hands), duration=0.2)
+    apart = [{**f, "device": POINT, "channel": 0} for f in crossed]
+    same = gx.run(scene(*apart, hand=hands), duration=0.2)
+    np.testing.assert_allclose(rec.true_position, same.true_position, atol=1e-15)
+
+
+def test_fingers_on_two_objects() -> None:
+    """Each object moves as if the other were not there."""
+    things = [{**LINE["object"], "name": name, "velocity": [v]} for name, v in (("first", 0.01), ("second", -0.02))]
+    rec = gx.run(
+        scene(*(finger(s, object=o) for o in ("first", "second") for s in (-0.025, 0.025)), object=things)
+    )  # fmt: skip
+    for name, v, picked in (("first", 0.01, slice(0, 2)), ("second", -0.02, slice(2, 4))):
+        alone = gx.run(scene(finger(-0.025), finger(0.025), object={**LINE["object"], "velocity": [v]}))
+        assert np.array_equal(rec.objects[name].position, alone.object_position)
+        assert np.array_equal(rec.finger_force[:, picked], alone.finger_force)
+
+
+def test_port_energy_is_the_work_of_the_displayed_force() -> None:
+    """Into the hand's spring and dampers: work on the tips = their energy + what hand and friction have taken."""
+    rec = gx.run(gx.load("reference-1dof"), duration=2.0)
+    x, f = rec.true_position[:, :, 0], rec.finger_force[:, :, 0]
+    by_hand = np.concatenate([np.zeros((1, 2)), np.cumsum(-f[:-1] * np.diff(x, axis=0), axis=0)])
+    np.testing.assert_allclose(rec.device_energy, by_hand, atol=1e-18)
+
+
+def test_hand_on_a_real_device_is_refused(tmp_path: Path) -> None:
+    driver = tmp_path / "real.py"
+    driver.write_text(DRIVER)
+    held = {"start": [-0.02], "device": {"name": str(driver), "how": "fine"}, "hand": {"stiffness": 10.0}}
+    with pytest.raises(InputError, match="real device"):
+        gx.run(scene(held, finger(0.025)))
+
+
+def test_channel_that_a_device_does_not_have() -> None:
+    with pytest.raises(InputError, match="channel"):
+        gx.run(scene(finger(-0.025, channel=1), finger(0.025)))
+
+
+def test_native_and_bullet_agree_over_ten_seconds() -> None:
+    """The same scene, translation and planar rotation, semi-implicit, without viscosity: below 1e-9 m."""
+    pytest.importorskip("pybullet", reason="PyBullet has no wheel for this Python")
+    still = {"object.viscosity": 0.0, "object.rotational_viscosity": 0.0, "object.integrator": "semi-implicit"}
+    native = gx.run(gx.load("paper-waving-turning", still), duration=10.0)
+    bullet = gx.run(gx.load("paper-waving-turning", {**still, "object.dynamics": "bullet"}), duration=10.0)
+    assert np.ptp(native.object_position[:, 0]) > 0.09
+    assert np.ptp(native.object_orientation) > 1e-3
+    assert np.abs(native.object_position - bullet.object_position).max() < 1e-9
+    assert np.abs(native.object_orientation - bullet.object_orientation).max() < 1e-9
