@@ -1,0 +1,62 @@
+# Each target sets up what it needs in an environment of its own: uv if it is there, else venv and pip.
+#   make test PYTHON=python3.12 VENV=.venv-3.12
+
+VENV ?= .venv
+OUT ?= out
+PYTHON ?= $(shell for name in python3.11 python3 python3.12 python3.13; do \
+	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
+UV := $(shell command -v uv 2>/dev/null)
+BIN := $(VENV)/bin
+INTERPRETER := $(BIN)/python
+RUN_READY := $(VENV)/.ready-to-run
+WORK_READY := $(VENV)/.ready-to-work
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint types contracts clean
+
+help: ## show what there is to make
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
+
+demo: $(RUN_READY) ## wave a cube with conventional and with separate gains, side by side
+	@$(BIN)/graspfx run paper-waving --set coupling.internal.stiffness=30.0 --out $(OUT)/conventional
+	@$(BIN)/graspfx run paper-waving --out $(OUT)/proposed
+	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --out $(OUT)
+
+test: $(WORK_READY) ## the tests, the documents' examples among them
+	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'
+	$(INTERPRETER) -m pytest
+
+lint: $(WORK_READY) ## style and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(WORK_READY) ## static types
+	$(BIN)/mypy
+
+contracts: $(WORK_READY) ## which module may import which
+	$(BIN)/lint-imports
+
+clean: ## remove the environment and what the demo wrote
+	rm -rf $(VENV) $(OUT)
+
+$(INTERPRETER):
+ifneq ($(UV),)
+	$(UV) venv --quiet $(if $(PYTHON),--python $(PYTHON),--python 3.11) $(VENV)
+else
+	@test -n "$(PYTHON)" || { echo "GraspFX needs Python 3.11 or later: none was found on the PATH; name one with make PYTHON=..." >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+endif
+
+ifneq ($(UV),)
+INSTALL := $(UV) pip install --quiet --python $(INTERPRETER)
+else
+INSTALL := $(INTERPRETER) -m pip install --quiet --disable-pip-version-check
+endif
+
+$(RUN_READY): $(INTERPRETER) pyproject.toml
+	$(INSTALL) --editable .
+	@touch $@
+
+$(WORK_READY): $(INTERPRETER) pyproject.toml
+	$(INSTALL) --editable '.[dev]'
+	@touch $@ $(RUN_READY)
