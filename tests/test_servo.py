@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.errors import DeviceError, InputError
+from graspfx.errors import DeviceError, InputError, SceneError
 
 LINE = {
     "dimensions": 1,
@@ -27,12 +27,6 @@ def finger(start: float, **changes: object) -> dict[str, object]:
 
 def scene(*fingers: dict[str, object], **changes: object) -> gx.Scene:
     return gx.Scene(**{**LINE, "finger": list(fingers), **changes})
-
-
-def test_two_runs_are_bit_identical() -> None:
-    for name in ("reference-1dof", "paper-spring", "paper-waving", "paper-waving-turning"):
-        first, second = (gx.run(gx.load(name), duration=0.5) for _ in range(2))
-        assert np.array_equal(first.rows, second.rows), name
 
 
 def test_time_is_the_tick_count() -> None:
@@ -182,3 +176,33 @@ def test_native_and_bullet_agree_over_ten_seconds() -> None:
     assert np.ptp(native.object_orientation) > 1e-3
     assert np.abs(native.object_position - bullet.object_position).max() < 1e-9
     assert np.abs(native.object_orientation - bullet.object_orientation).max() < 1e-9
+
+
+def test_bullet_has_one_integrator_whatever_the_scene_says() -> None:
+    pytest.importorskip("pybullet", reason="PyBullet has no wheel for this Python")
+    bullet = {"object.dynamics": "bullet"}
+    runs = [
+        gx.run(gx.load("paper-waving", {**bullet, "object.integrator": name}), duration=0.5)
+        for name in ("implicit", "explicit")
+    ]
+    assert np.array_equal(runs[0].rows, runs[1].rows)
+
+
+DYNAMICS = """
+class Nailed:
+    def __init__(self, state): self.state = state
+    def step(self, T): pass
+    def free_motion(self, T): raise NotImplementedError
+
+def create(state):
+    return Nailed(state)
+"""
+
+
+def test_dynamics_of_ones_own(tmp_path: Path) -> None:
+    file = tmp_path / "nailed.py"
+    file.write_text(DYNAMICS)
+    rec = gx.run(gx.load("paper-waving", {"object.dynamics": str(file)}), duration=2.0)
+    assert not rec.object_position.any() and rec.wrench[-1].any()
+    with pytest.raises(SceneError, match="unknown dynamics 'nativ'; did you mean 'native'"):
+        gx.load("paper-waving", {"object.dynamics": "nativ"})

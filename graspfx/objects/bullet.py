@@ -185,6 +185,8 @@ class BulletBody(BlockBody):
             turn = [self._angle if k == a else 0.0 for k in range(3)]
             x, y, z, w = product(*exponential(*turn), *self._start)
         o = at.QUATERNION
+        if x * S[o] + y * S[o + 1] + z * S[o + 2] + w * S[o + 3] < 0.0:  # PyBullet changes its sign at will
+            x, y, z, w = -x, -y, -z, -w
         S[o], S[o + 1], S[o + 2], S[o + 3] = x, y, z, w
         at.orient(S, 0)
 

@@ -84,7 +84,7 @@ def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held
         lambda state: _fill(scene, table, shape, state),
         shape=shape,
     )
-    create = plugins.load("dynamics", table.dynamics).create
+    create = plugins.load("dynamics", table.dynamics, scene.source.folder).create
     body: Body = create(grasped.body_state)
     stack.callback(getattr(body, "close", _nothing))
     if grasped.implicit:
@@ -128,7 +128,8 @@ def _fill(scene: Scene, table: ObjectTable, shape: shapes.Box | shapes.Sphere | 
         inertia=inertia,
         viscosity=table.viscosity,
         rotational_viscosity=table.rotational_viscosity or 0.0,
-        integrator=table.integrator,
+        # others have an integrator of their own; only the native implicit one is asked for its free motion
+        integrator=table.integrator if table.dynamics == "native" else "semi-implicit",
         free=scene.free(table),
         gravity=scene.gravity,
         position=table.position,

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from graspfx.errors import InputError, closest, shown
+from graspfx import plugins
+from graspfx.errors import InputError, UnknownNameError, closest, shown
 from graspfx.loop import motion
 from graspfx.scene.fields import NotValid
 from graspfx.scene.hands import Path as RecordedPath
@@ -45,8 +46,9 @@ def _checks(scene: SceneTable, folder: Path | None) -> Iterator[Iterator[Found]]
     for i, thing in enumerate(_items(scene, "object")):
         for field in ("position", "velocity"):
             yield _length(scene, ("object", i), thing, field)
-        for rule in (_shape, _free, _inertia, _turning, _orientation, _angular_velocity, _step, _dynamics):
+        for rule in (_shape, _free, _inertia, _turning, _orientation, _angular_velocity, _step):
             yield rule(scene, ("object", i), thing)
+        yield _dynamics(("object", i), thing, folder)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:
@@ -182,7 +184,7 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
 
 
 def _step(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
-    if thing.dynamics == "bullet" or thing.integrator not in ("explicit", "semi-implicit"):
+    if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
     ratio = thing.viscosity * scene.period / thing.mass
     if ratio >= 2.0:
@@ -203,7 +205,11 @@ def _step(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
         )
 
 
-def _dynamics(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
+    try:
+        plugins.find("dynamics", thing.dynamics, folder)
+    except (UnknownNameError, InputError) as error:
+        yield (*at, "dynamics"), str(error)
     if thing.dynamics == "bullet" and find_spec("pybullet") is None:
         yield (
             (*at, "dynamics"),

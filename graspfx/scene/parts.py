@@ -63,7 +63,7 @@ class Object(Table):
     )
     shape: Shape | None = None
     free: Annotated[tuple[Switch, ...], Field(description="which of the w freedoms move")] | None = None
-    dynamics: Literal["native", "bullet"] = "native"
+    dynamics: str = Field(default="native", description="native, bullet or another that `graspfx list` names")
     integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = "exact"
     position: Vector | None = Field(default=None, description="of the centre at first, (d,) [m]; the origin")
     orientation: NumberOrVector | None = Field(

@@ -135,10 +135,11 @@ def _projection(scene: SceneTable) -> Row:
 def _body(scene: SceneTable, thing: Object) -> str:
     if not any(scene.free(thing)[: scene.dimensions]):
         return f"{thing.dynamics}; every translation is locked"
-    if thing.dynamics == "bullet":
-        given = f" (integrator = {thing.integrator!r} is ignored)" if "integrator" in thing.model_fields_set else ""
-        return f"PyBullet, with exact viscosity{given}"
-    return f"native, {thing.integrator}"
+    if thing.dynamics == "native":
+        return f"native, {thing.integrator}"
+    name = "PyBullet, with exact viscosity" if thing.dynamics == "bullet" else thing.dynamics
+    given = f" (integrator = {thing.integrator!r} is ignored)" if "integrator" in thing.model_fields_set else ""
+    return f"{name}{given}"
 
 
 def _turn(scene: SceneTable, thing: Object) -> tuple[bool, str]:
