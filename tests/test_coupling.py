@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.coupling import block as at
+from graspfx.coupling.approach import LOST, NOT_FINITE
 from graspfx.coupling.grasped import GraspedObject, Rules
-from graspfx.coupling.sample import NOT_FINITE
 from graspfx.errors import InputError
 from graspfx.objects import kernels as body
 from graspfx.objects.body import fill_body
@@ -125,8 +126,8 @@ def sweep_step(g: GraspedObject, paths: np.ndarray) -> float:
 def test_force_is_continuous_through_every_transition(d: int, n: int, fade: tuple[float, float] | None) -> None:
     """Grasp -> push -> free -> push with the other -> grasp, friction 0, no damping.
 
-    A continuous force changes by at most its stiffness times the motion of all fingers, however fine the steps; a jump
-    would grow as they shrink. The bound allows for the geometry and the fade: 2 n max(kep, kip).
+    Between samples it changes by no more than the stiffest mode times the motion, and where a finger begins or ceases
+    to touch, its last instants before and after, 1e-12 of the path apart, agree to 1e-10 N.
     """
     shape = Sphere(0.03) if d == 3 else Box((0.05,) * d)
     radius = 0.03 if d == 3 else 0.025
@@ -137,14 +138,30 @@ def test_force_is_continuous_through_every_transition(d: int, n: int, fade: tupl
         out = np.array([[-1.0], [1.0]])
     if d == 2 and n == 3:  # on faces, away from corners
         out = np.array([[-1.0, 0.1], [1.0, -0.2], [0.1, 1.0]])
-    for steps in (500, 2500):
-        t = np.linspace(0.0, 1.0, steps)
-        paths = np.empty((steps, n, d))
-        for i in range(n):
-            gap = 0.006 * np.sin(2 * np.pi * (i + 1) * t + i) - 0.002 * (i + 1) / n  # in and out, at its own rate
-            paths[:, i] = out[i] * (radius + gap)[:, None]
-        g = grasped(n, d, law(40.0, 160.0), Rules(fade=fade), shape=shape, inertia=inertia)
-        assert sweep_step(g, paths) < 2 * n * 160.0
+
+    def place(t: float) -> np.ndarray:
+        rate = np.arange(1, n + 1)
+        gap = 0.006 * np.sin(2 * np.pi * rate * t + rate - 1) - 0.002 * rate / n  # in and out, each at its own rate
+        return out * (radius + gap)[:, None]
+
+    g = grasped(n, d, law(40.0, 160.0), Rules(fade=fade), shape=shape, inertia=inertia)
+    assert sweep_step(g, np.array([place(t) for t in np.linspace(0.0, 1.0, 500)])) < 1.1 * 160.0
+
+    def touching(t: float) -> tuple[np.ndarray, list[float]]:
+        return respond(g, place(t)), g.touching.tolist()
+
+    changes = 0
+    times = np.linspace(0.0, 1.0, 200)
+    for low, high in itertools.pairwise(times.tolist()):
+        if touching(low)[1] == touching(high)[1]:
+            continue
+        changes += 1
+        before = touching(low)[1]
+        while high - low > 1e-12:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if touching(middle)[1] == before else (low, middle)
+        assert np.abs(touching(low)[0] - touching(high)[0]).max() < 1e-10
+    assert changes >= 2 * n  # every finger leaves and comes back
 
 
 def test_release_on_a_line_matches_equation_26() -> None:
@@ -278,6 +295,41 @@ def test_implicit_contact_is_the_projection_with_compliance(kind: str) -> None:
         give = np.diag([T * T / m, T * T / m, T * T / (inertia + T * b)])[np.ix_(free, free)]
         expected = every_subset(np.linalg.inv(np.linalg.inv(K) + G.T @ give @ G), (p - c).ravel(), inward)
         np.testing.assert_allclose(f.ravel(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("rules", [RIGID, FOLLOW, STICK])
+def test_an_object_that_is_lost_gives_zero_force(rules: Rules) -> None:
+    g = grasped(2, 1, law(30.0, 70.0), rules, shape=Box((0.05,)))
+    assert respond(g, [[-0.02], [0.02]]).any()
+    g.body_state[body.POSITION] = np.nan
+    assert g.sample() == LOST
+    assert not g.force.any() and not g.wrench.any()
+
+
+def test_matrix_gains_blend_as_numbers_do() -> None:
+    """Three fingers through the band between collinear and not: 40 I and 160 I are 40 and 160 to 1e-14."""
+    rng = np.random.default_rng(8)
+    for offset in np.linspace(0.0, 0.004, 9):
+        contacts = np.array([[-0.03, 0.0, 0.0], [0.0, offset, 0.0], [0.03, 0.0, 0.0]])
+        p = contacts + rng.normal(size=(3, 3)) * 1e-3
+        inertia = (1e-5, 2e-5, 3e-5)
+        numbers = respond(grasped(3, 3, law(40.0, 160.0), RIGID, contacts=contacts, inertia=inertia), p)
+        gains = law(40.0 * np.eye(3), 160.0 * np.eye(3))
+        matrices = respond(grasped(3, 3, gains, RIGID, contacts=contacts, inertia=inertia), p)
+        np.testing.assert_allclose(matrices, numbers, atol=1e-14)
+
+
+@pytest.mark.parametrize("rules", [FOLLOW, STICK, Rules()])
+def test_equal_gains_finger_by_finger_are_the_projection(rules: Rules) -> None:
+    """The conventional method's short way against the projection that all other gains take, and no split for either."""
+    rng = np.random.default_rng(9)
+    for _ in range(30):
+        p, v = rng.uniform(-0.03, 0.03, size=(3, 2)), rng.normal(size=(3, 2)) * 0.05
+        short = grasped(3, 2, law(70.0, 70.0, 0.4, 0.4), rules, shape=Box((0.05, 0.05)))
+        gains = law(70.0 * np.eye(2), 70.0 * np.eye(2), 0.4 * np.eye(2), 0.4 * np.eye(2))
+        whole = grasped(3, 2, gains, rules, shape=Box((0.05, 0.05)))
+        np.testing.assert_allclose(respond(whole, p, v), respond(short, p, v), atol=1e-14)
+        assert not short.block[at.SPLIT_KNOWN] and not whole.block[at.SPLIT_KNOWN]
 
 
 def test_not_finite_motion_gives_zero_force() -> None:

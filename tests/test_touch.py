@@ -76,17 +76,18 @@ def test_two_fingers_follow_equations_24_to_26() -> None:
 
 
 def test_contact_point_of_equation_25() -> None:
-    """At x_i = x_ci the finger's force is zero, just inside it is not: to 1e-14 of the force at hand."""
+    """Where finger i ceases to touch is x_ci of (25) to 1e-14 of the distances at hand: found by bisection."""
     x, xj = 0.0, 0.003  # finger j pushes from the left, in by 3 mm; normals +1 and -1
     x_ci = (KIP - KEP) / (KEP + KIP) * xj + 2 * KEP / (KEP + KIP) * x  # eq. (25)
     normals = np.array([[1.0], [-1.0]])
-    f = pair_stiffness() @ np.array([xj - x, x_ci - x])
-    assert abs(f[1]) < 1e-14 * abs(f[0])
-    inside = gx.unilateral_force(pair_stiffness(), [xj - x, x_ci - x - 1e-9], normals)
-    outside = gx.unilateral_force(pair_stiffness(), [xj - x, x_ci - x + 1e-9], normals)
-    assert inside.status == ("slide", "slide")
-    assert outside.status == ("slide", "free")
-    assert outside.force[0] == pytest.approx(ALONE * (xj - x), rel=1e-14)
+    inside, outside = x_ci - 0.001, x_ci + 0.001
+    while (middle := 0.5 * (inside + outside)) not in (inside, outside):
+        touch = gx.unilateral_force(pair_stiffness(), [xj - x, middle - x], normals)
+        inside, outside = (middle, outside) if touch.status[1] == "slide" else (inside, middle)
+        assert touch.status[0] == "slide"
+    assert outside == pytest.approx(x_ci, abs=1e-14 * xj)
+    touch = gx.unilateral_force(pair_stiffness(), [xj - x, outside - x], normals)
+    assert touch.force[0] == pytest.approx(ALONE * (xj - x), rel=1e-14)
 
 
 @pytest.mark.parametrize("n", [2, 3, 5, 20])

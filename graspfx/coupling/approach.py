@@ -9,9 +9,13 @@ from graspfx.grasp.kernels import contact_frame, rigid_modes, smoothstep
 from graspfx.objects import kernels as body
 from graspfx.objects.proxy import closest
 
+NOT_FINITE = 1  # a finger's motion is NaN or infinite
+LOST = 3  # the object's motion or a force is not finite
+LARGEST = 1e300  # NaN compares false with it
+
 
 def approach(S: Any) -> int:
-    """Contact point, displacement, rate and weight of every finger; returns 1 if a finger's motion is not finite.
+    """Contact point, displacement, rate and weight of every finger; returns 0, NOT_FINITE or LOST.
 
     With the reaction at the fingertip the rate is e' = p' - v - w x (p - x), else e' = p' - v - w x (c - x), so that
     damping never creates energy.
@@ -23,13 +27,18 @@ def approach(S: Any) -> int:
     if S[at.IMPLICIT] != 0.0:
         x, R, v, w = body.NEXT_POSITION, body.NEXT_ROTATION, body.NEXT_VELOCITY, body.NEXT_ANGULAR_VELOCITY
     x, R, v, w = at.BODY + x, at.BODY + R, at.BODY + v, at.BODY + w
+    total = 0.0
+    for a in range(3):
+        total += S[x + a] + S[v + a] + S[w + a] + S[R + 3 * a] + S[R + 3 * a + 1] + S[R + 3 * a + 2]
+    if not abs(total) <= LARGEST:
+        return LOST
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         total = 0.0
         for a in range(d):
             total += S[r + at.POSITION + a] + S[r + at.VELOCITY + a]
-        if not abs(total) <= 1e300:  # NaN compares false
-            return 1
+        if not abs(total) <= LARGEST:
+            return NOT_FINITE
         px = S[r + at.POSITION] - S[x]
         py = S[r + at.POSITION + 1] - S[x + 1]
         pz = S[r + at.POSITION + 2] - S[x + 2]

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import approach
-from graspfx.coupling.sample import FINE, NOT_FINITE, let_go, locate, respond
+from graspfx.coupling.approach import NOT_FINITE, approach
+from graspfx.coupling.sample import FINE, UNRESOLVED, let_go, locate, respond, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling
 from graspfx.grasp.matrix import Grasp
+from graspfx.grasp.split import Split
 from graspfx.objects import kernels as body
 
 FloatArray = NDArray[np.float64]
@@ -93,12 +94,12 @@ class GraspedObject:
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
+        S[at.EQUAL] = law.equal
         if self.matrices:
             S[at.DENSE] = 1.0
             S[at.DAMPED] = any(np.any(part.damping) for part in (law.external, law.internal))
         else:
             S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = scalars
-            S[at.EQUAL] = scalars[:2] == scalars[2:]
             S[at.DAMPED] = scalars[1] != 0.0 or scalars[3] != 0.0
             if not rules.attached and not (scalars[0] and scalars[2]):
                 raise InputError(
@@ -173,10 +174,11 @@ class GraspedObject:
 
     def sample(self) -> int:
         """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
+        if not self.matrices:
+            return sample(self._S)
         fault = locate(self._S)
-        if fault == FINE and self.matrices:
-            self._fill_matrices()
         if fault == FINE:
+            self._fill_matrices()
             fault = respond(self._S)
         if fault != FINE:
             let_go(self._S)
@@ -225,11 +227,12 @@ class GraspedObject:
         if self._made_from is not None and np.array_equal(now, self._made_from):
             return
         self._made_from = now
-        free = self.block[at.BODY + body.FREE : at.BODY + body.FREE + 6] != 0.0
-        kept = {1: free[:1], 2: free[[0, 1, 5]], 3: free}[d]
+        k = int(self.block[at.COUNT])  # no modes where the gains are equal: then none are asked for
+        modes = self.block[at.modes(n) : at.modes(n) + k * (1 + 3 * n)].reshape(k, 1 + 3 * n)
+        motions = np.sqrt(modes[:, :1, None]) * (modes[:, 1:].reshape(k, n, 3)[..., :d] @ R.T)
         arms = rows[:, at.CONTACT : at.CONTACT + d] @ R.T
-        metric = np.maximum(rows[:, at.WEIGHT], WEIGHT_FLOOR)
-        split = Grasp(arms, free=kept).split(metric=None if (metric == 1.0).all() else metric)
+        weights = np.maximum(rows[:, at.WEIGHT], WEIGHT_FLOOR)
+        split = Split.blended(Grasp(arms), motions.reshape(k, n * d).T, weights)
         turn = np.kron(np.eye(n), R)
         o, m = at.dense(n, d), n * d
         self.block[o : o + m * m] = (turn.T @ self.law.stiffness(split) @ turn).ravel()
@@ -240,4 +243,6 @@ def fault_text(fault: int, fingers: Sequence[str]) -> str:
     """What a fault of `sample` means to the user."""
     if fault == NOT_FINITE:
         return f"a finger's position or velocity is not finite ({', '.join(fingers)}); all forces are zero"
-    return "the contact forces did not settle; all forces are zero"
+    if fault == UNRESOLVED:
+        return "the contact forces did not settle; all forces are zero"
+    return "the object's motion or a force on it is not finite; all forces are zero"

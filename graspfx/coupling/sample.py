@@ -5,19 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import approach, refactor
-from graspfx.coupling.force import attached, push, unilateral
+from graspfx.coupling.approach import LARGEST, LOST, approach, refactor
+from graspfx.coupling.cones import attached, push, unilateral
 from graspfx.objects import kernels as body
 
 FINE = 0
-NOT_FINITE = 1  # a finger's motion is NaN or infinite: all forces are zero
-UNRESOLVED = 2  # the projection did not settle: all forces are zero
+UNRESOLVED = 2  # the projection did not settle
 
 
 def locate(S: Any) -> int:
     """The first half: where the contacts are, and the split if it is needed and has changed."""
     fault = approach(S)
-    if fault == FINE and S[at.EQUAL] == 0.0 and S[at.DENSE] == 0.0:
+    if fault == FINE and S[at.EQUAL] == 0.0:
         refactor(S)
     return fault
 
@@ -26,7 +25,7 @@ def respond(S: Any) -> int:
     """The second half: forces on the object and the object's wrench."""
     fault = attached(S) if S[at.ATTACHED] != 0.0 else unilateral(S)
     if fault == FINE:
-        react(S)
+        fault = react(S)
         if S[at.FADE] != 0.0:
             check_fade(S)
     return fault
@@ -42,8 +41,8 @@ def sample(S: Any) -> int:
     return fault
 
 
-def react(S: Any) -> None:
-    """Forces in world axes, and their sum and moment about the object's centre: f_v = G f (eq. 2)."""
+def react(S: Any) -> int:
+    """Forces in world axes, their sum and moment about the object's centre: f_v = G f (eq. 2); LOST if not finite."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     implicit = S[at.IMPLICIT] != 0.0
@@ -68,6 +67,7 @@ def react(S: Any) -> None:
     S[o], S[o + 1], S[o + 2] = fx, fy, fz
     o = at.BODY + body.MOMENT
     S[o], S[o + 1], S[o + 2] = mx, my, mz
+    return FINE if abs(fx + fy + fz + mx + my + mz) <= LARGEST else LOST
 
 
 def let_go(S: Any) -> None:

@@ -85,6 +85,12 @@ class Coupling:
             if not isinstance(getattr(self, name), Impedance):
                 raise InputError(name, getattr(self, name), "an Impedance", f"{name}=Impedance(stiffness, damping)")
 
+    @property
+    def equal(self) -> bool:
+        """Whether external and internal gains are the same: the conventional method, which needs no split."""
+        pairs: tuple[Pair, ...] = get_args(Pair)
+        return all(_equal(*self._pair(which)) for which in pairs)
+
     def stiffness(self, split: Split) -> FloatArray:
         """K of f = K e + D e', (m, m) [N/m], read-only; kept until another split is asked for."""
         return self._matrix("stiffness", split)

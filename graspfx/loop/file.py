@@ -94,6 +94,7 @@ class FileSink:
         wall_time = np.nan if outcome.wall_time is None else outcome.wall_time
         self._file.attrs.modify("wall_time", np.float64(wall_time))
         self._file.attrs.modify("complete", np.int8(outcome.complete))
+        self._file.attrs.modify("fade_shortfall", np.float64(outcome.fade_shortfall))
         self._file.close()
 
     def _make_scales(self) -> dict[str, Any]:
@@ -152,6 +153,7 @@ def _attributes(layout: Layout, header: Header) -> dict[str, Any]:
     attributes["layout"] = _json(asdict(layout))
     attributes["wall_time"] = np.float64(np.nan)
     attributes["complete"] = np.int8(0)
+    attributes["fade_shortfall"] = np.float64(0.0)
     return attributes
 
 
@@ -187,6 +189,7 @@ def _outcome(file: Any) -> Outcome:
         ),
         wall_time=None if np.isnan(wall_time) else wall_time,
         complete=bool(file.attrs["complete"]),
+        fade_shortfall=float(file.attrs["fade_shortfall"]),
     )
 
 

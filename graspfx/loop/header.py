@@ -53,6 +53,7 @@ class Outcome:
     faults: tuple[RunFault, ...] = ()
     wall_time: float | None = None  # [s]
     complete: bool = True
+    fade_shortfall: float = 0.0  # by how much free fingers began to fade too near the surface, at most [m]
 
 
 def now() -> str:

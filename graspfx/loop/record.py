@@ -74,18 +74,21 @@ class Recorder:
             self._write(self._full[self._drained])
             self._drained += 1
 
-    def finish(self, wall_time: float | None = None, *, complete: bool = True) -> Recording:
+    def finish(
+        self, wall_time: float | None = None, *, complete: bool = True, fade_shortfall: float = 0.0
+    ) -> Recording:
         """Writes what is left, closes the sinks and gives the recording.
 
         Args:
             wall_time: that the run took [s].
             complete: False for a run that broke off.
+            fade_shortfall: by how much free fingers began to fade too near the surface, at most [m].
         """
         self.drain()
         rest = self._block[: self._used]
         if self._used or len(self.faults) > self._told:
             self._write(rest)
-        self._outcome = Outcome(tuple(self.faults), wall_time, complete)
+        self._outcome = Outcome(tuple(self.faults), wall_time, complete, fade_shortfall)
         for sink in self._sinks:
             sink.close(self._outcome)
         return Recording(np.concatenate([*self._full, rest]), self.layout, self.header, self._outcome)
@@ -288,6 +291,7 @@ class Recording:
             object_position=[motion.position for motion in self.objects.values()],
             finger_objects=self.layout.finger_objects,
             wall_time=self.wall_time,
+            fade_shortfall=self.outcome.fade_shortfall,
             true_position=self.true_position,
             faults=len(self.faults),
         )

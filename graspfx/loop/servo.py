@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasped import GraspedObject, fault_text
-from graspfx.errors import DeviceError
+from graspfx.errors import DeviceError, GraspFXError
 from graspfx.loop.clock import SimulatedClock
 from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.layout import Layout
@@ -62,10 +63,10 @@ class Moved:
 
 
 class Servo:
-    """Runs a scene that has been built: row k is the state read at k T and the forces computed from it.
+    """Runs a scene that has been built, tick by tick.
 
-    A reading that is not finite, a device that raises DeviceError or a projection that does not settle latches a fault:
-    from that tick on every force is zero, and what had been computed in that tick is not displayed.
+    A motion that is not finite, a device, body or plant that raises one of our errors, or a projection that does not
+    settle latches a fault: from that tick on every force is zero, and what had been computed in it is not displayed.
 
     Everything that is recorded lives in one row, so that recording is one copy.
     """
@@ -82,6 +83,7 @@ class Servo:
         self.period, self.layout = period, layout
         self.stations, self.objects, self.moved = stations, objects, moved
         self.faulted = False
+        self._stuck: set[int] = set()  # bodies, then plants, that could not go on
         self.row = np.zeros(layout.width)
         self.position = self._view("finger_position")
         self.velocity = self._view("finger_velocity")
@@ -97,27 +99,25 @@ class Servo:
         self._out_of = [self._pairs(held, COMPUTED, OBJECT) for held in objects]
         self._predicted = [held.body for held in objects if held.grasped.implicit]
 
+    @property
+    def fade_shortfall(self) -> float:
+        """By how much free fingers began to fade too near the surface, at most so far [m]."""
+        return max(held.grasped.shortfall for held in self.objects)
+
     def run(self, ticks: int, recorder: Recorder) -> None:
         """That many ticks, each recorded."""
-        for k in range(ticks):
-            self.tick(k, recorder)
+        for _ in range(ticks):
+            self.tick(recorder)
             recorder.drain()
 
-    def tick(self, k: int, recorder: Recorder) -> None:
-        """Sample k."""
+    def tick(self, recorder: Recorder) -> None:
+        """One sample."""
+        k = self.clock.ticks
         self._read(k, recorder)
         self._couple(k, recorder)
         recorder.row(k)[:] = self.row
         self._display(k, recorder)
-        for held in self.objects:
-            held.body.step(self.period)
-        for m, effort in zip(self.moved, self._efforts, strict=True):
-            first = 0
-            for device in m.devices:
-                now = device.effort
-                effort[first : first + len(now)] = now
-                first += len(now)
-            m.plant.advance(effort, m.hand, self.period)
+        self._move(k, recorder)
         self.clock.advance()
 
     def _view(self, column: str) -> FloatArray:
@@ -184,7 +184,31 @@ class Servo:
         if self.faulted:
             self._displayed[:] = 0.0
             for station in self.stations:
-                station.device.stop()
+                with suppress(DeviceError):  # one that is gone cannot be stopped, and the others must be
+                    station.device.stop()
+
+    def _move(self, k: int, recorder: Recorder) -> None:
+        """Bodies and plants to the end of the sample; one that cannot go on stays where it is."""
+        for i, held in enumerate(self.objects):
+            if i not in self._stuck:
+                try:
+                    held.body.step(self.period)
+                except GraspFXError as error:
+                    self._stuck.add(i)
+                    self._fault(k, recorder, f"{held.name}: {error}")
+        for i, (m, effort) in enumerate(zip(self.moved, self._efforts, strict=True), len(self.objects)):
+            if i not in self._stuck:
+                first = 0
+                for device in m.devices:
+                    now = device.effort
+                    effort[first : first + len(now)] = now
+                    first += len(now)
+                try:
+                    m.plant.advance(effort, m.hand, self.period)
+                except GraspFXError as error:
+                    self._stuck.add(i)
+                    names = ", ".join(self.layout.fingers[f] for f in m.fingers)
+                    self._fault(k, recorder, f"{names}: {error}")
 
     def _fault(self, k: int, recorder: Recorder, message: str) -> None:
         if not self.faulted:

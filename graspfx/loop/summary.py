@@ -31,6 +31,7 @@ def summarise(
     finger_objects: Sequence[int],
     wall_time: float | None = None,
     true_position: FloatArray | None = None,
+    fade_shortfall: float = 0.0,
     faults: int = 0,
 ) -> dict[str, Any]:
     """A run in numbers, SI units; None for what this run does not have.
@@ -47,6 +48,7 @@ def summarise(
         finger_vibration: RMS over fingers and ticks of what is above 5 Hz in a fingertip's position, true if known [m].
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
+        fade_shortfall: by how much `coupling.fade` began too near for the forces, at most [m]; None if it did not.
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
         faults: how many.
 
@@ -61,6 +63,7 @@ def summarise(
         finger_objects: per finger, the number of its object.
         wall_time: that the run took [s].
         true_position: (N, n, d), of simulated fingertips [m].
+        fade_shortfall: as in the recording's outcome [m].
         faults: how many there were.
     """
     N, n, _ = finger_position.shape
@@ -93,6 +96,7 @@ def summarise(
         "finger_vibration": vibration(finger_position if true_position is None else true_position, period),
         "object_vibration": vibration(np.stack(object_position, axis=1), period),
         "port_energy": [float(device_energy[-1, i]) if N else None for i in range(n)],
+        "fade_shortfall": fade_shortfall or None,
         "wall_time": wall_time,
         "ticks_per_second": N / wall_time if timed and wall_time else None,
         "tick_cost": wall_time / N * MICROSECONDS if timed and wall_time else None,

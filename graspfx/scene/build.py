@@ -22,7 +22,7 @@ from graspfx.loop.hand import Hand, join
 from graspfx.loop.layout import Layout
 from graspfx.loop.servo import Body, Held, Moved, Servo, Station
 from graspfx.objects import shape as shapes
-from graspfx.objects.body import fill_body
+from graspfx.objects.body import fill_body, step_is_stable, viscous_step
 from graspfx.scene.hands import Hand as HandTable
 from graspfx.scene.hands import Motion, SharedHand
 from graspfx.scene.model import Scene
@@ -137,6 +137,13 @@ def _fill(scene: Scene, table: ObjectTable, shape: shapes.Box | shapes.Sphere | 
         velocity=table.velocity,
         angular_velocity=table.angular_velocity,
     )
+    if table.dynamics == "native" and not step_is_stable(state, scene.period):
+        raise InputError(
+            f"{table.name}: viscosity",
+            f"a viscous step of {viscous_step(state, scene.period):.4g}",
+            f"below 2 with {table.integrator} integration",
+            "integrator = 'exact' or 'implicit' takes any",
+        )
 
 
 # Devices ----------------------------------------------------------------------------------------------------------

@@ -42,7 +42,7 @@ def run(scene: Scene, duration: float | None = None, *, out: str | PathLike[str]
         with Recorder(servo.layout, header, sinks) as recorder:
             began = perf_counter()
             servo.run(ticks, recorder)
-            return recorder.finish(perf_counter() - began)
+            return recorder.finish(perf_counter() - began, fade_shortfall=servo.fade_shortfall)
 
 
 def _header(scene: Scene) -> Header:

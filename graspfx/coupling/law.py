@@ -1,0 +1,81 @@
+"""Eq. (4) on a state block: from displacements and rates to forces, no cone."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from graspfx.coupling import block as at
+
+
+def combine(S: Any, kep: float, ked: float, kip: float, kid: float) -> None:
+    """f = P (kep e + ked e') + (I - P) (kip e + kid e') (eq. 4), as kip e + kid e' and one projection of one vector."""
+    n = int(S[at.FINGERS])
+    d = int(S[at.DIMENSIONS])
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        w = S[r + at.WEIGHT]
+        for a in range(d):
+            f = kip * S[r + at.DISPLACEMENT + a]
+            if kid != 0.0:
+                f += kid * S[r + at.RATE + a]
+            S[r + at.LOCAL + a] = w * f
+    if S[at.EQUAL] != 0.0:
+        return
+    size = 1 + 3 * n
+    ke, kd = kep - kip, ked - kid
+    for k in range(int(S[at.COUNT])):
+        q = at.modes(n) + k * size + 1
+        z = 0.0
+        for i in range(n):
+            r = at.ROW + i * at.STRIDE
+            inner = 0.0
+            for a in range(d):
+                g = ke * S[r + at.DISPLACEMENT + a]
+                if kd != 0.0:
+                    g += kd * S[r + at.RATE + a]
+                inner += S[q + 3 * i + a] * g
+            z += math.sqrt(S[r + at.WEIGHT]) * inner
+        z *= S[q - 1]
+        for i in range(n):
+            r = at.ROW + i * at.STRIDE
+            share = z * math.sqrt(S[r + at.WEIGHT])
+            for a in range(d):
+                S[r + at.LOCAL + a] += share * S[q + 3 * i + a]
+
+
+def combine_matrices(S: Any, elastic: bool, damping: bool) -> None:
+    """f = K e + D e' with the squares that stand in the block."""
+    n = int(S[at.FINGERS])
+    d = int(S[at.DIMENSIONS])
+    m = n * d
+    K = at.dense(n, d)
+    for i in range(n):
+        for a in range(d):
+            p = i * d + a
+            f = 0.0
+            for j in range(n):
+                r = at.ROW + j * at.STRIDE
+                for b in range(d):
+                    q = p * m + j * d + b
+                    if elastic:
+                        f += S[K + q] * S[r + at.DISPLACEMENT + b]
+                    if damping:
+                        f += S[K + m * m + q] * S[r + at.RATE + b]
+            S[at.ROW + i * at.STRIDE + at.LOCAL + a] = f
+
+
+def bilateral(S: Any, elastic: bool, damping: bool) -> None:
+    """The law without cones into LOCAL: its elastic part, its damping part or both."""
+    if S[at.DENSE] != 0.0:
+        combine_matrices(S, elastic, damping)
+        return
+    e = 1.0 if elastic else 0.0
+    r = 1.0 if damping else 0.0
+    combine(
+        S,
+        e * S[at.EXTERNAL_STIFFNESS],
+        r * S[at.EXTERNAL_DAMPING],
+        e * S[at.INTERNAL_STIFFNESS],
+        r * S[at.INTERNAL_DAMPING],
+    )
