@@ -193,7 +193,7 @@ def test_free_finger_leaves_the_split_when_it_fades() -> None:
 
 
 def test_fade_that_begins_too_near_is_noticed() -> None:
-    """h1 must exceed 1/2 |1/kep - 1/kip| sum |f|: this far in, a finger 0.5 mm off the surface is still held."""
+    """A finger 0.5 mm off the surface is still held here: the fade should begin at half |1/kep - 1/kip| sum |f|."""
     g = grasped(2, 1, law(40.0, 160.0), Rules(fade=(0.0005, 0.001)), shape=Box((0.05,)))
     f = respond(g, [[-0.015], [0.0255]])
     assert g.shortfall == pytest.approx(0.5 * (1 / 40 - 1 / 160) * np.abs(f).sum() - 0.0005, rel=1e-12)

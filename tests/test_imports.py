@@ -43,6 +43,17 @@ def test_importtime_names_numpy_at_most() -> None:
     assert not loaded & HEAVY
 
 
+@pytest.mark.parametrize("file", sorted((ROOT / "graspfx").rglob("*.py")), ids=lambda file: file.name)
+def test_the_framework_names_no_driver_and_no_scene(file: Path) -> None:
+    """The import contracts see the shelves as `devices` and `scenes` only, not under the package's name."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            modules = [f"{node.module}.{alias.name}" for alias in node.names]
+        for module in modules:
+            assert not module.startswith(("graspfx.devices", "graspfx.scenes", "devices", "scenes")), module
+
+
 @pytest.mark.parametrize("name", graspfx.__all__)
 def test_every_public_name_exists(name: str) -> None:
     assert getattr(graspfx, name) is not None

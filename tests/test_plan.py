@@ -56,7 +56,7 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({"coupling__contact": "attached"}, "letting go", False, "attached: the contact is bilateral"),
     ({"coupling__contact": "attached"}, "contact points", False, "attached: they are fixed in the object"),
     ({}, "contact points", True, "closed form on box"),
-    ({"object__integrator": "implicit"}, "predict", True, "solved together"),
+    ({"object__integrator": "implicit"}, "predict", True, "one system"),
     ({}, "predict", False, "present state"),
     ({}, "move", True, "native, exact"),
     ({"coupling__external__stiffness": [30.0, 30.0]}, "impedance", True, "per finger or matrices, literal form"),

@@ -6,6 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import graspfx as gx
 from graspfx.errors import InputError
@@ -157,6 +159,27 @@ def test_lone_sticking_finger_is_isotropic() -> None:
     normals = np.array([[1.0, 0.0], [-1.0, 0.0]])
     touch = gx.unilateral_force(K, [0.001, 0.0007, 0.02, 0.0], normals, friction="stick")
     np.testing.assert_allclose(touch.force, [ALONE * 0.001, ALONE * 0.0007, 0.0, 0.0], rtol=1e-13, atol=1e-17)
+
+
+@given(
+    n=st.integers(1, 8), d=st.integers(1, 3), ratio=st.floats(-6.0, 6.0), seed=st.integers(0, 2**32 - 1),
+    deep=st.sampled_from([1e-9, 1e-3, 1.0]),
+)  # fmt: skip
+def test_answers_satisfy_their_own_conditions(n: int, d: int, ratio: float, seed: int, deep: float) -> None:
+    """f = K (e + s), f and s along the normals not negative, one of them zero; gains a million apart either way."""
+    rng = np.random.default_rng(seed)
+    kep, kip = 100.0, 100.0 * 10.0**ratio
+    K, normals = random_stiffness(rng, n, d, kep, kip), random_normals(rng, n, d)
+    e = rng.normal(size=n * d) * deep
+    touch = gx.unilateral_force(K, e, normals)
+    size = max(kep, kip) * deep
+    along = (touch.force.reshape(n, d) * normals).sum(axis=1)
+    assert (along >= 0.0).all()
+    np.testing.assert_allclose(touch.force.reshape(n, d), along[:, None] * normals, atol=1e-15 * size)
+    s = ((np.linalg.solve(K, touch.force) - e).reshape(n, d) * normals).sum(axis=1)
+    error = 1e-12 * deep * max(kip / kep, kep / kip)
+    assert (s >= -error).all()
+    assert np.abs(s[along > 0.0]).max(initial=0.0) <= error
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def _velocity(scene: SceneTable) -> Row:
 
 def _prediction(thing: Object) -> tuple[bool, str]:
     if thing.dynamics == "native" and thing.integrator == "implicit":
-        return True, "implicit: forces are solved together with the object's new state"
+        return True, "implicit: one system for the forces and where they move the object"
     return False, "forces follow from the object's present state (integrator = 'implicit' would solve both at once)"
 
 
