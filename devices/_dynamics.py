@@ -10,24 +10,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.devices._arm import Mechanics
-from graspfx.errors import DeviceError, InputError
-from graspfx.loop.plant import Hand
+from graspfx.devices._plant import (
+    BEGIN,
+    EFFORT,
+    END,
+    FINGERS,
+    MIDDLE,
+    OWN,
+    PERIOD,
+    TICKS,
+    VELOCITY,
+    HeldPlant,
+    unfit,
+)
 
 FloatArray = NDArray[np.float64]
 
-# One arm's part of the state block.
+# The block's own part: where the states of the arms start, room for eight more of each, the hand's gains (K, then B,
+# (2, n, n) each) and the arms' constants. They stand after the arrays.
+STATES, WORK, GAINS, ARMS = range(OWN, OWN + 4)
+HEADER = OWN + 4
+
+# One arm's constants, and what is worked out for it.
 BASE, LINKS = 0, 2  # 2 each
 I1, I2, MIXED, ROTORS, D1, D12, D2 = range(4, 11)  # Mechanics.constants
-TORQUE = 11  # 2, by the directions of the links, held over the sample
-JACOBIAN = 13  # 4, row-major, where the derivative was last taken
-ERROR, ERROR_RATE = 17, 19  # 2 each: the hand's target less the finger
-COURSE = 21  # 12: the target over the sample in powers of u = time/T up to the fifth, x then y
-ARM = 33
+ELBOW = 11  # 1 if the second motor sits at the elbow
+TORQUE = 12  # 2, by the directions of the links, held over the sample
+JACOBIAN = 14  # 4, row-major, where the derivative was last taken
+ERROR, ERROR_RATE = 18, 20  # 2 each: the hand's target less the finger
+COURSE = 22  # 12: the target over the sample in powers of u = time/T up to the fifth, x then y
+ARM = 34
 
 STATE = 4  # a1, a2 [rad], a1', a2' [rad/s] of each arm
 STAGES = 7
 STEP = 0.12  # largest (fastest rate of arm and hand) x (substep)
 MOST = 1000  # substeps
+
+TOO_FAST = 2  # what `advance` gives besides NOT_FINITE, 1
 
 
 def derivative(S: Any, n: int, arms: int, K: int, B: int, y: int, out: int, u: float, T: float) -> None:
@@ -85,15 +104,17 @@ def derivative(S: Any, n: int, arms: int, K: int, B: int, y: int, out: int, u: f
         S[r + 3] = (S[o + I1] * q2 - mixed * q1) / determinant
 
 
-def advance_arms(S: Any, n: int, arms: int, K: int, B: int, y: int, work: int, T: float, substeps: int) -> None:
-    """The states from `y` after T seconds: Butcher's sixth-order method in seven stages (1964), in equal substeps.
+def integrate(S: Any, o: int, substeps: int) -> None:
+    """The arms' states a sample later: Butcher's sixth-order method in seven stages (1964), in equal substeps.
 
     Sixth order, because at 5 ms one substep of it costs less than the ten of the classical fourth-order method that
-    reach the same error. `work` has room for eight states.
+    reach the same error.
     """
+    n, T = int(S[o + FINGERS]), S[o + PERIOD]
+    y, z, K, arms = o + int(S[o + STATES]), o + int(S[o + WORK]), o + int(S[o + GAINS]), o + int(S[o + ARMS])
+    B = K + 2 * n * n
     N = STATE * n
-    z = work
-    k1 = work + N
+    k1 = z + N
     k2, k3, k4, k5, k6, k7 = k1 + N, k1 + 2 * N, k1 + 3 * N, k1 + 4 * N, k1 + 5 * N, k1 + 6 * N
     h = T / substeps
     for step in range(substeps):
@@ -129,8 +150,11 @@ def advance_arms(S: Any, n: int, arms: int, K: int, B: int, y: int, work: int, T
             )
 
 
-def fastest_rate(S: Any, n: int, arms: int, K: int, B: int, y: int) -> float:
+def fastest_rate(S: Any, o: int) -> float:
     """An upper estimate of how fast arms and hand move, [rad/s]: it sets the number of substeps."""
+    n = int(S[o + FINGERS])
+    y, K, arms = o + int(S[o + STATES]), o + int(S[o + GAINS]), o + int(S[o + ARMS])
+    B = K + 2 * n * n
     stiffness = 0.0
     damping = 0.0
     for row in range(2 * n):
@@ -143,29 +167,93 @@ def fastest_rate(S: Any, n: int, arms: int, K: int, B: int, y: int) -> float:
         damping = max(damping, b)
     rate = 0.0
     for i in range(n):
-        o = arms + ARM * i
+        c = arms + ARM * i
         s = y + STATE * i
-        half = 0.5 * (S[o + I1] + S[o + I2])
-        mixed = abs(S[o + MIXED]) + abs(S[o + ROTORS])
-        least = half - math.sqrt(0.25 * (S[o + I1] - S[o + I2]) ** 2 + mixed * mixed)  # eigenvalue of M, any posture
-        longer = max(S[o + LINKS], S[o + LINKS + 1])
+        half = 0.5 * (S[c + I1] + S[c + I2])
+        mixed = abs(S[c + MIXED]) + abs(S[c + ROTORS])
+        least = half - math.sqrt(0.25 * (S[c + I1] - S[c + I2]) ** 2 + mixed * mixed)  # eigenvalue of M, any posture
+        longer = max(S[c + LINKS], S[c + LINKS + 1])
         rate = max(
             rate,
             math.sqrt(stiffness * longer * longer / least),
-            (damping * longer * longer + max(S[o + D1], S[o + D2])) / least,
+            (damping * longer * longer + max(S[c + D1], S[c + D2])) / least,
             2.0 * abs(S[s + 2]),
             2.0 * abs(S[s + 3]),
         )
     return rate
 
 
-def _aim(hand: Hand, time: float) -> tuple[list[list[float]], list[list[float]]]:
-    r, v = hand.target(time)
-    return r.tolist(), v.tolist()
+def course(S: Any, c: int, start: int, middle: int, end: int, rate: int, T: float) -> None:
+    """The fifth-order polynomial in u = time/T from `c` through a target at the beginning, the middle and the end.
+
+    Each of the three is where its position stands; its velocity stands `rate` further on.
+    """
+    r, h = S[start], S[start + rate] * T
+    # What is left of the middle and the end after r + h u, and of their rates after h.
+    C = S[middle] - r - 0.5 * h
+    D = S[middle + rate] * T - h
+    A = S[end] - r - h
+    B = S[end + rate] * T - h
+    c2 = 16.0 * C - 8.0 * D + 7.0 * A - B
+    c3 = 32.0 * C - 6.0 * A + B - 4.0 * c2
+    S[c] = r
+    S[c + 1] = h
+    S[c + 2] = c2
+    S[c + 3] = c3
+    S[c + 4] = 5.0 * A - B - 3.0 * c2 - 2.0 * c3
+    S[c + 5] = B - 4.0 * A + 2.0 * c2 + c3
 
 
-class ArmPlant:
-    """Two-link arms, joint torques held over the sample, and the hand at their tips, moved together.
+def show(S: Any, o: int) -> None:
+    """The tips' positions and velocities, from the arms' states."""
+    n = int(S[o + FINGERS])
+    y, arms, x = o + int(S[o + STATES]), o + int(S[o + ARMS]), o + HEADER
+    v = x + VELOCITY * 2 * n
+    for i in range(n):
+        c, s, k = arms + ARM * i, y + STATE * i, 2 * i
+        a1, a2, w1, w2 = S[s], S[s + 1], S[s + 2], S[s + 3]
+        l1, l2 = S[c + LINKS], S[c + LINKS + 1]
+        x1, y1 = l1 * math.cos(a1), l1 * math.sin(a1)
+        x2, y2 = l2 * math.cos(a2), l2 * math.sin(a2)
+        S[x + k] = S[c + BASE] + x1 + x2
+        S[x + k + 1] = S[c + BASE + 1] + y1 + y2
+        S[v + k] = -y1 * w1 - y2 * w2
+        S[v + k + 1] = x1 * w1 + x2 * w2
+
+
+def advance(S: Any, o: int) -> int:
+    """One sample of the plant whose block starts at `o`; then the targets' end becomes their beginning.
+
+    0; NOT_FINITE or TOO_FAST if it stays where it is.
+    """
+    n, T = int(S[o + FINGERS]), S[o + PERIOD]
+    step = 2 * n
+    x = o + HEADER
+    u, begin, end, middle = x + EFFORT * step, x + BEGIN * step, x + END * step, x + MIDDLE * step
+    code: int = unfit(S, u, middle + 2 * step)
+    if code:
+        return code
+    rate = fastest_rate(S, o)
+    if not rate * T < STEP * MOST:
+        return TOO_FAST
+    arms = o + int(S[o + ARMS])
+    for i in range(n):
+        c, k = arms + ARM * i, 2 * i
+        t1, t2 = S[u + k], S[u + k + 1]
+        S[c + TORQUE] = t1 - t2 if S[c + ELBOW] != 0.0 else t1
+        S[c + TORQUE + 1] = t2
+        course(S, c + COURSE, begin + k, middle + k, end + k, step, T)
+        course(S, c + COURSE + 6, begin + k + 1, middle + k + 1, end + k + 1, step, T)
+    integrate(S, o, math.floor(rate * T / STEP) + 1)
+    show(S, o)
+    for i in range(2 * step):
+        S[begin + i] = S[end + i]
+    S[o + TICKS] += 1.0
+    return 0
+
+
+class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+    """Two-link arms, joint torques [N m] held over the sample, and the hand at their tips, moved together.
 
     No gravity: the arms move in a horizontal plane. The hand's targets are followed through their positions and
     velocities at both ends and the middle of each sample. Substeps are chosen so that the tips stay within 1e-10 m
@@ -175,118 +263,45 @@ class ArmPlant:
     def __init__(self, mechanics: Sequence[Mechanics]) -> None:
         n = len(mechanics)
         self._geometry = [m.arm for m in mechanics]
-        # The block that the kernels work on, and where its parts start: the arguments of `advance_arms`.
-        self.n = n
-        self.y = 0
-        self.work = STATE * n
-        self.K = self.work + (STAGES + 1) * STATE * n
-        self.B = self.K + 2 * n * n
-        self.arms = self.B + 2 * n * n
-        self.state = np.zeros(self.arms + ARM * n)
-        self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
-        self._stiffness = self.state[self.K : self.B].reshape(2, n, n)
-        self._damping = self.state[self.B : self.arms].reshape(2, n, n)
-        self._position, self._velocity = np.zeros((n, 2)), np.zeros((n, 2))
+        sizes = STATE * n, (STAGES + 1) * STATE * n, 4 * n * n, ARM * n
+        super().__init__(n, 2, advance, header=HEADER, middle=True, own=sum(sizes))
+        y = len(self.state) - sum(sizes)
+        K = y + sizes[0] + sizes[1]
+        arms = K + sizes[2]
+        self.state[STATES:HEADER] = y, y + sizes[0], K, arms
+        self._angles: Any = [self._S[o : o + STATE] for o in range(y, y + sizes[0], STATE)]
+        self._stiffness, self._damping = self.state[K:arms].reshape(2, 2, n, n)
         for i, m in enumerate(mechanics):
-            o = self.arms + ARM * i
-            self.state[o : o + 11] = [*m.arm.base, *m.arm.links, *m.constants]
-            x, y = m.arm.base
-            self._put(i, *m.arm.angles(x, y + math.hypot(*m.arm.links)))  # at home: the elbow at a right angle
-        self.placed = 0  # how often
-        self.ticks = 0  # since T changed
-        self._start, self._T = 0.0, 0.0
-        self._hand: Hand | None = None
-        self._target: tuple[list[list[float]], list[list[float]]] = ([], [])
-        self._show()
-
-    @property
-    def position(self) -> FloatArray:
-        return self._position
-
-    @property
-    def velocity(self) -> FloatArray:
-        return self._velocity
-
-    @property
-    def time(self) -> float:
-        """Since `place` [s]."""
-        return self._start + self.ticks * self._T
+            o = arms + ARM * i
+            self.state[o : o + TORQUE] = [*m.arm.base, *m.arm.links, *m.constants, m.arm.drive == "elbow"]
+            base, away = m.arm.base, math.hypot(*m.arm.links)
+            self._turn(i, *m.arm.angles(base[0], base[1] + away))  # at home: the elbow at a right angle
+        show(self._S, 0)
 
     def angles(self, i: int) -> memoryview:
         """a1, a2, a1', a2' of arm i, seen by its encoders; the same memory for the plant's life."""
-        view: memoryview = self._S[self.y + STATE * i : self.y + STATE * (i + 1)]
+        view: memoryview = self._angles[i]
         return view
 
-    def place(self, position: FloatArray) -> None:
-        """Put the fingers at these positions (n, 2) [m], at rest, at time zero; DeviceError out of an arm's reach."""
-        p = np.asarray(position, dtype=np.float64)
-        if p.shape != (self.n, 2) or not np.isfinite(p).all():
-            raise InputError("position", position, f"finite positions of shape ({self.n}, 2) [m]")
-        found = [arm.angles(x, y) for arm, (x, y) in zip(self._geometry, p.tolist(), strict=True)]
+    def fault_text(self, code: int) -> str:
+        if code != TOO_FAST:
+            text: str = super().fault_text(code)
+            return text
+        rate, T = fastest_rate(self._S, 0), self._S[PERIOD]
+        return (
+            f"two-link arms and hand move at {rate:.3g} rad/s, too fast for samples of {T:g} s: the motion has "
+            "diverged, or the hand is too stiff"
+        )
+
+    def _put(self, position: FloatArray) -> None:
+        found = [arm.angles(x, y) for arm, (x, y) in zip(self._geometry, position.tolist(), strict=True)]
         for i, (a1, a2) in enumerate(found):
-            self._put(i, a1, a2)
-        self.placed += 1
-        self.ticks, self._start, self._T = 0, 0.0, 0.0
-        self._hand = None
-        self._show()
-        self._position[:] = p  # as asked, not as rounded through the angles
+            self._turn(i, a1, a2)
 
-    def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
-        """Move for T seconds under joint torques `force` (n, 2) [N m], held, and the hand."""
-        if force.shape != (self.n, 2) or not np.isfinite(force).all():
-            raise InputError("force", force, f"finite joint torques of shape ({self.n}, 2) [N m]")
-        S, n = self._S, self.n
-        self._stiffness[:] = hand.stiffness
-        self._damping[:] = hand.damping
-        if T != self._T:
-            self._start, self._T, self.ticks = self.time, T, 0
-        begins = self.time
-        self.ticks += 1
-        ends = self.time
-        if hand is not self._hand:
-            self._hand, self._target = hand, _aim(hand, begins)
-        start, middle, end = self._target, _aim(hand, 0.5 * (begins + ends)), _aim(hand, ends)
-        self._target = end
-        for i, arm in enumerate(self._geometry):
-            o = self.arms + ARM * i
-            t1, t2 = force[i].tolist()
-            S[o + TORQUE] = t1 if arm.drive == "base" else t1 - t2
-            S[o + TORQUE + 1] = t2
-            for axis in (0, 1):
-                r, h = start[0][i][axis], start[1][i][axis] * T
-                # What is left of the middle and the end after r + h u, and of their rates after h.
-                C = middle[0][i][axis] - r - 0.5 * h
-                D = middle[1][i][axis] * T - h
-                A = end[0][i][axis] - r - h
-                B = end[1][i][axis] * T - h
-                c2 = 16.0 * C - 8.0 * D + 7.0 * A - B
-                c3 = 32.0 * C - 6.0 * A + B - 4.0 * c2
-                c = o + COURSE + 6 * axis
-                S[c] = r
-                S[c + 1] = h
-                S[c + 2] = c2
-                S[c + 3] = c3
-                S[c + 4] = 5.0 * A - B - 3.0 * c2 - 2.0 * c3
-                S[c + 5] = B - 4.0 * A + 2.0 * c2 + c3
-        rate = fastest_rate(S, n, self.arms, self.K, self.B, self.y)
-        if not rate * T < STEP * MOST:
-            raise DeviceError(
-                f"two-link arms and hand move at {rate:.3g} rad/s, too fast for samples of {T:g} s: the motion has "
-                "diverged, or the hand is too stiff"
-            )
-        substeps = math.floor(rate * T / STEP) + 1
-        advance_arms(S, n, self.arms, self.K, self.B, self.y, self.work, T, substeps)
-        self._show()
+    def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
+        self._stiffness[...] = K
+        self._damping[...] = B
 
-    def _put(self, i: int, a1: float, a2: float) -> None:
-        self.state[self.y + STATE * i : self.y + STATE * (i + 1)] = a1, a2, 0.0, 0.0
-
-    def _show(self) -> None:
-        S = self._S
-        for i, arm in enumerate(self._geometry):
-            s = self.y + STATE * i
-            a1, a2, w1, w2 = S[s], S[s + 1], S[s + 2], S[s + 3]
-            l1, l2 = arm.links
-            x1, y1, x2, y2 = l1 * math.cos(a1), l1 * math.sin(a1), l2 * math.cos(a2), l2 * math.sin(a2)
-            self._position[i] = arm.base[0] + x1 + x2, arm.base[1] + y1 + y2
-            self._velocity[i] = -y1 * w1 - y2 * w2, x1 * w1 + x2 * w2
+    def _turn(self, i: int, a1: float, a2: float) -> None:
+        at = self._angles[i]
+        at[0], at[1], at[2], at[3] = a1, a2, 0.0, 0.0

@@ -2,38 +2,44 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import InputError
-from graspfx.loop.plant import Hand
+from graspfx.devices._plant import (
+    ARRAYS,
+    BEGIN,
+    DIMENSIONS,
+    EFFORT,
+    END,
+    FINGERS,
+    OWN,
+    TICKS,
+    VELOCITY,
+    HeldPlant,
+    unfit,
+)
 
 FloatArray = NDArray[np.float64]
 
-# The state block. After the header stand position, velocity, effort, the target r, r' at the sample's beginning and at
-# its end, (n, d) each; then room for one group's input, 6 n; the table of groups; their fingers; their matrices.
-FINGERS = 0
-DIMENSIONS = 1
-GROUPS = 2
-TABLE = 3  # where the table of groups starts
-HEADER = 4
-ARRAYS = 7
+# The block's own part: how many groups there are and where their table starts. After the arrays: room for one group's
+# input, 6 n; the table of groups; their fingers; their matrices.
+GROUPS = OWN
+TABLE = OWN + 1
+HEADER = OWN + 2
 GROUP = 4  # entries of a group: axis, size, where its fingers are listed, where its matrix starts
 
 
-class PointPlant:
+class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
     """Point masses and the hand that holds them, moved exactly while the efforts are held.
 
         m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
 
     Over each sample the intended positions r follow the cubic through their values and velocities at its two ends; for
     that r the motion is exact: a matrix exponential of the augmented system, made when the hand's gains or the period
-    change. Fingers that no gain couples are moved by themselves. A hand's gains are looked at again when its arrays
-    are other objects than before.
+    change. Fingers that no gain couples are moved by themselves.
 
     Args:
         mass: (n,) [kg].
@@ -42,73 +48,21 @@ class PointPlant:
     """
 
     def __init__(self, mass: Sequence[float], friction: Sequence[float], dimensions: int) -> None:
-        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
         n, d = len(mass), dimensions
-        table = HEADER + ARRAYS * n * d + 6 * n
-        self.state: FloatArray = np.zeros(table + (GROUP + 1) * n * d + 12 * n * n * d)
-        self.state[:HEADER] = n, d, 0, table
-        arrays = self.state[HEADER : HEADER + ARRAYS * n * d].reshape(ARRAYS, n, d)
-        self._position, self._velocity, self._effort, *course = arrays
-        self._begin, self._end = (course[0], course[1]), (course[2], course[3])
-        self._S: Any = self.state.data
-        self._hand: Hand | None = None
-        self._gains: tuple[FloatArray, FloatArray] | None = None
-        self._T = 0.0
-        self._since = 0.0  # the time at which the period was last changed, and the ticks since then
-        self._count = 0
-        self.ticks = 0
-        self.placed = 0  # how often, so that a device knows that its finger was lifted
+        own = 6 * n + (GROUP + 1) * n * d + 12 * n * n * d
+        super().__init__(n, d, advance, header=HEADER, middle=False, own=own)
+        self.state[TABLE] = HEADER + ARRAYS * n * d + 6 * n
+        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
+        self._made_for: tuple[bytes, bytes, float] | None = None
 
-    @property
-    def position(self) -> FloatArray:
-        return self._position
-
-    @property
-    def velocity(self) -> FloatArray:
-        return self._velocity
-
-    @property
-    def time(self) -> float:
-        """Ticks times the period [s]."""
-        return self._since + self._count * self._T
-
-    def place(self, position: FloatArray) -> None:
-        if np.shape(position) != self._position.shape or not np.isfinite(position).all():
-            raise InputError("position", position, f"finite positions {self._position.shape} [m]")
+    def _put(self, position: FloatArray) -> None:
         import scipy.linalg  # noqa: F401 (here, so that the first sample does not wait for it)
 
-        self._position[...] = position
-        self._velocity[...] = 0.0
-        self._hand, self._since, self._count, self.ticks = None, 0.0, 0, 0
-        self.placed += 1
-
-    def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
-        K, B = hand.stiffness, hand.damping
-        if self._gains is None or T != self._T or K is not self._gains[0] or B is not self._gains[1]:
-            self._prepare(K, B, T)
-        if hand is not self._hand:
-            self._hand = hand
-            self._begin[0][...], self._begin[1][...] = hand.target(self.time)
-        self._count += 1
-        self.ticks += 1
-        self._end[0][...], self._end[1][...] = hand.target(self.time)
-        self._effort[...] = force
-        advance(self._S, 0)
-
-    def _prepare(self, K: FloatArray, B: FloatArray, T: float) -> None:
-        n, d = self._position.shape
-        if not (math.isfinite(T) and T > 0.0):
-            raise InputError("T", T, "a finite time above zero [s]")
-        for name, gain in (("hand.stiffness", K), ("hand.damping", B)):
-            if gain.shape != (d, n, n) or not np.isfinite(gain).all():
-                raise InputError(name, gain, f"finite gains {(d, n, n)}, for {n} fingers in {d} dimensions")
-        same = self._gains is not None and all(map(np.array_equal, (K, B), self._gains))
-        if T != self._T:
-            self._since, self._count, self._T = self.time, 0, T
-        elif same:
-            self._gains = K, B
+    def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
+        these = K.tobytes(), B.tobytes(), T
+        if these == self._made_for:
             return
-        self._gains = K, B
+        n, d = self.position.shape
         S, m, b = self.state, self._mass, self._friction
         row = int(S[TABLE])
         members = row + GROUP * n * d
@@ -129,9 +83,10 @@ class PointPlant:
                 S[members : members + size] = group
                 row, members = row + GROUP, members + size
                 S[GROUPS] += 1.0
+        self._made_for = these
 
 
-def advance(S: Any, o: int) -> None:
+def advance(S: Any, o: int) -> int:
     """One sample of the plant whose block starts at `o`; then the targets' end becomes their beginning.
 
     Per group of g coupled fingers on an axis: (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1').
@@ -139,9 +94,13 @@ def advance(S: Any, o: int) -> None:
     n, d = int(S[o + FINGERS]), int(S[o + DIMENSIONS])
     step = n * d
     x = o + HEADER
-    v, u = x + step, x + 2 * step
-    r0, dr0, r1, dr1 = x + 3 * step, x + 4 * step, x + 5 * step, x + 6 * step
+    v, u = x + VELOCITY * step, x + EFFORT * step
+    r0, r1 = x + BEGIN * step, x + END * step
+    dr0, dr1 = r0 + step, r1 + step
     q = x + ARRAYS * step
+    code: int = unfit(S, u, q)
+    if code:
+        return code
     table = o + int(S[o + TABLE])
     for group in range(int(S[o + GROUPS])):
         row = table + GROUP * group
@@ -167,6 +126,8 @@ def advance(S: Any, o: int) -> None:
             S[v + i] = dv
     for i in range(2 * step):
         S[r0 + i] = S[r1 + i]
+    S[o + TICKS] += 1.0
+    return 0
 
 
 def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) -> FloatArray:

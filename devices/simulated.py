@@ -91,7 +91,7 @@ class PointDevice:
         self._position: FloatArray = np.zeros(self._shape)
         self._velocity: FloatArray = np.zeros(self._shape)
         self._estimator: VelocityEstimator | None = None  # while the device is open
-        self._seen = (-1, -1)  # which placement and tick of the plant was read last
+        self._seen = (-1, 0.0)  # placement and time of the plant when it was read last
         self._line: FloatArray = np.zeros((delay + 1, *self._shape))
         self._slot = 0
         self._effort: FloatArray = np.zeros(self._shape)
@@ -121,14 +121,14 @@ class PointDevice:
         start = 0
         for device in points:
             stop = start + device.features.fingers
-            device._plant, device._true, device._seen = plant, plant.position[start:stop], (-1, -1)
+            device._plant, device._true, device._seen = plant, plant.position[start:stop], (-1, 0.0)
             start = stop
         return plant
 
     def open(self, period: float) -> None:
         noise = 0.5 * self.resolution
         self._estimator = VelocityEstimator(period, self._shape, noise, self._window if noise else 1)
-        self._seen = (-1, -1)
+        self._seen = (-1, 0.0)
         self.stop()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
@@ -136,7 +136,7 @@ class PointDevice:
         estimator, plant = self._opened(), self._plant
         if plant is None:
             raise DeviceError("nothing moves this simulated device; make its plant with PointDevice.plant([device])")
-        now = plant.placed, plant.ticks
+        now = plant.placed, plant.time
         if now != self._seen:
             if now[0] != self._seen[0]:
                 estimator.reset()

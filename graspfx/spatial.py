@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+LARGEST = 1e300  # NaN compares false with it
 SMALL = 1e-8  # squared angle below which two terms of the series are exact to rounding
 
 
@@ -26,6 +27,8 @@ def exponential(x: float, y: float, z: float) -> tuple[float, float, float, floa
     if square < SMALL:
         s = 0.5 - square / 48.0
         return x * s, y * s, z * s, 1.0 - 0.125 * square
+    if not square <= LARGEST:  # a body that has diverged: its state says so from here on, nothing is raised
+        return math.nan, math.nan, math.nan, math.nan
     angle = math.sqrt(square)
     s = math.sin(0.5 * angle) / angle
     return x * s, y * s, z * s, math.cos(0.5 * angle)

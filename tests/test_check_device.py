@@ -9,6 +9,7 @@ from itertools import count
 import numpy as np
 import pytest
 
+from graspfx.devices._points import PointPlant
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Features
@@ -259,6 +260,38 @@ def test_a_broken_promise_is_named(kind, promise, found):
     assert isinstance(error.value, GraspFXError)
 
 
+class Rounding(PointPlant):
+    """Puts its fingers where the last digits of a posture let it, as a mechanism does."""
+
+    def place(self, position):
+        super().place(position)
+        self.position += 1e-13
+
+
+class OnAMechanism(PointDevice):
+    @staticmethod
+    def plant(devices):
+        (device,) = devices
+        plant = Rounding([device.mass] * 2, [device.friction] * 2, 2)
+        device._plant, device._true = plant, plant.position
+        return plant
+
+
+def test_a_plant_may_round_where_it_is_placed():
+    check_device(lambda: OnAMechanism(**SETTINGS))
+
+
+class SharedPlant(PointDevice):
+    everybodys = None
+
+    @classmethod
+    def plant(cls, devices):
+        (device,) = devices
+        plant = cls.everybodys = cls.everybodys or PointDevice.plant(devices)
+        device._plant, device._true = plant, plant.position
+        return plant
+
+
 class SharedArrays(PointDevice):
     places = np.zeros((2, 2))
 
@@ -296,6 +329,7 @@ class OnlyOneAtATime(PointDevice):
     ("kind", "found"),
     [
         (SharedArrays, "arrays that both"),
+        (SharedPlant, "a force on one moved the other by .* m"),
         (SharedEffort, "effort of the other"),
         (OnlyOneAtATime, "OSError: the device is busy"),
     ],

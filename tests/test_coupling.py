@@ -13,8 +13,9 @@ from graspfx.coupling.approach import LOST, NOT_FINITE
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import InputError
 from graspfx.objects import kernels as body
-from graspfx.objects.body import fill_body
+from graspfx.objects.body import NativeBody, fill_body
 from graspfx.objects.shape import Box, Sphere
+from tests.test_touch import every_subset
 
 RIGID = Rules(attached=True)
 FOLLOW = Rules(fade=None)
@@ -258,8 +259,6 @@ def test_implicit_sample_solves_force_and_motion_together() -> None:
         2, 1, law(30.0, 70.0, 0.2, 0.5), RIGID, integrator="implicit", viscosity=b, velocity=[0.05], inertia=None,
         rotational_viscosity=0.0, period=T,
     )  # fmt: skip
-    from graspfx.objects.body import NativeBody
-
     native = NativeBody(g.body_state)
     native.free_motion(T)
     p, v = np.array([[0.004], [-0.001]]), np.array([[0.02], [0.0]])
@@ -273,19 +272,34 @@ def test_implicit_sample_solves_force_and_motion_together() -> None:
     assert m * (u - 0.05) / T + b * u == pytest.approx(f.sum(), rel=1e-12)
 
 
+@pytest.mark.parametrize("kip", [40.0, 160.0])
+@pytest.mark.parametrize("kind", ["all", "knob", "rail"])
+def test_implicit_force_on_a_turned_object(kind: str, kip: float) -> None:
+    """Attached: f = (K^-1 + G'CG)^-1 e with G of the free world directions, equal gains too."""
+    T, m, inertia, b = 0.005, 0.1, 4e-5, 1e-4
+    free = free_mask(2, kind)
+    contacts = np.array([[0.02, 0.01], [-0.02, 0.0], [0.0, 0.03]])
+    g = grasped(3, 2, law(40.0, kip), RIGID, contacts=contacts, integrator="implicit", free=free, orientation=0.6)
+    NativeBody(g.body_state).free_motion(T)
+    c, s = np.cos(0.6), np.sin(0.6)
+    arms = contacts @ np.array([[c, -s], [s, c]]).T
+    e = np.array([[1.0, -2.0], [0.5, 0.3], [2.0, 1.0]]) * 1e-3
+    K = law(40.0, kip).stiffness(gx.Grasp(arms, free=free).split())
+    G = gx.grasp_matrix(arms, free=free)
+    give = np.diag([T * T / m, T * T / m, T * T / (inertia + T * b)])[np.ix_(free, free)]
+    expected = np.linalg.solve(np.linalg.inv(K) + G.T @ give @ G, e.ravel())
+    np.testing.assert_allclose(respond(g, arms + e).ravel(), expected, atol=1e-14)
+
+
 @pytest.mark.parametrize("kind", ["all", "no turning"])
 def test_implicit_contact_is_the_projection_with_compliance(kind: str) -> None:
     """Unilateral, no friction: f_n minimises 1/2 f'(K^-1 + G'CG) f - f'e over f_n >= 0, found among the subsets."""
-    from tests.test_touch import every_subset
-
     T, m, inertia, b = 0.005, 0.1, 4e-5, 1e-4
     rng = np.random.default_rng(5)
     free = free_mask(2, kind)
     for _ in range(30):
         p = rng.uniform(-0.028, 0.028, size=(3, 2))
         g = grasped(3, 2, law(40.0, 160.0), FOLLOW, shape=Box((0.05, 0.05)), integrator="implicit", free=free)
-        from graspfx.objects.body import NativeBody
-
         NativeBody(g.body_state).free_motion(T)
         f = respond(g, p)
         c, inward = g.contact_position, g.inward()
@@ -330,6 +344,50 @@ def test_equal_gains_finger_by_finger_are_the_projection(rules: Rules) -> None:
         whole = grasped(3, 2, gains, rules, shape=Box((0.05, 0.05)))
         np.testing.assert_allclose(respond(whole, p, v), respond(short, p, v), atol=1e-14)
         assert not short.block[at.SPLIT_KNOWN] and not whole.block[at.SPLIT_KNOWN]
+
+
+@pytest.mark.parametrize(("ked", "kid"), [(0.7, 0.1), (0.01, 0.5)])
+def test_implicit_damping_does_not_see_how_far_a_free_finger_is(ked: float, kid: float) -> None:
+    """On an object of a tonne, a wall: 5 mm deep against 42 N/m is 0.21 N, wherever the other finger hovers."""
+    for away in (0.03, 0.2):
+        g = grasped(
+            2, 1, law(30.0, 70.0, ked, kid), FOLLOW, shape=Box((0.05,)), integrator="implicit", mass=1000.0,
+            inertia=None, rotational_viscosity=0.0,
+        )  # fmt: skip
+        NativeBody(g.body_state).free_motion(0.005)
+        f = respond(g, [[-0.02], [0.025 + away]])
+        assert f[0, 0] == pytest.approx(0.21, rel=1e-4) and f[1, 0] == 0.0
+
+
+def test_damping_without_an_external_part_settles() -> None:
+    """ked = 0: D is singular, and three fingers on a line of which two would be clamped once hung on a zero pivot."""
+    g = grasped(3, 1, law(40.0, 160.0, 0.0, 0.5), FOLLOW, shape=Box((0.05,)))
+    f = respond(g, [[-0.022], [0.024], [0.024]], [[-1.1], [1.0], [0.7]])
+    assert (f * g.inward() >= 0.0).all()
+
+
+def test_damping_reaches_the_power_it_should_in_many_states() -> None:
+    """2000 random states with one gain zero: none unresolved, none active beyond 1e-9 of the power at hand."""
+    rng = np.random.default_rng(11)
+    for k in range(2000):
+        rules, gains = (FOLLOW, STICK)[k % 2], ((0.0, 0.5), (0.5, 0.0))[k // 2 % 2]
+        p, v = rng.uniform(-0.03, 0.03, size=(3, 1)), rng.normal(size=(3, 1))
+        f0 = respond(grasped(3, 1, law(40.0, 160.0), rules, shape=Box((0.05,))), p, v)
+        f = respond(grasped(3, 1, law(40.0, 160.0, *gains), rules, shape=Box((0.05,))), p, v)
+        assert ((f - f0) * v).sum() >= -1e-9 * (v**2).sum()
+
+
+def test_a_finger_whose_shear_lets_it_go_touches_again_at_once() -> None:
+    """Deep inside, released because its anchor lies far to the side: it goes on from the nearest point."""
+    rng = np.random.default_rng(12)
+    start = np.array([[-0.023, 0.0], [0.023, 0.005], [0.0, -0.022]])
+    for _ in range(400):
+        g = grasped(3, 2, law(40.0, 160.0), STICK, shape=Box((0.05, 0.05)))
+        respond(g, start)
+        moved = start + rng.normal(size=(3, 2)) * 0.008
+        first, touching = respond(g, moved), g.touching.copy()
+        np.testing.assert_allclose(respond(g, moved), first, atol=1e-14)
+        assert np.array_equal(g.touching, touching)
 
 
 def test_not_finite_motion_gives_zero_force() -> None:

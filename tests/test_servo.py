@@ -186,6 +186,62 @@ def test_a_board_that_is_unplugged_latches_a_fault_and_stops_the_others(tmp_path
     assert not rec.finger_force[rec.faults[0].tick :].any()
 
 
+def test_a_body_that_diverges_latches_a_fault() -> None:
+    """Far beyond what explicit integration bears: the run goes on to its end without force, nothing is raised."""
+    tips = [[0.02, 0.0, 0.0], [-0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]]
+    wild = gx.Scene(
+        dimensions=3,
+        period=0.005,
+        duration=2.0,
+        object={
+            "mass": 0.1, "viscosity": 0.1, "inertia": [1e-5, 2e-5, 3e-5], "rotational_viscosity": 1e-5,
+            "integrator": "explicit", "angular_velocity": [30.0, 5.0, 2.0],
+            "shape": {"kind": "sphere", "radius": 0.02},
+        },
+        coupling={
+            "contact": "attached",
+            "external": {"stiffness": 1e4, "damping": 20.0},
+            "internal": {"stiffness": 1e4, "damping": 20.0},
+        },
+        finger=[{"start": tip, "device": POINT, "hand": {"stiffness": 100.0}} for tip in tips],
+    )  # fmt: skip
+    rec = gx.run(wild)
+    assert len(rec) == 400 and len(rec.faults) == 1
+    assert not rec.finger_force[rec.faults[0].tick :].any()
+
+
+MUTE = """
+import numpy as np
+from graspfx.errors import DeviceError
+from graspfx.loop.device import Features
+
+class Mute:
+    features = Features(fingers=1, dimensions=1)
+    def __init__(self): self.writes = 0
+    def open(self, period): pass
+    def read(self): return np.array([[-0.02]]), np.zeros((1, 1)), 0.0
+    def write(self, forces):
+        self.writes += 1
+        if self.writes > 10: raise DeviceError("the amplifier is off")
+    def stop(self): pass
+    def close(self): pass
+    def __enter__(self): return self
+    def __exit__(self, *exc): self.close()
+
+def connect():
+    return Mute()
+"""
+
+
+def test_a_force_that_could_not_be_displayed_is_not_recorded_as_if_it_were(tmp_path: Path) -> None:
+    file = tmp_path / "mute.py"
+    file.write_text(MUTE)
+    rec = gx.run(scene({"start": [-0.02], "device": {"name": str(file)}}, finger(0.025)), duration=0.1)
+    assert rec.faults[0].tick == 10
+    assert rec.finger_force[9, 0, 0] > 0.0
+    assert not rec.finger_force[10:].any() and not rec.wrench[10:].any()
+
+
 def test_fade_that_begins_too_near_is_in_the_summary() -> None:
     pushed = finger(-0.025, hand={"stiffness": 200.0, "squeeze": 0.02})
     coupling = {**LINE["coupling"], "absent": "fade", "fade": [0.0005, 0.001]}

@@ -9,12 +9,14 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 import pytest
+from fused import advanced, compiled, drive
 from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion import Sine
+from graspfx.loop.plant import FusedPlant
 
 two_link: Any = plugins.load("devices", "two-link")
 dynamics: Any = importlib.import_module("graspfx.devices._dynamics")
@@ -33,6 +35,19 @@ ODD: dict[str, Any] = {  # nothing equal to anything else
     "joint_friction": (2e-3, 5e-3),
 }
 FREE = Hand([[0.0, 0.0]], 0.0)
+
+
+def parts(S: FloatArray) -> tuple[int, int, int, int]:
+    """Where the states, the room for more, the gains and the arms' constants stand in the block."""
+    y, work, gains, arms = (int(S[k]) for k in (dynamics.STATES, dynamics.WORK, dynamics.GAINS, dynamics.ARMS))
+    return y, work, gains, arms
+
+
+def derivative(S: FloatArray, u: float) -> FloatArray:
+    """a1', a2', a1'', a2'' of the only arm."""
+    y, work, gains, arms = parts(S)
+    dynamics.derivative(S, 1, arms, gains, gains + 2, y, work, u, T)
+    return S[work : work + 4].copy()
 
 
 @pytest.mark.parametrize("elbow", ["left", "right"])
@@ -95,16 +110,15 @@ def test_acceleration_against_lagrange(drive: str) -> None:
     plant = type(device).plant([device])
     rng = np.random.default_rng(2)
     S = plant.state
+    y, _, gains, o = parts(S)
     for _ in range(4):
         a, rate, tau, F = rng.uniform(-3, 3, 2), rng.uniform(-9, 9, 2), rng.normal(0, 0.3, 2), rng.normal(0, 2, 2)
-        S[plant.y : plant.y + 4] = *a, *rate
-        S[plant.K : plant.K + 2] = 1.0  # a unit spring, its target F away from the finger
-        o = plant.arms
+        S[y : y + 4] = *a, *rate
+        S[gains : gains + 2] = 1.0  # a unit spring, its target F away from the finger
         S[o + dynamics.TORQUE : o + dynamics.TORQUE + 2] = tau if drive == "base" else (tau[0] - tau[1], tau[1])
         tip = device.arm.tip(*a)
         S[o + dynamics.COURSE], S[o + dynamics.COURSE + 6] = tip[0] + F[0], tip[1] + F[1]
-        dynamics.derivative(S, 1, plant.arms, plant.K, plant.B, plant.y, plant.work, 0.3, T)
-        got = S[plant.work : plant.work + 4]
+        got = derivative(S, 0.3)
         with mp.workdps(40):
             q = [mp.mpf(v) for v in ((a[0], a[1]) if drive == "base" else (a[0], a[1] - a[0]))]
             w = [mp.mpf(v) for v in ((rate[0], rate[1]) if drive == "base" else (rate[0], rate[1] - rate[0]))]
@@ -136,17 +150,15 @@ def test_effective_mass_and_friction() -> None:
     device = two_link.connect(**ODD)
     where = (0.14, 0.12)
     plant = type(device).plant([device])
-    S, o = plant.state, plant.arms
+    S = plant.state
+    o = parts(S)[3]
     plant.place(np.array([where]))
     J = device.arm.jacobian(*device.arm.angles(*where))
     drag = device.effective_friction(where)
     for k in (0, 1):
         push = np.eye(2)[k]
         S[o + dynamics.TORQUE : o + dynamics.TORQUE + 2] = J.T @ push
-        dynamics.derivative(S, 1, plant.arms, plant.K, plant.B, plant.y, plant.work, 0.0, T)
-        np.testing.assert_allclose(
-            device.effective_mass(where) @ (J @ S[plant.work + 2 : plant.work + 4]), push, atol=1e-13
-        )
+        np.testing.assert_allclose(device.effective_mass(where) @ (J @ derivative(S, 0.0)[2:]), push, atol=1e-13)
         w = np.linalg.solve(J, push)
         np.testing.assert_allclose(np.linalg.solve(J.T, [2e-3 * w[0], 5e-3 * w[1]]), drag @ push, rtol=1e-12)
 
@@ -156,7 +168,7 @@ def test_energy_is_kept() -> None:
     device = two_link.connect(**ODD | {"joint_friction": 0.0})
     plant = type(device).plant([device])
     plant.place(np.array([[0.15, 0.1]]))
-    plant.state[plant.y + 2 : plant.y + 4] = 12.0, -9.0
+    plant.angles(0)[2], plant.angles(0)[3] = 12.0, -9.0
 
     def energy() -> float:
         a1, a2, *w = plant.angles(0)
@@ -206,20 +218,28 @@ def exact_motion(devices: list[Any], hand: Any, start: FloatArray, torques: Floa
     return np.array(tips)
 
 
-@pytest.mark.parametrize(("arm", "grip"), [((33.0, 0.0), (33.0, 0.0)), ((100.0, 2.0), (400.0, 6.0))])
-def test_motion_against_dop853(arm: tuple[float, float], grip: tuple[float, float]) -> None:
-    """Two unlike arms that one hand waves and squeezes, random torques held over each sample: 1e-10 m after 1 s."""
-    devices = [two_link.connect(**LEFT), two_link.connect(**RIGHT | {"drive": "elbow"})]
-    start = np.array([[-0.025, 0.0], [0.025, 0.0]])
+def grasped(
+    drives: tuple[str, ...], arm: tuple[float, float] = (100.0, 2.0), grip: tuple[float, float] = (400.0, 6.0)
+) -> tuple[list[Any], FloatArray, Hand, FloatArray]:
+    """One or two arms with a hand that waves and squeezes, where the fingers start, and torques of 200 samples."""
+    devices = [two_link.connect(**side, drive=drive) for side, drive in zip((LEFT, RIGHT), drives, strict=False)]
+    n = len(devices)
+    start = np.array([[-0.025, 0.0], [0.025, 0.0]])[:n]
     hand = Hand.arm_and_grip(
         start,
         arm=arm,
         grip=grip,
         motion=Sine(0.05, 0.5, (1.0, 0.2), ramp=0.5),
         squeeze=0.01,
-        inward=[[1, 0], [-1, 0]],
+        inward=[[1, 0], [-1, 0]][:n],
     )
-    torques = np.random.default_rng(3).normal(0.0, 0.05, (200, 2, 2))
+    return devices, start, hand, np.random.default_rng(3).normal(0.0, 0.05, (200, n, 2))
+
+
+@pytest.mark.parametrize(("arm", "grip"), [((33.0, 0.0), (33.0, 0.0)), ((100.0, 2.0), (400.0, 6.0))])
+def test_motion_against_dop853(arm: tuple[float, float], grip: tuple[float, float]) -> None:
+    """Two unlike arms that one hand waves and squeezes, random torques held over each sample: 1e-10 m after 1 s."""
+    devices, start, hand, torques = grasped(("base", "elbow"), arm, grip)
     expected = exact_motion(devices, hand, start, torques)
     plant = type(devices[0]).plant(devices)
     plant.place(start)
@@ -238,18 +258,64 @@ def test_integrator_is_of_sixth_order() -> None:
 
     def end(substeps: int) -> FloatArray:
         plant.place(np.array([[0.15, 0.1]]))
-        S, o = plant.state, plant.arms
-        S[plant.y + 2 : plant.y + 4] = 3.0, -4.0
-        S[plant.K : plant.K + 2] = 200.0
+        plant.hold(Hand([[0.0, 0.0]], 200.0), 0.05)
+        S = plant.state
+        y, _, _, o = parts(S)
+        S[y + 2 : y + 4] = 3.0, -4.0
         S[o + dynamics.COURSE], S[o + dynamics.COURSE + 1], S[o + dynamics.COURSE + 6] = 0.12, 0.05, 0.11
-        dynamics.advance_arms(S, 1, plant.arms, plant.K, plant.B, plant.y, plant.work, 0.05, substeps)
-        return np.array(S[plant.y : plant.y + 4])
+        dynamics.integrate(S, 0, substeps)
+        return np.array(S[y : y + 4])
 
     best = end(200)
     steps = np.array([8, 16, 32])
     errors = [np.abs(end(int(s)) - best).max() for s in steps]
     order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert order == pytest.approx(6.0, abs=0.25)
+
+
+@pytest.mark.parametrize("drives", [("base",), ("base", "elbow"), ("elbow", "base")])
+def test_the_kernel_on_the_block_is_the_plant_to_the_bit(drives: tuple[str, ...]) -> None:
+    """200 samples with a hand that waves and squeezes: the same by `advance` and through the protocol alone."""
+    devices, start, hand, torques = grasped(drives)
+    one, other = (type(devices[0]).plant(devices) for _ in range(2))
+    for plant in (one, other):
+        plant.place(start)
+    assert isinstance(other, FusedPlant)
+    expected = advanced(one, torques, hand, T)
+    got = drive(other, torques, hand, T)
+    np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(other.position, expected[-1, 0])  # the block is where the plant itself looks
+    assert other.time == one.time == 200 * T
+    np.testing.assert_array_equal(*(advanced(plant, torques[:5], hand, T) for plant in (one, other)))
+
+
+def test_the_compiled_kernel_moves_a_block_that_stands_anywhere() -> None:
+    """The same within 1e-13 m after 200 samples; only the rounding of sums and of sines may differ."""
+    devices, start, hand, torques = grasped(("base", "elbow"))
+    one, other = (type(devices[0]).plant(devices) for _ in range(2))
+    for plant in (one, other):
+        plant.place(start)
+    expected = advanced(one, torques, hand, T)
+    got = drive(other, torques, hand, T, compiled(other.kernel), 7)
+    assert np.abs(got[:, 0] - expected[:, 0]).max() < 1e-13
+    assert np.abs(got[:, 1] - expected[:, 1]).max() < 1e-11
+
+
+def test_a_kernel_that_cannot_go_on_moves_nothing() -> None:
+    """A code and what it means, for torques that are not numbers and for a hand too stiff; then as if never asked."""
+    device = two_link.connect(**LEFT)
+    plant = type(device).plant([device])
+    start = np.array([[-0.025, 0.01]])
+    plant.place(start)
+    plant.hold(Hand(start, 1e12), T)
+    assert "too fast for samples of 0.005 s" in plant.fault_text(plant.kernel(memoryview(plant.state), 0))
+    plant.hold(Hand(start, 33.0), T)
+    plant.state[plant.ports.effort] = math.nan
+    assert "not finite" in plant.fault_text(plant.kernel(memoryview(plant.state), 0))
+    assert plant.time == 0.0
+    np.testing.assert_array_equal(plant.position, start)
+    plant.advance(np.zeros((1, 2)), Hand(start, 33.0), T)
+    assert np.abs(plant.position - start).max() < 1e-15
 
 
 def test_hand_holds_still() -> None:
@@ -270,7 +336,9 @@ def test_plant_refuses() -> None:
     plant = type(device).plant([device])
     with pytest.raises(InputError, match=r"position: .* shape \(1, 2\)"):
         plant.place(np.array([[math.nan, 0.0]]))
-    with pytest.raises(InputError, match=r"force: .* finite joint torques"):
+    with pytest.raises(InputError, match=r"force: .* shape \(1, 2\)"):
+        plant.advance(np.zeros(2), FREE, T)
+    with pytest.raises(DeviceError, match="efforts or the hand's targets are not finite"):
         plant.advance(np.array([[math.inf, 0.0]]), FREE, T)
     with pytest.raises(DeviceError, match=r"too fast for samples of 0.005 s: the motion has diverged"):
         plant.advance(np.zeros((1, 2)), Hand([[0.0, 0.0]], 1e12), T)

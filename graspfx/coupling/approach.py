@@ -10,7 +10,9 @@ from graspfx.objects import kernels as body
 from graspfx.objects.proxy import closest
 
 NOT_FINITE = 1  # a finger's motion is NaN or infinite
+UNRESOLVED = 2  # the projection did not settle
 LOST = 3  # the object's motion or a force is not finite
+AGAIN = 4  # a contact point has moved: the split and the forces are asked for once more
 LARGEST = 1e300  # NaN compares false with it
 
 
@@ -23,10 +25,7 @@ def approach(S: Any) -> int:
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     bilateral = S[at.ATTACHED] != 0.0
-    x, R, v, w = body.POSITION, body.ROTATION, body.VELOCITY, body.ANGULAR_VELOCITY
-    if S[at.IMPLICIT] != 0.0:
-        x, R, v, w = body.NEXT_POSITION, body.NEXT_ROTATION, body.NEXT_VELOCITY, body.NEXT_ANGULAR_VELOCITY
-    x, R, v, w = at.BODY + x, at.BODY + R, at.BODY + v, at.BODY + w
+    x, R, v, w = pose(S)
     total = 0.0
     for a in range(3):
         total += S[x + a] + S[v + a] + S[w + a] + S[R + 3 * a] + S[R + 3 * a + 1] + S[R + 3 * a + 2]
@@ -47,27 +46,52 @@ def approach(S: Any) -> int:
         gz = S[R + 2] * px + S[R + 5] * py + S[R + 8] * pz
         if not bilateral:
             touch(S, r, d, gx, gy, gz)
-        cx, cy, cz = S[r + at.CONTACT], S[r + at.CONTACT + 1], S[r + at.CONTACT + 2]
-        S[r + at.DISPLACEMENT] = gx - cx
-        S[r + at.DISPLACEMENT + 1] = gy - cy
-        S[r + at.DISPLACEMENT + 2] = gz - cz
-        qx = S[R] * cx + S[R + 1] * cy + S[R + 2] * cz
-        qy = S[R + 3] * cx + S[R + 4] * cy + S[R + 5] * cz
-        qz = S[R + 6] * cx + S[R + 7] * cy + S[R + 8] * cz
-        S[r + at.CONTACT_WORLD] = S[x] + qx
-        S[r + at.CONTACT_WORLD + 1] = S[x + 1] + qy
-        S[r + at.CONTACT_WORLD + 2] = S[x + 2] + qz
-        if S[at.DAMPED] != 0.0:
-            if S[at.AT_CONTACT] == 0.0:
-                qx, qy, qz = px, py, pz
-            wx, wy, wz = S[w], S[w + 1], S[w + 2]
-            ux = S[r + at.VELOCITY] - S[v] - (wy * qz - wz * qy)
-            uy = S[r + at.VELOCITY + 1] - S[v + 1] - (wz * qx - wx * qz)
-            uz = S[r + at.VELOCITY + 2] - S[v + 2] - (wx * qy - wy * qx)
-            S[r + at.RATE] = S[R] * ux + S[R + 3] * uy + S[R + 6] * uz
-            S[r + at.RATE + 1] = S[R + 1] * ux + S[R + 4] * uy + S[R + 7] * uz
-            S[r + at.RATE + 2] = S[R + 2] * ux + S[R + 5] * uy + S[R + 8] * uz
+        displace(S, r, gx, gy, gz)
     return 0
+
+
+def displace(S: Any, r: int, gx: float, gy: float, gz: float) -> None:
+    """Displacement, rate and contact in the world of the finger in row r, which is at g in the object's frame."""
+    x, R, v, w = pose(S)
+    cx, cy, cz = S[r + at.CONTACT], S[r + at.CONTACT + 1], S[r + at.CONTACT + 2]
+    S[r + at.DISPLACEMENT] = gx - cx
+    S[r + at.DISPLACEMENT + 1] = gy - cy
+    S[r + at.DISPLACEMENT + 2] = gz - cz
+    qx = S[R] * cx + S[R + 1] * cy + S[R + 2] * cz
+    qy = S[R + 3] * cx + S[R + 4] * cy + S[R + 5] * cz
+    qz = S[R + 6] * cx + S[R + 7] * cy + S[R + 8] * cz
+    S[r + at.CONTACT_WORLD] = S[x] + qx
+    S[r + at.CONTACT_WORLD + 1] = S[x + 1] + qy
+    S[r + at.CONTACT_WORLD + 2] = S[x + 2] + qz
+    if S[at.DAMPED] != 0.0:
+        if S[at.AT_CONTACT] == 0.0:
+            qx = S[r + at.POSITION] - S[x]
+            qy = S[r + at.POSITION + 1] - S[x + 1]
+            qz = S[r + at.POSITION + 2] - S[x + 2]
+        wx, wy, wz = S[w], S[w + 1], S[w + 2]
+        ux = S[r + at.VELOCITY] - S[v] - (wy * qz - wz * qy)
+        uy = S[r + at.VELOCITY + 1] - S[v + 1] - (wz * qx - wx * qz)
+        uz = S[r + at.VELOCITY + 2] - S[v + 2] - (wx * qy - wy * qx)
+        S[r + at.RATE] = S[R] * ux + S[R + 3] * uy + S[R + 6] * uz
+        S[r + at.RATE + 1] = S[R + 1] * ux + S[R + 4] * uy + S[R + 7] * uz
+        S[r + at.RATE + 2] = S[R + 2] * ux + S[R + 5] * uy + S[R + 8] * uz
+
+
+def pose(S: Any) -> tuple[int, int, int, int]:
+    """Offsets of the object's position, rotation, velocity and angular velocity that this sample is about."""
+    if S[at.IMPLICIT] != 0.0:
+        return (
+            at.BODY + body.NEXT_POSITION,
+            at.BODY + body.NEXT_ROTATION,
+            at.BODY + body.NEXT_VELOCITY,
+            at.BODY + body.NEXT_ANGULAR_VELOCITY,
+        )
+    return (
+        at.BODY + body.POSITION,
+        at.BODY + body.ROTATION,
+        at.BODY + body.VELOCITY,
+        at.BODY + body.ANGULAR_VELOCITY,
+    )
 
 
 def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
@@ -94,10 +118,7 @@ def refactor(S: Any) -> None:
     """The rigid modes of the contacts, only if a contact, a weight or a free direction has changed in the object."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
-    known = S[at.SPLIT_KNOWN] != 0.0
-    if S[at.MIXED] != 0.0:
-        known = False
-        turn_axes(S, d)
+    known = S[at.SPLIT_KNOWN] != 0.0 and S[at.MIXED] == 0.0
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         same = S[r + at.WEIGHT] == S[r + at.SPLIT_WEIGHT]
@@ -116,9 +137,9 @@ def refactor(S: Any) -> None:
         S[at.SPLIT_KNOWN] = 1.0
 
 
-def turn_axes(S: Any, d: int) -> None:
+def turn_axes(S: Any) -> None:
     """The free world directions in the object's frame, translations first."""
-    R = at.BODY + (body.ROTATION if S[at.IMPLICIT] == 0.0 else body.NEXT_ROTATION)
+    R = pose(S)[1]
     k = at.AXES
     for half in range(2):
         for a in range(3):

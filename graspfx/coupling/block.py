@@ -29,7 +29,8 @@ MIXED = 25  # only some translations or some rotations are free: the modes turn 
 COUNT = 26  # modes in use
 SPLIT_KNOWN = 27
 SHORTFALL = 28  # by how much NEAR was too small, at most over the run [m]
-AXES = 29  # free directions in the object's frame, 6 x 3
+SINGULAR = 29  # some direction has no damping while others have
+AXES = 30  # free directions in the object's frame, 6 x 3
 BODY = AXES + 18
 
 ROW = BODY + body.SIZE  # the first finger
@@ -96,9 +97,19 @@ def scratch(n: int, d: int) -> int:
     return engaged(n, d) + n
 
 
+def part(n: int, d: int) -> int:
+    """Offset of K or D / T by itself under the implicit integrator, (n d) x (n d), in contact frames."""
+    return scratch(n, d) + 6
+
+
+def rest(n: int, d: int) -> int:
+    """Offset of a vector of n d entries that goes with `part`."""
+    return part(n, d) + (n * d) ** 2
+
+
 def dense(n: int, d: int) -> int:
     """Offset of K, then D, (n d) x (n d) each, in the object's axes; present only when gains are matrices."""
-    return scratch(n, d) + 6
+    return rest(n, d) + n * d
 
 
 def size(n: int, d: int, *, matrices: bool) -> int:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from graspfx.coupling import block as at
+from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
+from graspfx.coupling.implicit import LEAST, assemble_implicitly, is_held
 from graspfx.coupling.law import bilateral
 from graspfx.grasp.kernels import complement, release, settle
 
@@ -16,27 +18,46 @@ def attached(S: Any) -> int:
     d = int(S[at.DIMENSIONS])
     damped = S[at.DAMPED] != 0.0
     if S[at.IMPLICIT] != 0.0:
-        assemble(S, True, damped)
+        assemble_implicitly(S, True, damped, False)
         out_of_frames(S, at.vector(n, d))
     else:
         bilateral(S, True, damped)
     return 0
 
 
-def unilateral(S: Any) -> int:
-    """The elastic force projected on the cones, then damping projected there; returns 2 if either was not resolved.
+def unilateral(S: Any, again: bool) -> int:
+    """The elastic force projected on the cones, then damping projected there; returns 0, UNRESOLVED or AGAIN.
 
     Elastic: f in C, s in C*, f's = 0, f = K (e + s) (eqs. 24-26 for n fingers). Damping: f = f0 + D (e' + s) in C, with
-    f_i = 0 where f0_i = 0.
+    f_i = 0 where f0_i = 0. A sticking finger that is let go of is given the contact point that it has without its
+    anchor, and AGAIN asks for a second pass: else it would have no force in this sample and touch in the next.
     """
-    if S[at.EQUAL] != 0.0 and S[at.DENSE] == 0.0 and S[at.IMPLICIT] == 0.0:
+    n = int(S[at.FINGERS])
+    d = int(S[at.DIMENSIONS])
+    alone = S[at.EQUAL] != 0.0 and S[at.DENSE] == 0.0 and S[at.IMPLICIT] == 0.0
+    fault = 0
+    if alone:
         separate(S)
-        return 0
-    fault = project(S)
-    for i in range(int(S[at.FINGERS])):
-        S[at.ROW + i * at.STRIDE + at.TOUCHING] = 1.0 if push(S, i, int(S[at.DIMENSIONS])) > 0.0 else 0.0
-    if S[at.DAMPED] != 0.0:
-        fault = max(fault, damp(S))
+    else:
+        fault = project(S)
+    anew = False
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        was = S[r + at.TOUCHING] != 0.0
+        S[r + at.TOUCHING] = 1.0 if push(S, i, d) > 0.0 else 0.0
+        if again and was and S[at.STICK] != 0.0 and S[r + at.TOUCHING] == 0.0:
+            c, e = r + at.CONTACT, r + at.DISPLACEMENT
+            gx, gy, gz = S[c] + S[e], S[c + 1] + S[e + 1], S[c + 2] + S[e + 2]
+            touch(S, r, d, gx, gy, gz)
+            displace(S, r, gx, gy, gz)
+            anew = True
+    if fault == 0 and anew:
+        return AGAIN
+    if fault == 0 and S[at.DAMPED] != 0.0:
+        if alone:
+            damp_alone(S)
+        else:
+            fault = damp(S)
     return fault
 
 
@@ -51,25 +72,37 @@ def push(S: Any, i: int, d: int) -> float:
 
 def separate(S: Any) -> None:
     """Equal gains (the conventional method, eqs. 1 and 7-8): every finger by itself, no projector and no square."""
-    n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
-    k, b = S[at.INTERNAL_STIFFNESS], S[at.INTERNAL_DAMPING]
-    for i in range(n):
+    k = S[at.INTERNAL_STIFFNESS]
+    for i in range(int(S[at.FINGERS])):
         r = at.ROW + i * at.STRIDE
-        w = S[r + at.WEIGHT]
-        depth = speed = 0.0
+        depth = 0.0
         for a in range(d):
             depth += S[r + at.NORMAL + a] * S[r + at.DISPLACEMENT + a]
-            speed += S[r + at.NORMAL + a] * S[r + at.RATE + a]
-        S[r + at.TOUCHING] = 1.0 if k * depth > 0.0 else 0.0
-        normal = max(w * (k * depth + b * speed), 0.0) if depth > 0.0 else 0.0
         for a in range(d):
-            f = normal * S[r + at.NORMAL + a]
-            if S[at.STICK] != 0.0 and depth > 0.0:
-                e = S[r + at.DISPLACEMENT + a] - depth * S[r + at.NORMAL + a]
-                u = S[r + at.RATE + a] - speed * S[r + at.NORMAL + a]
-                f += w * (k * e + b * u)
-            S[r + at.LOCAL + a] = f
+            e = 0.0
+            if depth > 0.0:
+                e = S[r + at.DISPLACEMENT + a] if S[at.STICK] != 0.0 else depth * S[r + at.NORMAL + a]
+            S[r + at.LOCAL + a] = S[r + at.WEIGHT] * k * e
+
+
+def damp_alone(S: Any) -> None:
+    """The damping of equal gains, finger by finger: a touching one's normal force never pulls."""
+    d = int(S[at.DIMENSIONS])
+    for i in range(int(S[at.FINGERS])):
+        r = at.ROW + i * at.STRIDE
+        if S[r + at.TOUCHING] == 0.0:
+            continue
+        b = S[r + at.WEIGHT] * S[at.INTERNAL_DAMPING]
+        speed = 0.0
+        for a in range(d):
+            speed += S[r + at.NORMAL + a] * S[r + at.RATE + a]
+        along = max(b * speed, -push(S, i, d))
+        for a in range(d):
+            f = along * S[r + at.NORMAL + a]
+            if S[at.STICK] != 0.0:
+                f += b * (S[r + at.RATE + a] - speed * S[r + at.NORMAL + a])
+            S[r + at.LOCAL + a] += f
 
 
 def project(S: Any) -> int:
@@ -86,10 +119,10 @@ def project(S: Any) -> int:
             return 0
     A, q, e = at.square(n), at.vector(n, d), at.known(n, d)
     state, marks, diagonal = at.engaged(n, d), at.marks(n, d), at.diagonal(n, d)
-    into_frames(S, at.DISPLACEMENT, e)
     unresolved = 1
     for attempt in range(2):
-        size = assemble(S, True, False)
+        size = assemble_implicitly(S, True, False, False) if S[at.IMPLICIT] != 0.0 else assemble(S, True)
+        into_frames(S, at.DISPLACEMENT, e)
         scale = largest(S, q, n * d)
         for p in range(n * d):
             S[marks + p] = 1.0 if p % d and not stick else 0.0
@@ -102,7 +135,7 @@ def project(S: Any) -> int:
             break
     settle(S, A, size, q, e, n, d, stick, state)
     out_of_frames(S, q)
-    return 2 * unresolved
+    return UNRESOLVED * unresolved
 
 
 def damp(S: Any) -> int:
@@ -110,32 +143,47 @@ def damp(S: Any) -> int:
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     implicit = S[at.IMPLICIT] != 0.0
-    stick = S[at.STICK] != 0.0
     A, q, f0 = at.square(n), at.vector(n, d), at.known(n, d)
     state, marks, diagonal = at.engaged(n, d), at.marks(n, d), at.diagonal(n, d)
-    into_frames(S, at.LOCAL, f0)
-    size = assemble(S, implicit, True)
     for i in range(n):
-        touching = S[at.ROW + i * at.STRIDE + at.TOUCHING] != 0.0
-        S[state + i] = 1.0 if touching else -1.0
-        for a in range(d):
-            S[marks + i * d + a] = 0.0 if touching and (stick or a == 0) else 1.0
-    release(S, A, size, q, size, n * d, marks, diagonal)
-    if not implicit:
-        for i in range(n):
-            if S[state + i] > 0.0:
-                for a in range(d if stick else 1):
-                    S[q + i * d + a] += S[f0 + i * d + a]
-    scale = max(largest(S, q, n * d), largest(S, f0, n * d))
+        S[state + i] = 1.0 if S[at.ROW + i * at.STRIDE + at.TOUCHING] != 0.0 else -1.0
+    if implicit:
+        size = assemble_implicitly(S, True, True, True)
+    else:
+        into_frames(S, at.LOCAL, f0)
+        size = assemble(S, False)
+        make_regular(S, n, d)
+        for p in range(n * d):
+            S[marks + p] = 0.0 if is_held(S, p, d) else 1.0
+        release(S, A, size, q, size, n * d, marks, diagonal)
+        for p in range(n * d):
+            if is_held(S, p, d):
+                S[q + p] += S[f0 + p]
+    scale = largest(S, q, n * d)
     unresolved = complement(S, A, size, q, size, n, d, False, True, state, diagonal, scale)
-    for i in range(n):
-        # a clamped normal holds a rate, its tangents are still forces; an absent finger holds rates only
-        S[q + i * d] = max(S[q + i * d], 0.0) if S[state + i] == 1.0 else 0.0
-        for a in range(1, d):
-            if S[state + i] < 0.0 or not stick:
-                S[q + i * d + a] = 0.0
+    for p in range(n * d):
+        # a clamped normal holds a rate, its tangents are still forces; what is not held carries nothing
+        if not is_held(S, p, d) or (p % d == 0 and S[state + p // d] == 0.0):
+            S[q + p] = 0.0
+        elif p % d == 0:
+            S[q + p] = max(S[q + p], 0.0)
     out_of_frames(S, q)
-    return 2 * unresolved
+    return UNRESOLVED * unresolved
+
+
+def make_regular(S: Any, n: int, d: int) -> None:
+    """Where D is singular (ked or kid zero), raises it by 1e-8 of its diagonal, with the force that goes with that.
+
+    The law stays passive, and no finger hangs on a pivot of rounding size.
+    """
+    if S[at.SINGULAR] == 0.0:
+        return
+    for p in range(n * d):
+        more = LEAST * S[at.diagonal(n, d) + p]
+        S[at.square(n) + p * n * d + p] += more
+        r = at.ROW + (p // d) * at.STRIDE
+        for b in range(d):
+            S[at.vector(n, d) + p] += more * S[r + at.FRAME + 3 * (p % d) + b] * S[r + at.RATE + b]
 
 
 def largest(S: Any, q: int, m: int) -> float:

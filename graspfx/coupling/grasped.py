@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import NOT_FINITE, approach
-from graspfx.coupling.sample import FINE, UNRESOLVED, let_go, locate, respond, sample
+from graspfx.coupling.approach import AGAIN, NOT_FINITE, UNRESOLVED, approach
+from graspfx.coupling.sample import FINE, let_go, locate, resplit, respond, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling
 from graspfx.grasp.matrix import Grasp
@@ -95,6 +95,7 @@ class GraspedObject:
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
         S[at.EQUAL] = law.equal
+        S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
             S[at.DENSE] = 1.0
             S[at.DAMPED] = any(np.any(part.damping) for part in (law.external, law.internal))
@@ -179,7 +180,13 @@ class GraspedObject:
         fault = locate(self._S)
         if fault == FINE:
             self._fill_matrices()
-            fault = respond(self._S)
+            fault = respond(self._S, True)
+        passes = self.fingers
+        while fault == AGAIN:
+            resplit(self._S)
+            self._fill_matrices()
+            passes -= 1
+            fault = respond(self._S, passes > 0)
         if fault != FINE:
             let_go(self._S)
         return fault
@@ -237,6 +244,12 @@ class GraspedObject:
         o, m = at.dense(n, d), n * d
         self.block[o : o + m * m] = (turn.T @ self.law.stiffness(split) @ turn).ravel()
         self.block[o + m * m : o + 2 * m * m] = (turn.T @ self.law.damping(split) @ turn).ravel()
+
+
+def _least(gain: float | FloatArray) -> float:
+    """The least a gain does in any direction, zero to rounding as zero."""
+    values = np.linalg.eigvalsh(gain) if np.ndim(gain) > 1 else np.atleast_1d(gain)
+    return 0.0 if values.min() <= 1e-12 * values.max() else float(values.min())
 
 
 def fault_text(fault: int, fingers: Sequence[str]) -> str:

@@ -5,25 +5,32 @@ from __future__ import annotations
 from typing import Any
 
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import LARGEST, LOST, approach, refactor
+from graspfx.coupling.approach import AGAIN, LARGEST, LOST, approach, pose, refactor, turn_axes
 from graspfx.coupling.cones import attached, push, unilateral
 from graspfx.objects import kernels as body
 
 FINE = 0
-UNRESOLVED = 2  # the projection did not settle
 
 
 def locate(S: Any) -> int:
-    """The first half: where the contacts are, and the split if it is needed and has changed."""
+    """The first part: where the contacts are, and the split if it is needed and has changed."""
     fault = approach(S)
-    if fault == FINE and S[at.EQUAL] == 0.0:
-        refactor(S)
+    if fault == FINE:
+        resplit(S)
     return fault
 
 
-def respond(S: Any) -> int:
-    """The second half: forces on the object and the object's wrench."""
-    fault = attached(S) if S[at.ATTACHED] != 0.0 else unilateral(S)
+def resplit(S: Any) -> None:
+    """The split, if the gains need it and it has changed."""
+    if S[at.MIXED] != 0.0:
+        turn_axes(S)
+    if S[at.EQUAL] == 0.0:
+        refactor(S)
+
+
+def respond(S: Any, again: bool) -> int:
+    """The second part: forces on the object and its wrench. AGAIN, where `again` allows it, asks for the split anew."""
+    fault = attached(S) if S[at.ATTACHED] != 0.0 else unilateral(S, again)
     if fault == FINE:
         fault = react(S)
         if S[at.FADE] != 0.0:
@@ -34,8 +41,13 @@ def respond(S: Any) -> int:
 def sample(S: Any) -> int:
     """Motion in, forces and wrench out; returns FINE, or why every force is zero."""
     fault = locate(S)
+    passes = int(S[at.FINGERS])  # at worst the fingers lose their anchors one after another
     if fault == FINE:
-        fault = respond(S)
+        fault = respond(S, True)
+    while fault == AGAIN:
+        resplit(S)
+        passes -= 1
+        fault = respond(S, passes > 0)
     if fault != FINE:
         let_go(S)
     return fault
@@ -45,9 +57,7 @@ def react(S: Any) -> int:
     """Forces in world axes, their sum and moment about the object's centre: f_v = G f (eq. 2); LOST if not finite."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
-    implicit = S[at.IMPLICIT] != 0.0
-    R = at.BODY + (body.NEXT_ROTATION if implicit else body.ROTATION)
-    x = at.BODY + (body.NEXT_POSITION if implicit else body.POSITION)
+    x, R, _, _ = pose(S)
     where = at.CONTACT_WORLD if S[at.AT_CONTACT] != 0.0 else at.POSITION
     fx = fy = fz = mx = my = mz = 0.0
     for i in range(n):

@@ -39,18 +39,18 @@ def rigid_modes(
     """
     size = 1 + 3 * n
     total = 0.0
-    first = -1
+    base = rows
     for i in range(n):
         w = S[rows + i * stride + weight]
-        if w > 0.0 and first < 0:
-            first = i
+        if w > S[base + weight]:
+            base = rows + i * stride
         total += w
-    if first < 0:
+    if total <= 0.0:
         return 0
     root = math.sqrt(total)
-    base = rows + first * stride + point
+    base += point
     x0, y0, z0 = S[base], S[base + 1], S[base + 2]
-    mx = my = mz = 0.0  # the centroid, from the first point: exact differences for contacts far from the origin
+    mx = my = mz = 0.0  # the centroid, from the heaviest point: exact differences for contacts far from the origin
     for i in range(n):
         r = rows + i * stride
         w = S[r + weight]

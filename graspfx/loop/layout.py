@@ -78,7 +78,7 @@ class Layout:
             yield "gap", (n,), "m", "distance to the surface, negative inside"
         if self.simulated:
             yield "true_position", (n, axis), "m", "of the simulated fingertip"
-        yield "device_energy", (n,), "J", "work done so far on the fingertip through the device"
+        yield "device_energy", (n,), "J", "work done so far on the fingertip by the commanded force"
         for name in self.objects:
             at = f"objects/{name}/"
             yield at + "position", (axis,), "m", "of the object's centre"

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.coupling.approach import LOST
 from graspfx.coupling.grasped import GraspedObject, fault_text
 from graspfx.errors import DeviceError, GraspFXError
 from graspfx.loop.clock import SimulatedClock
@@ -115,8 +116,8 @@ class Servo:
         k = self.clock.ticks
         self._read(k, recorder)
         self._couple(k, recorder)
-        recorder.row(k)[:] = self.row
         self._display(k, recorder)
+        recorder.row(k)[:] = self.row
         self._move(k, recorder)
         self.clock.advance()
 
@@ -154,20 +155,27 @@ class Servo:
         if self.layout.simulated:
             for m in self.moved:
                 self._place[m.fingers] = m.plant.position
-        if k:
-            self._energy += (self._displayed * (self._place - self._before)).sum(axis=1)
-        self._before[:] = self._place
 
     def _couple(self, k: int, recorder: Recorder) -> None:
+        """Forces and wrenches, all zero from a fault on; the work of the last sample's forces."""
         for body in self._predicted:
             body.free_motion(self.period)
-        for held, (row, block) in zip(self.objects, self._into, strict=True):
+        for i, (held, (row, block)) in enumerate(zip(self.objects, self._into, strict=True)):
             g = held.grasped
             g.block[block] = self.row[row]
             if not self.faulted:
                 code = g.sample()
                 if code:
-                    self._fault(k, recorder, fault_text(code, [self.layout.fingers[i] for i in held.fingers]))
+                    self._fault(k, recorder, fault_text(code, [self.layout.fingers[f] for f in held.fingers]))
+                if code == LOST:
+                    self._stuck.add(i)
+        if k and not self.faulted:
+            self._energy += (self._displayed * (self._place - self._before)).sum(axis=1)
+        self._before[:] = self._place
+        self._gather()
+
+    def _gather(self) -> None:
+        """What was computed into the row; zero forces from a fault on."""
         for held, (row, block) in zip(self.objects, self._out_of, strict=True):
             if self.faulted:
                 held.grasped.let_go()
@@ -182,6 +190,7 @@ class Servo:
             except DeviceError as error:
                 self._fault(k, recorder, str(error))
         if self.faulted:
+            self._gather()
             self._displayed[:] = 0.0
             for station in self.stations:
                 with suppress(DeviceError):  # one that is gone cannot be stopped, and the others must be
