@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspfx.errors import GraspFXError
+from graspfx import __version__
+from graspfx.errors import GraspFXError, InputError, RecordingError
 
 if TYPE_CHECKING:
     from graspfx.loop.record import Recording
@@ -21,7 +24,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; the exit code is 0, 2 for an error, 3 for a run with faults, 130 when interrupted."""
     chosen = parser().parse_args(arguments)
     try:
-        code: int = chosen.command(chosen)
+        with _plain_warnings():
+            code: int = chosen.command(chosen)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -37,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> ArgumentParser:
     top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.")
+    top.add_argument("--version", action="version", version=f"graspfx {__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     run = commands.add_parser("run", help="simulate a scene, record it and sum it up")
@@ -59,7 +64,7 @@ def parser() -> ArgumentParser:
 
     plot = commands.add_parser("plot", help="draw one recording, or two side by side")
     plot.set_defaults(command=_plot)
-    plot.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or two recording.h5")
+    plot.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or two, or their folders")
     plot.add_argument("--out", metavar="DIR", type=Path, help="folder of the picture (that of the first recording)")
     return top
 
@@ -89,13 +94,18 @@ def _run(chosen: Namespace) -> int:
 
     scene = load(chosen.scene, dict(chosen.overrides))
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
-    recording = run(scene, duration=chosen.duration, out=folder)
-    written = [folder / "recording.h5"]
+    written, picture = [folder / "recording.h5"], folder / "figure.png"
     if not chosen.no_figure:
-        from graspfx.show.plot import figure
-
-        written.append(folder / "figure.png")
-        figure([recording], written[-1])
+        _require_place(picture)
+    with _interruptible() as stop:
+        recording = run(scene, duration=chosen.duration, out=folder, stop=stop)
+    if not recording.outcome.complete:
+        done, meant = len(recording) * scene.period, chosen.duration or scene.duration
+        print(f"interrupted after {done:g} of {meant:g} s; {written[0]} holds them", file=sys.stderr)
+        return INTERRUPTED
+    if not chosen.no_figure:
+        _draw([recording], picture, f"; the run is in {written[0]}")
+        written.append(picture)
     if chosen.json:
         _print_json(recording.summary())
     else:
@@ -111,6 +121,7 @@ def _check(chosen: Namespace) -> int:
     from graspfx.scene.plan import plan
 
     scene = load(chosen.scene, dict(chosen.overrides))
+    scene.require_reach()
     for row in plan(scene):
         print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
     return DONE
@@ -134,21 +145,78 @@ def _schema(chosen: Namespace) -> int:
 
 
 def _plot(chosen: Namespace) -> int:
-    from graspfx.errors import InputError
+    from graspfx.loop.file import make_folder, recording_file
     from graspfx.loop.record import Recording
-    from graspfx.show.plot import figure
     from graspfx.show.summary import print_summary
 
     if len(chosen.recordings) > 2:
         raise InputError("RECORDING", len(chosen.recordings), "one or two recordings")
-    recordings = [Recording.load(path) for path in chosen.recordings]
-    folder: Path = chosen.out or chosen.recordings[0].parent
-    folder.mkdir(parents=True, exist_ok=True)
+    paths = [recording_file(path) for path in chosen.recordings]
+    recordings = [Recording.load(path) for path in paths]
+    folder = make_folder(chosen.out or paths[0].parent)
     picture = folder / ("figure.png" if len(recordings) == 1 else "comparison.png")
-    figure(recordings, picture)
-    print_summary(recordings, _labels(chosen.recordings))
+    _draw(recordings, picture)
+    print_summary(recordings, _labels(paths))
     _name_files([picture])
     return DONE
+
+
+def _draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "") -> None:
+    from graspfx.show.plot import figure
+
+    _require_place(picture)
+    try:
+        figure(recordings, picture)
+    except OSError as error:
+        raise RecordingError(f"{picture}: cannot be written; {error.strerror}{otherwise}") from error
+
+
+def _require_place(picture: Path) -> None:
+    """No folder may stand where the picture goes: to be known before the run."""
+    if picture.is_dir():
+        raise RecordingError(f"{picture}: is a folder, where the picture is to go; choose another --out")
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Asks whether to stop, which Ctrl-C says; a second one ends the process at once.
+
+    An exception that the signal raises can be lost inside a library's callback; a flag cannot.
+    """
+    import signal
+    import threading
+
+    def ask(number: int, frame: object) -> None:
+        asked.append(number)
+        signal.signal(number, signal.SIG_DFL)
+
+    asked: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
+    if not ours:  # ignored, as in the background, or somebody else's
+        yield lambda: False
+        return
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield lambda: bool(asked)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """A warning is one line, said once."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        text = " ".join(str(message).split())
+        if text not in said:
+            said.add(text)
+            print(f"warning: {text}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:

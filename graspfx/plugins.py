@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib import import_module
@@ -14,13 +14,17 @@ from pathlib import Path
 from types import ModuleType
 from typing import Literal
 
-from graspfx.errors import InputError, UnknownNameError
+from graspfx.errors import GraspFXError, InputError, UnknownNameError
 
 Group = Literal["devices", "scenes", "dynamics"]
 
 SUFFIXES: dict[Group, tuple[str, ...]] = {"devices": (".py",), "scenes": (".toml", ".py"), "dynamics": (".py",)}
 SINGULAR: dict[Group, str] = {"devices": "device", "scenes": "scene", "dynamics": "dynamics"}
 BUILT_IN = {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet"}
+
+
+class PluginError(GraspFXError):
+    """What a plug-in's own code raised, with the line of its file; the exception itself is the cause."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +52,18 @@ def find(group: Group, name: str | PathLike[str], folder: Path | None = None) ->
 
 
 def load(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """The module behind a name or a path, imported; errors as for `find`."""
+    """The module behind a name or a path, imported; errors as for `find`, and whatever the module raises."""
+    return _loaded(group, _plugin(group, name, folder))
+
+
+def load_blaming(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
+    """As `load`, but what the module raises comes as a PluginError that says where."""
     plugin = _plugin(group, name, folder)
+    with blaming(plugin.path or Path(plugin.module)):
+        return _loaded(group, plugin)
+
+
+def _loaded(group: Group, plugin: Plugin) -> ModuleType:
     if plugin.path is None or plugin.module:
         return import_module(plugin.module)
     if plugin.path.suffix != ".py":
@@ -64,6 +78,39 @@ def shelf(group: Group) -> Path:
     return inside if inside.is_dir() else package.parent / group
 
 
+@contextmanager
+def blaming(path: Path) -> Iterator[None]:
+    """Whatever the code in a file raises within, our own errors apart, becomes a PluginError that says where.
+
+    Another's code may raise anything: this is the one place that catches it all.
+    """
+    try:
+        yield
+    except GraspFXError:
+        raise
+    except Exception as error:
+        said = error.msg if isinstance(error, SyntaxError) else error
+        raise blamed(path, error, f"{type(error).__name__}: {said}") from error
+
+
+def blamed(path: Path, error: Exception, text: str) -> PluginError:
+    """The error that puts a text before the line of the file that raised `error`, or called what did."""
+    line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
+    trace = error.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == str(path):
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    place = shown_path(path) if line is None else f"{shown_path(path)}:{line}"
+    return PluginError(f"{place}: {text}")
+
+
+def shown_path(path: Path) -> str:
+    """Relative to the current folder when it lies inside, as a terminal can follow it."""
+    here = Path.cwd()
+    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
+
+
 def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plugin:
     text = fspath(name)
     if text.endswith((".py", ".toml")):
@@ -75,12 +122,19 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
         return Plugin(origin=str(path), path=path)
     table = _table(group)
     if text not in table:
-        raise UnknownNameError(SINGULAR[group], text, table, f"a file is named with its {SUFFIXES[group][0]}")
+        raise UnknownNameError(SINGULAR[group], text, table, _file_hint(group, text, folder or Path()))
     first, *others = table[text]
     if others:
         origins = " and ".join(plugin.origin for plugin in table[text])
         raise InputError(SINGULAR[group], text, f"one plug-in of that name, found {origins}", "name a file by its path")
     return first
+
+
+def _file_hint(group: Group, text: str, folder: Path) -> str:
+    for suffix in SUFFIXES[group]:
+        if text and (folder / f"{text}{suffix}").is_file():
+            return f"there is a file {text}{suffix}: name it with its ending"
+    return f"a file is named with its {SUFFIXES[group][0]}"
 
 
 def _table(group: Group) -> dict[str, list[Plugin]]:

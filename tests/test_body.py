@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.objects import kernels as at
-from graspfx.objects.body import INTEGRATORS, Body, NativeBody, create, fill_body, step_is_stable, viscous_step
+from graspfx.objects.body import INTEGRATORS, VISCOUS_LIMIT, Body, NativeBody, create, fill_body
 
 Array = NDArray[np.float64]
 MOMENTS = (3e-5, 5e-5, 6e-5)
@@ -409,7 +409,7 @@ def test_only_the_implicit_integrator_predicts(integrator: str) -> None:
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("d", [1, 2, 3])
-def test_viscosity_slows_the_body_where_the_check_says_so(integrator: str, d: int) -> None:
+def test_viscosity_slows_the_body_below_the_limit_that_scenes_are_checked_for(integrator: str, d: int) -> None:
     """b T/m = 1.9 and 2.1, in translation and in rotation; a thousand for those that take any."""
     turns: list[dict[str, Any]] = [
         {},
@@ -424,16 +424,8 @@ def test_viscosity_slows_the_body_where_the_check_says_so(integrator: str, d: in
             state = block(
                 dimensions=d, mass=0.1, integrator=integrator, velocity=[1.0] * d, **turns[d - 1], **{slow: b}
             )
-            assert viscous_step(state, T) == pytest.approx(z, rel=1e-14)
-            stable = z < 2.0 or integrator in ("exact", "implicit")
-            assert step_is_stable(state, T) is stable
+            stable = z < VISCOUS_LIMIT or integrator in ("exact", "implicit")
             for _ in range(100 if d < 3 or z < 100 else 2):
                 at.step(state, 0, T)
             o = at.VELOCITY if slow == "viscosity" else at.ANGULAR_VELOCITY + (2 if d == 2 else 0)
             assert bool(abs(state[o]) < 1e-3) is stable
-
-
-def test_locked_freedoms_do_not_count_in_the_check() -> None:
-    state = block(dimensions=2, mass=1e-3, inertia=1e-9, viscosity=1.0, rotational_viscosity=1.0, free=(False,) * 3)
-    assert viscous_step(state, 0.005) == 0.0
-    assert step_is_stable(state, 0.005)

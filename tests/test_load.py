@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from graspfx.errors import InputError, SceneError, UnknownNameError
+from graspfx.plugins import PluginError
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.load import load
 from graspfx.scene.overrides import overridden
@@ -33,6 +34,15 @@ start = [0.002]
 device = { name = "simulated", mass = 0.15, friction = 0.2 }
 hand = { stiffness = 33.0, rest = [0.0] }
 start = [0.002]
+"""
+
+DRIVER = """\
+from graspfx.loop.device import Features
+class Device:
+    features = Features(fingers=1, dimensions=1)
+    effort = plant = ()
+def connect(mass=1.0):
+    return Device()
 """
 
 PYTHON = """\
@@ -76,11 +86,43 @@ def test_seven_faults_are_seven_each_with_its_line() -> None:
         "scene.toml:6: object.viscosty: unknown key; did you mean 'viscosity'?",
         "scene.toml:10: coupling.internal.stiffness: expected a number, a list with one per finger, a d x d matrix, "
         "one d x d matrix per finger or an m x m matrix; given 'hard'",
-        "scene.toml:20: finger.1.channel: expected no less than 0; given -2",
-        "scene.toml:13: finger.0.hand.rest: expected 1 number (dimensions = 1); given [0.0, 1.0]",
         "scene.toml:12: finger.0.device.mass: expected finite numbers; given nan",
+        "scene.toml:13: finger.0.hand.rest: expected 1 number (dimensions = 1); given [0.0, 1.0]",
         "scene.toml:17: finger.1.device.mss: unknown setting of 'simulated'; did you mean 'mass'?",
+        "scene.toml:20: finger.1.channel: expected no less than 0; given -2",
     ]
+
+
+def test_faults_that_only_a_connected_device_shows_have_their_lines_too() -> None:
+    text = GOOD.replace("mass = 0.15", "mass = -0.15", 1) + "channel = 5\n"
+    assert report(write(text)) == [
+        "scene.toml:12: finger.0.device.mass: given -0.15, expected a finite mass above zero [kg]",
+        "scene.toml:19: finger.1.channel: expected less than 1: 'simulated' has 1 finger; given 5",
+    ]
+
+
+def test_a_start_out_of_reach_has_its_line() -> None:
+    scene = load(write(GOOD.replace("friction = 0.2", "workspace = [[-1.0], [0.0]]", 1)))
+    with pytest.raises(SceneError, match=r"scene\.toml:14: finger\.0\.start: outside the device's workspace"):
+        scene.require_reach()
+    with pytest.raises(SceneError, match=r"scene\.toml: finger\.0\.start: .* \(set by an override\)"):
+        scene.replace({"finger.0.start": [0.5]}).require_reach()
+
+
+def test_text_that_is_not_utf8_has_its_line() -> None:
+    Path("scene.toml").write_bytes(GOOD.encode() + b"title = '\xe9'\n")
+    assert report("scene.toml") == ["scene.toml:19: not UTF-8: byte 0xe9; save the file in that encoding"]
+
+
+def test_text_needs_quotes() -> None:
+    [fault] = report(write(GOOD), {"title": 5})
+    assert fault.endswith("expected text; given 5 (text needs quotes: --set 'title=\"5\"'; set by an override)")
+
+
+def test_a_file_of_that_name_is_suggested() -> None:
+    write(GOOD, "good.toml")
+    with pytest.raises(UnknownNameError, match=r"there is a file good\.toml: name it with its ending"):
+        load("good")
 
 
 def test_a_missing_key_has_the_line_of_its_table() -> None:
@@ -217,7 +259,7 @@ def test_the_source_is_kept_verbatim(folder: Path) -> None:
 def test_paths_in_a_scene_are_relative_to_its_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("deep").mkdir()
     write("t,x\n0,0\n1,0.01\n", "deep/path.csv")
-    write("def connect(mass=1.0): ...\n", "deep/mine.py")
+    write(DRIVER, "deep/mine.py")
     motion = 'rest = [0.0], motion = { kind = "path", file = "path.csv" }'
     write(
         GOOD.replace("rest = [0.0]", motion).replace('"simulated", mass = 0.15, friction = 0.2', '"mine.py"'),
@@ -236,7 +278,9 @@ def test_python_scenes_take_parameters_then_dotted_keys() -> None:
     assert scene.coupling.internal.stiffness == 55.0
     assert (len(scene.finger), scene.object[0].mass, scene.period) == (3, 0.3, 0.001)
     assert scene.source.text == PYTHON
-    assert report(path, {"stifness": 1.0}) == ["mine.py: stifness: unknown key (set by an override)"]
+    assert report(path, {"stifness": 1.0}) == [
+        "mine.py: stifness: unknown key; did you mean 'stiffness'? (set by an override)"
+    ]
     assert report(path, {"stiffness": -1.0}) == [
         "mine.py: coupling.internal.stiffness: expected no less than 0; given -1.0"
     ]
@@ -249,6 +293,33 @@ def test_python_scenes_with_open_parameters_and_required_ones() -> None:
     path.write_text(path.read_text().replace("* fingers", "* rest.get('fingers', 2)"))
     assert len(load(path, {"stiffness": 1.0, "fingers": 4, "period": 0.002}).finger) == 4
     assert report(path) == ["o.py: stiffness: required by scene(), but not given"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("x = 1\ndef scene(:\n", r"mine\.py:2: SyntaxError: "),
+        ("import nowhere_to_be_found\n", r"mine\.py:1: ModuleNotFoundError: No module named"),
+        ("def scene():\n    return 1 / 0\n", r"mine\.py:2: ZeroDivisionError: division by zero$"),
+        ("import math\ndef scene():\n    return math.sqrt(-1)\n", r"mine\.py:3: ValueError: "),
+        (
+            "import graspfx as gx\ndef scene():\n    return gx.Impedance(-1.0)\n",
+            r"mine\.py:3: stiffness: given -1\.0, expected",
+        ),
+    ],
+)
+def test_what_a_python_scene_raises_has_its_line(text: str, says: str) -> None:
+    with pytest.raises(PluginError, match=f"^{says}") as caught:
+        load(write(text, "mine.py"))
+    assert caught.value.__cause__ is not None
+
+
+def test_a_parameter_that_does_not_exist_is_said_before_the_scene_is_made() -> None:
+    path = write("def scene(mass=1.0):\n    raise AssertionError('called')\n", "mine.py")
+    assert report(path, {"m": 3, "objct.mass": 1.0}) == [
+        "mine.py: m: unknown key; scene() takes mass (set by an override)",
+        "mine.py: objct.mass: unknown key; did you mean 'object'? (set by an override)",
+    ]
 
 
 @pytest.mark.parametrize("text", ["x = 1\n", "scene = 3\n", "def scene(): return {}\n"])
@@ -268,7 +339,7 @@ def test_a_scene_without_faults_needs_no_parser_of_lines(folder: Path) -> None:
         f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r})\n"
         "from graspfx.scene.load import load\n"
         "load('scene.toml')\n"
-        "heavy = {'tree_sitter', 'h5py', 'matplotlib', 'rich', 'pybullet', 'numba', 'trimesh'}\n"
+        "heavy = {'tree_sitter', 'scipy', 'h5py', 'matplotlib', 'rich', 'pybullet', 'numba', 'trimesh'}\n"
         "print(sorted(heavy & sys.modules.keys()))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import graspfx
+import graspfx.errors
 from graspfx.__main__ import main, override
 
 ROOT = Path(__file__).parents[1]
@@ -174,22 +180,195 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.Cap
     assert (recording.finger_force[10:] == 0.0).all()
 
 
+INTERRUPTED = """
+import signal, sys, weakref
+import graspfx.loop.file as file
+from graspfx.__main__ import main
+
+class Sink(file.FileSink):
+    count = 0
+    def write(self, rows, faults):  # the third block: Ctrl-C comes while a weak reference is called back
+        super().write(rows, faults)
+        Sink.count += 1
+        if Sink.count == 3:
+            class Thing: pass
+            thing = Thing()
+            watched = weakref.ref(thing, lambda _: [signal.raise_signal(signal.SIGINT) for _ in range({times})])
+            del thing
+
+file.FileSink = Sink
+signal.signal(signal.SIGINT, {handler})  # whatever the shell that runs the tests has set
+sys.exit(main(["run", "reference-1dof", "--duration", "1000", "--no-figure", "--out", "cut"]))
+"""
+
+
+def interrupted(handler: str, times: int) -> tuple[int, str]:
+    """Exit code and standard error of a run of 1000 s that sends itself SIGINT after 3 s."""
+    code = INTERRUPTED.format(handler=handler, times=times)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    return process.returncode, said.strip()
+
+
 @pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
-def test_an_interrupted_run_leaves_a_readable_recording() -> None:
-    command = ["run", "reference-1dof", "--duration", "100000", "--no-figure", "--out", "cut"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "graspfx", *command],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def test_an_interrupted_run_says_how_far_it_came_and_leaves_a_readable_recording() -> None:
+    """Blocks of 200 ticks of 5 ms: the run ends with the tick in which the third was written."""
+    said = "interrupted after 3 of 1000 s; cut/recording.h5 holds them"
+    assert interrupted("signal.default_int_handler", 1) == (130, said)
+    read = graspfx.Recording.load(Path("cut/recording.h5"))
+    assert (len(read), read.outcome.complete, read.wall_time) == (600, False, None)
+    assert read.finger_force.shape == (600, 2, 1)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_a_second_interrupt_ends_the_process_and_what_was_written_can_be_read() -> None:
+    code, _ = interrupted("signal.default_int_handler", 2)
+    assert code == -signal.SIGINT
+    assert len(graspfx.Recording.load(Path("cut"))) == 600
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_ctrl_c_reaches_a_run_from_another_process() -> None:
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "import sys; from graspfx.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "run",
+        "reference-1dof",
+        "--duration",
+        "10000",
+        "--no-figure",
+        "--out",
+        "cut",
+    ]
     recording = Path("cut/recording.h5")
-    while process.poll() is None and not (recording.is_file() and recording.stat().st_size > 200_000):
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert (process.returncode, said.strip()) == (130, "interrupted")
-    read = graspfx.Recording.load(recording)
-    assert read.time.size > 100
-    assert read.finger_force.shape == (read.time.size, 2, 1)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            deadline = time.monotonic() + 60.0
+            while process.poll() is None and not (recording.is_file() and recording.stat().st_size > 200_000):
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert said.startswith("interrupted after ")
+    assert len(graspfx.Recording.load(recording)) > 100
+
+
+def test_a_run_from_python_may_be_stopped() -> None:
+    scene = graspfx.load("reference-1dof")
+    asked = iter([False] * 7 + [True])
+    rec = graspfx.run(scene, stop=lambda: next(asked))
+    assert (len(rec), rec.outcome.complete) == (7, False)
+    assert np.array_equal(rec.rows, graspfx.run(scene, duration=0.035).rows)
+    assert len(graspfx.run(scene, out="none", stop=lambda: True)) == 0
+
+
+def test_rows_of_a_run_are_the_same_from_its_file() -> None:
+    scene = graspfx.load("reference-1dof")
+    kept, read = graspfx.run(scene, duration=1.5), graspfx.run(scene, duration=1.5, out="here")
+    assert kept.rows.tobytes() == read.rows.tobytes()
+
+
+@pytest.mark.parametrize(("key", "value"), [("period", 1e-300), ("period", 5e-324), ("duration", 1e12)])
+@pytest.mark.parametrize("out", [None, "here"])
+def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | None) -> None:
+    scene = graspfx.load("reference-1dof", {key: value})
+    with pytest.raises(graspfx.errors.InputError, match=r"this machine's memory has room for .* GB.*shorter"):
+        graspfx.run(scene, out=out)
+    assert not Path("here").exists()
+
+
+def test_more_ticks_than_the_disk_has_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=54_399))  # 136 bytes, 400 ticks
+    scene = graspfx.load("reference-1dof")
+    assert len(graspfx.run(scene)) == 400
+    with pytest.raises(graspfx.errors.InputError, match=r"duration: given 400, .*each takes 136 bytes .*disk of here"):
+        graspfx.run(scene, out="here")
+
+
+@pytest.mark.parametrize("command", ["run", "plot"])
+def test_an_out_that_cannot_be_made_is_one_line(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("file").write_text("")
+    graspfx.run(graspfx.load("reference-1dof"), duration=0.05, out="done")
+    given = "reference-1dof" if command == "run" else "done"
+    places = {"file": "a file is in its way", "file/sub": "a file is in its way"}
+    if sys.platform == "linux":
+        places |= {"/proc/x": "No such file or directory", "/dev/full": "a file is in its way"}
+    for place, why in places.items():
+        assert main([command, given, "--out", place]) == 2
+        assert capsys.readouterr().err == f"{place}: no folder can be made there; {why}\n"
+
+
+def test_a_folder_where_the_picture_goes_is_said_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("here/figure.png").mkdir(parents=True)
+    assert main(["run", "reference-1dof", "--out", "here"]) == 2
+    assert capsys.readouterr().err.startswith("here/figure.png: is a folder, where the picture is to go")
+    assert not Path("here/recording.h5").exists()
+    assert main(["run", "reference-1dof", "--out", "here", "--no-figure", "--duration", "0.05"]) == 0
+    assert main(["plot", "here"]) == 2
+
+
+def test_a_picture_that_cannot_be_written_leaves_the_recording(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("graspfx.show.plot.figure", full)
+    assert main(["run", "reference-1dof", "--out", "here", "--duration", "0.05"]) == 2
+    said = "here/figure.png: cannot be written; No space left on device; the run is in here/recording.h5\n"
+    assert capsys.readouterr().err == said
+    assert len(graspfx.Recording.load("here")) == 10
+
+
+def test_plot_takes_the_folder_of_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "reference-1dof", "--duration", "0.05", "--no-figure", "--out", "here"]) == 0
+    assert main(["plot", "here"]) == 0
+    assert "wrote here/figure.png" in capsys.readouterr().out
+    Path("empty").mkdir()
+    assert main(["plot", "empty"]) == 2
+    assert capsys.readouterr().err == "empty/recording.h5: there is no such file\n"
+
+
+def test_check_refuses_what_a_run_would(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "scenes" / "paper-waving.toml").read_text().replace("start = [-0.025,", "start = [-0.5,")
+    Path("far.toml").write_text(text)
+    line = 1 + next(row for row, each in enumerate(text.splitlines()) if "-0.5," in each)
+    for command in ("check", "run"):
+        assert main([command, "far.toml"]) == 2
+        assert capsys.readouterr().err.startswith(f"far.toml:{line}: finger.0.start: finger at (-0.5000, 0.0000) m")
+    assert not Path("out").exists()
+
+
+def test_a_warning_is_one_line_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("loud.py").write_text(
+        "import warnings\nimport graspfx as gx\n"
+        "def scene():\n"
+        "    for _ in range(3):\n        warnings.warn('makes\\nenergy', stacklevel=1)\n"
+        "    return gx.load('reference-1dof')\n"
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert main(["check", "loud.py"]) == 0
+    assert capsys.readouterr().err == "warning: makes energy\n"
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"graspfx {graspfx.__version__}\n"

@@ -62,7 +62,8 @@ def test_the_source_distribution_holds_the_shelves_and_gives_the_same_wheel(
     built: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with tarfile.open(built["sdist"]) as archive:
-        archive.extractall(tmp_path, filter="data")
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # no argument: 3.11.3 and older know none
+        archive.extractall(tmp_path)
     unpacked = tmp_path / f"graspfx-{graspfx.__version__}"
     held = {path.relative_to(unpacked).as_posix() for path in unpacked.rglob("*") if path.is_file()}
     assert tree("graspfx", "tests", "docs", *SHELVES).keys() <= held

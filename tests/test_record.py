@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -249,6 +251,61 @@ def test_a_killed_run_can_be_read_as_far_as_it_was_written(tmp_path: Path) -> No
     back.save(tmp_path / "repaired.h5")
     with xr.open_dataset(tmp_path / "repaired.h5", engine="h5netcdf") as data:
         assert data.sizes["time"] == 200
+
+
+def test_rows_that_are_not_kept_are_in_the_file_alone(tmp_path: Path) -> None:
+    made, path = layout(), tmp_path / "r.h5"
+    values = rows(made, 10_005)
+    with Recorder(made, header(), [FileSink(path, made, header())], 100, keep=False) as recorder:
+        tracemalloc.start()
+        for k, row in enumerate(values):
+            recorder.row(k)[:] = row
+            recorder.drain()
+        held, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert len(recorder.finish(0.5)) == 0
+    assert np.array_equal(Recording.load(path).rows, values)
+    assert held < 0.1 * values.nbytes
+
+
+TRUNCATED = """
+import sys
+sys.path.insert(0, {root!r})
+from pathlib import Path
+from graspfx.errors import RecordingError
+from graspfx.loop.record import Recording
+for name in ("closed.h5", "killed.h5"):
+    whole = Path(name).read_bytes()
+    assert len(whole) > 400_000
+    assert len(Recording.load(name)) == 1500
+    for size in [*range(0, 1000, 100), *range(1000, 400_001, 3000), len(whole) - 1]:
+        Path("cut.h5").write_bytes(whole[:size])
+        try:
+            Recording.load("cut.h5")
+        except RecordingError:
+            continue
+        raise AssertionError(f"{{name}} cut to {{size}} bytes was read")
+"""
+
+
+def test_a_file_that_was_cut_short_is_an_error_and_never_waited_for(tmp_path: Path) -> None:
+    made = layout(3, 3)
+    sink = FileSink(tmp_path / "live.h5", made, header())
+    sink.write(rows(made, 1500), [])
+    shutil.copy(tmp_path / "live.h5", tmp_path / "killed.h5")  # a writer's marks, and nobody who writes
+    sink.close(Outcome())
+    (tmp_path / "live.h5").rename(tmp_path / "closed.h5")
+    code = TRUNCATED.format(root=str(ROOT))
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, timeout=60)
+
+
+def test_a_folder_stands_for_the_recording_in_it(tmp_path: Path) -> None:
+    made = layout()
+    rec = recorded(made, rows(made, 5), tmp_path / "recording.h5")
+    assert np.array_equal(Recording.load(tmp_path).rows, rec.rows)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match=r"empty.recording\.h5: there is no such file"):
+        Recording.load(tmp_path / "empty")
 
 
 def test_what_is_no_recording_says_so(tmp_path: Path) -> None:

@@ -234,6 +234,30 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "finger.0.device.name", "simulatd", "finger.0.device.name: unknown device 'simulatd'; did you mean 'simul"),
     (line, "finger.0.device.mass", float("nan"), "finger.0.device.mass: expected finite numbers"),
     (line, "finger.0.device.dimensions", 2, "finger.0.device.dimensions: expected 1, as the scene"),
+    # drivers connected
+    (line, "finger.0.device.mass", -1, "finger.0.device.mass: given -1, expected a finite mass above zero"),
+    (line, "finger.0.device.fingers", 0, "finger.0.device.fingers: given 0, expected a whole number, 1 or more"),
+    (line, "finger.0.device.fingers", 2, "finger.0.device: no finger has its channel 1: a simulated device needs"),
+    (line, "finger.1.channel", 1, "finger.1.channel: expected less than 1: 'simulated' has 1 finger; given 1"),
+    (plane, "finger.0.device", {"name": "two-link", "elbow": "up"}, "finger.0.device.elbow: given 'up', expected"),
+    (plane, "finger.0.device", {"name": "two-link", "links": [0.1]}, "finger.0.device.links: given [0.1], expected"),
+    (plane, "finger.0.device", {"name": "two-link", "counts": 0}, "finger.0.device.counts: given 0, expected"),
+    (line, "finger.0.device", {"name": "two-link"}, "finger.0.device.name: expected a device of 1 dimensions; this"),
+    # bodies filled
+    (
+        plane,
+        "object",
+        {
+            "mass": 0.1,
+            "viscosity": 0.1,
+            "rotational_viscosity": 1e-3,
+            "free": [True, False, True],
+            "velocity": [0, 1],
+            "shape": {"kind": "sphere", "radius": 1},
+        },
+        "object.velocity: given (0.0, 1.0), expected zero",
+    ),
+    (space, "object.inertia", [1.0, 1.0, 3.0], "object.inertia: given (1.0, 1.0, 3.0), expected moments of which none"),
 ]
 
 
@@ -268,7 +292,7 @@ MOTIONS: list[tuple[dict[str, Any], str | None]] = [
     ),
     ({"kind": "path", "times": [0, 1], "positions": [[0], [1]]}, "motion.positions.0: expected 2 numbers"),
     ({"kind": "path", "times": [0, 1]}, "motion: expected a file, or times and positions"),
-    ({"kind": "path", "file": "nowhere.csv"}, "motion.file: path: given"),
+    ({"kind": "path", "file": "nowhere.csv"}, "motion.file: given"),
     ({"kind": "sinus"}, "motion.kind: unknown kind of motion 'sinus'; did you mean 'sine'?"),
 ]
 
@@ -299,6 +323,73 @@ def test_viscosity_that_would_blow_up_is_refused_with_its_figure(integrator: str
     assert ok or "viscosity * period / mass is 2, " in found[0]
 
 
+@pytest.mark.parametrize(("make", "inertia"), [(plane, 0.1 / 12 * 2 * 0.05**2), (space, 0.4 * 0.1 * 0.03**2)])
+@pytest.mark.parametrize("given", [False, True])
+def test_rotational_viscosity_is_judged_by_the_inertia_of_the_shape_too(make: Any, inertia: float, given: bool) -> None:
+    # solid box in the plane: m (a^2 + b^2)/12; solid sphere: 2 m r^2/5; the limit is bw T/I = 2
+    table = put(make(), "object.integrator", "semi-implicit")
+    if given:
+        put(table, "object.inertia", inertia)
+    assert faults(put(table, "object.rotational_viscosity", 1.99 * inertia / 0.005)) == []
+    [found] = faults(put(table, "object.rotational_viscosity", 2.01 * inertia / 0.005))
+    assert found.startswith("object.rotational_viscosity: rotational_viscosity * period / inertia is 2.01, ")
+
+
+def test_channels_of_a_shared_device() -> None:
+    table = line()
+    table["device"] = [{"label": "left", "name": "simulated", "mass": 0.1, "fingers": 3}]
+    for i, finger in enumerate(table["finger"]):
+        finger |= {"device": "left", "channel": 5 * i}
+    assert faults(table) == ["finger.1.channel: expected less than 3: 'simulated' has 3 fingers; given 5"]
+    table["finger"][1]["channel"] = 2
+    [found] = faults(table)
+    assert found.startswith("device.0: no finger has its channel 1: ")
+
+
+REAL = """
+from graspfx.loop.device import Features
+
+class Real:
+    features = Features(fingers=1, dimensions=2)
+    def open(self, period): raise AssertionError("checking a scene opened the device")
+
+def connect():
+    return Real()
+"""
+
+
+def test_hands_hold_simulated_devices_of_one_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("real.py").write_text(REAL)
+    table = put(plane(), "finger.0.device", {"name": "real.py"})
+    assert faults(table) == []
+    held = put(copy.deepcopy(table), "finger.0.hand", {"stiffness": 1.0})
+    assert faults(held) == ["finger.0.hand: a real device is held by the operator's own hand: leave it out"]
+    table["finger"][0]["device"] = {"name": "two-link", "base": [0.0, -0.2]}
+    table["hand"] = [{"name": "right", "arm": {"stiffness": 1}, "grip": {"stiffness": 1}}]
+    for finger in table["finger"]:
+        finger["hand"] = "right"
+    [found] = faults(table)
+    assert found.startswith(
+        "finger.1.hand: a hand holds devices of one kind; 'right' would hold SimulatedTwoLink and P"
+    )
+
+
+def test_reach_is_asked_for_when_a_scene_is_to_run() -> None:
+    """The arm works from 0.01 to 0.246 m; a workspace is a box. Both are told per finger, together."""
+    table = plane()
+    table["finger"][0] |= {"device": {"name": "two-link", "base": [0.0, -0.4]}}
+    table["finger"][1]["device"]["workspace"] = [[0.0, 0.0], [1.0, 1.0]]
+    scene = Scene(**table)
+    with pytest.raises(SceneError) as caught:
+        scene.require_reach()
+    first, second = caught.value.faults
+    assert (first.key, second.key) == ("finger.0.start", "finger.1.start")
+    assert "the arm works from 0.0100 to 0.2460 m" in first.message
+    assert second.message.startswith("outside the device's workspace, [0.0, 0.0] to [1.0, 1.0] m; given [-0.03, 0.0]")
+    Scene(**plane()).require_reach()
+
+
 def test_devices_with_several_fingers() -> None:
     table = line()
     table["device"] = [{"label": "left", "name": "simulated", "mass": 0.1, "fingers": 2}]
@@ -321,11 +412,18 @@ def test_a_driver_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.chdir(tmp_path)
     Path("empty.py").write_text("")
     Path("broken.py").write_text("import nowhere_to_be_found\n")
+    Path("slip.py").write_text("x = 1\ndef connect(:\n")
     Path("open.py").write_text("def connect(**settings): ...\n")
-    found = [faults(put(line(), "finger.0.device", {"name": name})) for name in ("empty.py", "broken.py", "open.py")]
+    Path("bad.py").write_text("def connect(**settings):\n    return settings['port']\n")
+    names = ("empty.py", "broken.py", "slip.py", "open.py", "bad.py", "none.py")
+    found = [faults(put(line(), "finger.0.device", {"name": name})) for name in names]
     assert found[0] == ["finger.0.device.name: the driver 'empty.py' has no function connect(**settings)"]
-    assert "cannot be imported: No module named 'nowhere_to_be_found'" in found[1][0]
-    assert found[2] == []
+    assert "cannot be imported: broken.py:1: ModuleNotFoundError: No module named 'nowhere_to_be" in found[1][0]
+    assert "cannot be imported: slip.py:2: SyntaxError: " in found[2][0]
+    assert found[3] == ["finger.0.device.name: connect() of 'open.py' gives no device: None has no Features"]
+    assert found[4] == ["finger.0.device: 'bad.py' cannot be connected: bad.py:2: KeyError: 'port'"]
+    assert found[5][0].startswith("finger.0.device.name: given 'none.py', expected the path of a file; there is none")
+    assert all(len(each) == 1 for each in found)
 
 
 def test_every_fault_at_once_and_nothing_is_judged_by_what_is_wrong() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.errors import DeviceError, InputError, SceneError
+from graspfx.errors import SceneError
 
 LINE = {
     "dimensions": 1,
@@ -94,7 +95,7 @@ def test_a_finger_that_leaves_its_workspace_faults() -> None:
 
 
 def test_a_start_out_of_reach_is_a_clear_error() -> None:
-    with pytest.raises(DeviceError, match=r"thumb.*arm works from"):
+    with pytest.raises(SceneError, match=r"paper-waving\.toml: finger\.0\.start: .*arm works from"):
         gx.run(gx.load("paper-waving", {"finger.0.start": [-0.5, 0.0]}))
 
 
@@ -143,6 +144,26 @@ def test_fingers_on_two_objects() -> None:
         alone = gx.run(scene(finger(-0.025), finger(0.025), object={**LINE["object"], "velocity": [v]}))
         assert np.array_equal(rec.objects[name].position, alone.object_position)
         assert np.array_equal(rec.finger_force[:, picked], alone.finger_force)
+
+
+def test_gains_per_finger_on_two_objects() -> None:
+    """The list is over the scene's fingers; each object has the gains of its own."""
+    things = [{**LINE["object"], "name": name, "velocity": [0.02]} for name in ("first", "second")]
+    gains = [30.0, 40.0, 50.0, 60.0]
+
+    def coupled(external: list[float]) -> dict[str, object]:
+        return {**LINE["coupling"], "external": {"stiffness": external}}
+
+    order = [("first", -0.025), ("second", -0.025), ("first", 0.025), ("second", 0.025)]
+    fingers = [finger(s, object=name) for name, s in order]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # unequal gains create energy: not what is asked here
+        rec = gx.run(scene(*fingers, object=things, coupling=coupled(gains)))
+        for k, name in enumerate(("first", "second")):
+            pair = finger(-0.025), finger(0.025)
+            alone = gx.run(scene(*pair, object={**things[k], "name": name}, coupling=coupled(gains[k::2])))
+            assert np.array_equal(rec.objects[name].position, alone.object_position)
+            assert np.array_equal(rec.finger_force[:, k::2], alone.finger_force)
 
 
 def test_port_energy_is_what_the_tips_and_their_springs_have() -> None:
@@ -254,12 +275,12 @@ def test_hand_on_a_real_device_is_refused(tmp_path: Path) -> None:
     driver = tmp_path / "real.py"
     driver.write_text(DRIVER)
     held = {"start": [-0.02], "device": {"name": str(driver), "how": "fine"}, "hand": {"stiffness": 10.0}}
-    with pytest.raises(InputError, match="real device"):
+    with pytest.raises(SceneError, match=r"finger\.0\.hand: a real device"):
         gx.run(scene(held, finger(0.025)))
 
 
 def test_channel_that_a_device_does_not_have() -> None:
-    with pytest.raises(InputError, match="channel"):
+    with pytest.raises(SceneError, match=r"finger\.0\.channel: expected less than 1"):
         gx.run(scene(finger(-0.025, channel=1), finger(0.025)))
 
 

@@ -34,7 +34,9 @@ class Features:
 class Device(Protocol):
     """One piece of hardware, or its simulation, that moves `features.fingers` fingertips.
 
-    A driver is a module with `connect(**settings) -> Device`. `read` and `write` neither wait nor allocate more
+    A driver is a module with `connect(**settings) -> Device`. To connect has no effect: hardware is not touched before
+    `open`, since checking a scene connects every device of it, for its features and for what is wrong with its
+    settings (an InputError by the setting's name). `read` and `write` neither wait nor allocate more
     than they must; the arrays that `read` returns belong to the device and are overwritten by the next `read`.
     """
 

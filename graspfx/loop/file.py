@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from os import PathLike, fspath
 from pathlib import Path
@@ -19,14 +21,31 @@ from graspfx.loop.layout import WRENCH, Column, Layout
 
 FloatArray = NDArray[np.float64]
 
+NAME = "recording.h5"  # of the file in a run's folder
 FORMAT = "graspfx recording 1"
 CHUNK = 1024  # rows
 LONGEST = 512  # bytes of a fault's message: of fixed length, as single-writer files want it
+SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
 SCALES = {
     "axis": ("x", "y", "z"),
     "turn": ("x", "y", "z"),
     "quaternion": ("x", "y", "z", "w"),
 }
+
+
+def make_folder(path: str | PathLike[str]) -> Path:
+    """A folder for files of a run, made if it is not there.
+
+    Raises:
+        RecordingError: it cannot be.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = "a file is in its way" if isinstance(error, FileExistsError | NotADirectoryError) else error.strerror
+        raise RecordingError(f"{folder}: no folder can be made there; {why}") from error
+    return folder
 
 
 class FileSink:
@@ -49,7 +68,7 @@ class FileSink:
         try:
             self._file = h5py.File(fspath(path), "w", libver="latest")
         except OSError as error:
-            raise RecordingError(f"{fspath(path)}: cannot be written; {error}") from error
+            raise RecordingError(f"{fspath(path)}: cannot be written; {_line(error)}") from error
         self._file.attrs.update(_attributes(layout, header))
         scales = self._make_scales()
         self._columns = [(column, self._make(column, scales)) for column in layout.columns.values()]
@@ -70,7 +89,7 @@ class FileSink:
         try:
             self._extend(rows, faults)
         except OSError as error:
-            raise RecordingError(f"{self._file.filename}: cannot be written; {error}") from error
+            raise RecordingError(f"{self._file.filename}: cannot be written; {_line(error)}") from error
 
     def _extend(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
         first, last = self._count, self._count + len(rows)
@@ -90,12 +109,22 @@ class FileSink:
         self._count = last
 
     def close(self, outcome: Outcome) -> None:
-        """Notes how the run went, and closes the file."""
+        """Notes how the run went, and closes the file.
+
+        Raises:
+            RecordingError: the disk takes no more.
+        """
         wall_time = np.nan if outcome.wall_time is None else outcome.wall_time
-        self._file.attrs.modify("wall_time", np.float64(wall_time))
-        self._file.attrs.modify("complete", np.int8(outcome.complete))
-        self._file.attrs.modify("fade_shortfall", np.float64(outcome.fade_shortfall))
-        self._file.close()
+        name = self._file.filename
+        try:
+            self._file.attrs.modify("wall_time", np.float64(wall_time))
+            self._file.attrs.modify("complete", np.int8(outcome.complete))
+            self._file.attrs.modify("fade_shortfall", np.float64(outcome.fade_shortfall))
+            self._file.close()
+        except (OSError, RuntimeError) as error:
+            with suppress(OSError, RuntimeError):
+                self._file.close()
+            raise RecordingError(f"{name}: cannot be written; {_line(error)}") from error
 
     def _make_scales(self) -> dict[str, Any]:
         layout, d = self._layout, self._layout.dimensions
@@ -130,20 +159,52 @@ class FileSink:
 def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome]:
     """Rows, layout, header and outcome of a recording; of a run that was killed, as far as it was written.
 
+    Args:
+        path: of the file, or of the folder in which it is recording.h5.
+
     Raises:
         RecordingError: there is no such file, or no recording in it.
     """
-    name = fspath(path)
-    if not Path(name).is_file():
-        raise RecordingError(f"{name}: there is no such file")
+    place = recording_file(path)
+    if not place.is_file():
+        raise RecordingError(f"{place}: there is no such file")
     try:
-        with h5py.File(name, "r", libver="latest", swmr=True) as file:
+        with _opened(place) as file:
             if file.attrs.get("format") != FORMAT:
-                raise RecordingError(f"{name}: not a GraspFX recording, or one of another version")
+                raise RecordingError(f"{place}: not a GraspFX recording, or one of another version")
             layout = _layout(file)
             return _rows(file, layout), layout, _header(file), _outcome(file)
-    except (OSError, KeyError) as error:
-        raise RecordingError(f"{name}: cannot be read as a recording; {error}") from error
+    except (OSError, RuntimeError, KeyError, ValueError) as error:  # the last three where bytes have gone bad
+        raise RecordingError(f"{place}: cannot be read as a recording; {_line(error)}") from error
+
+
+def recording_file(path: str | PathLike[str]) -> Path:
+    """The file itself, or recording.h5 in a folder."""
+    place = Path(path)
+    return place / NAME if place.is_dir() else place
+
+
+def _opened(place: Path) -> Any:
+    """The file as it is; one still marked open, by a run that goes on or was killed, as its single writer left it."""
+    try:
+        return h5py.File(place, "r")
+    except OSError:
+        if not _left_open(place):
+            raise
+        return h5py.File(place, "r", libver="latest", swmr=True)
+
+
+def _left_open(place: Path) -> bool:
+    """Whether a writer has the file open, or never closed it, and nothing of it was cut off since.
+
+    From the HDF5 superblock, version 3. On a file that was cut short, a reader beside a writer waits for ever for what
+    is missing: such a file must not get there.
+    """
+    with place.open("rb") as file:
+        head = file.read(SUPERBLOCK)
+    if len(head) < SUPERBLOCK or head[VERSION] != 3 or not head[FLAGS]:
+        return False
+    return place.stat().st_size >= int.from_bytes(head[END], "little")
 
 
 def _attributes(layout: Layout, header: Header) -> dict[str, Any]:
@@ -197,5 +258,10 @@ def _rows(file: Any, layout: Layout) -> FloatArray:
     count = len(file["time"])
     rows = np.empty((count, layout.width))
     for column in layout.columns.values():
-        rows[:, column.where] = file[column.name][:count].reshape(count, -1)
+        rows[:, column.where] = file[column.name][:count].reshape(count, math.prod(column.shape))
     return rows
+
+
+def _line(error: Exception) -> str:
+    """What HDF5 says, on one line."""
+    return " ".join(str(error).split())

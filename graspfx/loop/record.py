@@ -42,15 +42,26 @@ class Recorder:
         header: of the recording.
         sinks: where blocks go besides memory.
         block: rows in a block; about one second of the run if not given.
+        keep: the rows in memory too, for `finish` to make a recording of them; else only the sinks have them.
     """
 
-    def __init__(self, layout: Layout, header: Header, sinks: Sequence[Sink] = (), block: int | None = None) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        header: Header,
+        sinks: Sequence[Sink] = (),
+        block: int | None = None,
+        *,
+        keep: bool = True,
+    ) -> None:
         self.layout, self.header = layout, header
         self.faults: list[RunFault] = []
         self._sinks = tuple(sinks)
         self._size = block or max(1, min(LARGEST_BLOCK, round(1.0 / header.period)))
-        self._full: list[FloatArray] = []
-        self._drained = self._told = 0
+        self._keep = keep
+        self._kept: list[FloatArray] = []
+        self._full: list[FloatArray] = []  # on their way to the sinks
+        self._first = self._told = 0
         self._open()
         self._outcome: Outcome | None = None
 
@@ -70,14 +81,16 @@ class Recorder:
         """Hands what is full to the sinks; call it between ticks."""
         if self._used == self._size:
             self._turn()
-        while self._drained < len(self._full):
-            self._write(self._full[self._drained])
-            self._drained += 1
+        while self._full:
+            block = self._full.pop(0)
+            if self._keep:
+                self._kept.append(block)
+            self._write(block)
 
     def finish(
         self, wall_time: float | None = None, *, complete: bool = True, fade_shortfall: float = 0.0
     ) -> Recording:
-        """Writes what is left, closes the sinks and gives the recording.
+        """Writes what is left, closes the sinks and gives the recording of the rows that were kept.
 
         Args:
             wall_time: that the run took [s].
@@ -86,12 +99,16 @@ class Recorder:
         """
         self.drain()
         rest = self._block[: self._used]
-        if self._used or len(self.faults) > self._told:
-            self._write(rest)
+        self._kept += [rest] if self._keep else []
         self._outcome = Outcome(tuple(self.faults), wall_time, complete, fade_shortfall)
-        for sink in self._sinks:
-            sink.close(self._outcome)
-        return Recording(np.concatenate([*self._full, rest]), self.layout, self.header, self._outcome)
+        try:
+            if self._used or len(self.faults) > self._told:
+                self._write(rest)
+        finally:
+            for sink in self._sinks:
+                sink.close(self._outcome)
+        rows = np.concatenate([np.empty((0, self.layout.width)), *self._kept])
+        return Recording(rows, self.layout, self.header, self._outcome)
 
     def __enter__(self) -> Self:
         return self
@@ -105,11 +122,11 @@ class Recorder:
     def _open(self) -> None:
         self._block = np.zeros((self._size, self.layout.width))
         self._rows = list(self._block)  # views made now, so that a tick makes none
-        self._first = len(self._full) * self._size
         self._used = 0
 
     def _turn(self) -> None:
         self._full.append(self._block)
+        self._first += self._size
         self._open()
 
     def _write(self, rows: FloatArray) -> None:
@@ -139,7 +156,7 @@ class ObjectMotion:
 
 
 class Recording:
-    """A run: row k of every array is the state read at k T and the forces computed from it.
+    """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
 
     Args:
         rows: (N, width), read-only from here on.
@@ -214,7 +231,7 @@ class Recording:
 
     @property
     def device_energy(self) -> FloatArray:
-        """Work done so far on each fingertip through its device, (N, n) [J]."""
+        """Work done so far on each fingertip by the force that its device is told to display, (N, n) [J]."""
         return self.array("device_energy")
 
     @cached_property

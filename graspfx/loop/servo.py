@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
@@ -105,9 +105,11 @@ class Servo:
         """By how much free fingers began to fade too near the surface, at most so far [m]."""
         return max(held.grasped.shortfall for held in self.objects)
 
-    def run(self, ticks: int, recorder: Recorder) -> None:
-        """That many ticks, each recorded."""
+    def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None = None) -> None:
+        """That many ticks, each recorded; fewer if `stop`, asked before each, says so."""
         for _ in range(ticks):
+            if stop is not None and stop():
+                break
             self.tick(recorder)
             recorder.drain()
 

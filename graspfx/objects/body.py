@@ -180,27 +180,6 @@ def fill_body(
     at.orient(state, 0)
 
 
-def viscous_step(state: FloatArray, T: float) -> float:
-    """The largest of b T/m and b_w T/I over the free axes: how much of its speed a body loses in one explicit step.
-
-    I is the smallest principal moment: with some rotations of a body in space locked the true figure may be less.
-    """
-    free = state[at.FREE : at.FREE + 6] != 0.0
-    rates = [0.0]
-    if free[:3].any():
-        rates.append(state[at.VISCOSITY] / state[at.MASS])
-    if free[3:].any():
-        moments = state[at.INERTIA : at.INERTIA + 3]
-        rates.append(state[at.ROTATIONAL_VISCOSITY] / (moments[2] if state[at.DIMENSIONS] == 2 else moments.min()))
-    return float(T * max(rates))
-
-
-def step_is_stable(state: FloatArray, T: float) -> bool:
-    """Whether viscosity slows the body: explicit and semi-implicit need `viscous_step` < 2, the others nothing."""
-    exact = state[at.INTEGRATOR] in (at.EXACT, at.IMPLICIT)
-    return bool(exact or viscous_step(state, T) < VISCOUS_LIMIT)
-
-
 def _number(name: str, given: float, expected: str, *, zero: bool = True) -> float:
     value = float(_vector(name, given, 0, expected))
     if value < 0.0 or (value == 0.0 and not zero):

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from inspect import signature
 from pathlib import Path as FilePath
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.coupling.grasped import GraspedObject, Rules
-from graspfx.errors import DeviceError, InputError
+from graspfx.errors import DeviceError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop import motion as motions
-from graspfx.loop.device import Device, SimulatedDevice
+from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import Hand, join
 from graspfx.loop.layout import Layout
 from graspfx.loop.servo import Body, Held, Moved, Servo, Station
-from graspfx.objects import shape as shapes
-from graspfx.objects.body import fill_body, step_is_stable, viscous_step
+from graspfx.scene.bodies import fill, make_shape
+from graspfx.scene.fields import Gains
 from graspfx.scene.hands import Hand as HandTable
 from graspfx.scene.hands import Motion, SharedHand
 from graspfx.scene.model import Scene
-from graspfx.scene.parts import Device as DeviceTable
-from graspfx.scene.parts import Object as ObjectTable
+from graspfx.scene.wiring import Wire, wires
 
 FloatArray = NDArray[np.float64]
 
@@ -36,12 +32,15 @@ FloatArray = NDArray[np.float64]
 def build(scene: Scene) -> Iterator[Servo]:
     """A servo ready to tick; devices and bodies are closed at the end, whatever happens.
 
-    Raises InputError or DeviceError for what only shows when a device is connected, such as a start out of its reach.
+    Raises:
+        SceneError: a finger that starts out of its device's reach.
+        DeviceError: a device that does not open, or a plant that does not take its fingers together.
     """
+    scene.require_reach()
     start = np.array([finger.start for finger in scene.finger], dtype=float)
     with ExitStack() as stack:
         objects = [_held(scene, i, start, stack) for i in range(len(scene.object))]
-        wired = _connect(scene)
+        wired = wires(scene, scene.source.folder)
         inward = np.zeros_like(start)
         for held in objects:
             inward[held.fingers] = held.grasped.inward()
@@ -50,15 +49,20 @@ def build(scene: Scene) -> Iterator[Servo]:
             stack.enter_context(wire.device)
             wire.device.open(scene.period)
         stations = [Station(wire.device, wire.fingers) for wire in wired]
-        layout = Layout(
-            dimensions=scene.dimensions,
-            fingers=scene.finger_names,
-            objects=tuple(held.name for held in objects),
-            finger_objects=scene.finger_objects,
-            gaps=scene.coupling.contact == "unilateral",
-            simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired),
-        )
+        layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
         yield Servo(scene.period, layout, stations, objects, moved)
+
+
+def make_layout(scene: Scene, *, simulated: bool) -> Layout:
+    """The columns of a recording of the scene; simulated devices also tell their true positions."""
+    return Layout(
+        dimensions=scene.dimensions,
+        fingers=scene.finger_names,
+        objects=tuple(thing.name for thing in scene.object),
+        finger_objects=scene.finger_objects,
+        gaps=scene.coupling.contact == "unilateral",
+        simulated=simulated,
+    )
 
 
 # Objects ----------------------------------------------------------------------------------------------------------
@@ -67,13 +71,13 @@ def build(scene: Scene) -> Iterator[Servo]:
 def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held:
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
-    shape = make_shape(table, d)
+    shape = make_shape(table)
     rules = scene.coupling
     grasped = GraspedObject(
         len(fingers),
         d,
         scene.period,
-        make_law(scene),
+        make_law(scene, fingers),
         Rules(
             attached=rules.contact == "attached",
             stick=rules.friction == "stick",
@@ -81,7 +85,7 @@ def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held
             at_contact=rules.reaction == "contact",
             blend=rules.blend,
         ),
-        lambda state: _fill(scene, table, shape, state),
+        lambda state: fill(scene, table, state),
         shape=shape,
     )
     create = plugins.load("dynamics", table.dynamics, scene.source.folder).create
@@ -97,120 +101,34 @@ def _nothing() -> None:
     return None
 
 
-def make_shape(table: ObjectTable, d: int) -> shapes.Box | shapes.Sphere | None:
-    """The shape that a table describes."""
-    if table.shape is None:
-        return None
-    if table.shape.kind == "box":
-        return shapes.Box(table.shape.size)
-    return shapes.Sphere(table.shape.radius)
-
-
-def make_law(scene: Scene) -> Coupling:
-    """The gains of eq. (4)."""
+def make_law(scene: Scene, fingers: NDArray[np.intp]) -> Coupling:
+    """The gains of eq. (4) for the fingers of one object."""
     external, internal = scene.coupling.external, scene.coupling.internal
     return Coupling(
-        external=Impedance(external.stiffness, external.damping),
-        internal=Impedance(internal.stiffness, internal.damping),
+        external=Impedance(_own(external.stiffness, fingers), _own(external.damping, fingers)),
+        internal=Impedance(_own(internal.stiffness, fingers), _own(internal.damping, fingers)),
         form=scene.coupling.form,
     )
 
 
-def _fill(scene: Scene, table: ObjectTable, shape: shapes.Box | shapes.Sphere | None, state: FloatArray) -> None:
-    d = scene.dimensions
-    inertia: Any = table.inertia
-    if inertia is None and shape is not None and d > 1:
-        inertia = shape.inertia(table.mass, d)
-    fill_body(
-        state,
-        dimensions=d,
-        mass=table.mass,
-        inertia=inertia,
-        viscosity=table.viscosity,
-        rotational_viscosity=table.rotational_viscosity or 0.0,
-        # others have an integrator of their own; only the native implicit one is asked for its free motion
-        integrator=table.integrator if table.dynamics == "native" else "semi-implicit",
-        free=scene.free(table),
-        gravity=scene.gravity,
-        position=table.position,
-        orientation=table.orientation,
-        velocity=table.velocity,
-        angular_velocity=table.angular_velocity,
-    )
-    if table.dynamics == "native" and not step_is_stable(state, scene.period):
-        raise InputError(
-            f"{table.name}: viscosity",
-            f"a viscous step of {viscous_step(state, scene.period):.4g}",
-            f"below 2 with {table.integrator} integration",
-            "integrator = 'exact' or 'implicit' takes any",
-        )
-
-
-# Devices ----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Wire:
-    """A connected device and the finger of each of its channels (-1: none)."""
-
-    name: str
-    device: Device
-    fingers: NDArray[np.intp]
-
-
-def _connect(scene: Scene) -> list[_Wire]:
-    """Every device once, in the order of the first finger that names it."""
-    channels: dict[str, dict[int, int]] = {}
-    tables: dict[str, DeviceTable] = {}
-    shared = {table.label: table for table in scene.device}
-    for i, finger in enumerate(scene.finger):
-        key = finger.device if isinstance(finger.device, str) else f"device of {scene.finger_names[i]}"
-        tables[key] = shared[finger.device] if isinstance(finger.device, str) else finger.device
-        channels.setdefault(key, {})[finger.channel] = i
-    wired = []
-    for key, table in tables.items():
-        device = connect(table, scene)
-        k = device.features.fingers
-        beyond = [c for c in channels[key] if c >= k]
-        if beyond:
-            raise InputError(f"{key}: channel", beyond[0], f"a channel below {k}: the device has {k} finger(s)")
-        if device.features.dimensions != scene.dimensions:
-            raise InputError(key, f"{device.features.dimensions} dimensions", f"the scene's {scene.dimensions}")
-        fingers = np.array([channels[key].get(c, -1) for c in range(k)])
-        wired.append(_Wire(key, device, fingers))
-    return wired
-
-
-def connect(table: DeviceTable, scene: Scene) -> Device:
-    """The device that a table names; a driver whose `connect` takes `dimensions` is given the scene's."""
-    driver = plugins.load("devices", table.name, scene.source.folder)
-    settings = table.settings
-    if "dimensions" in signature(driver.connect).parameters:
-        settings.setdefault("dimensions", scene.dimensions)
-    device: Device = driver.connect(**settings)
-    return device
+def _own(gain: Gains, fingers: NDArray[np.intp]) -> float | FloatArray:
+    """Of gains that are given per finger, those of these fingers; any other as it is."""
+    values = np.asarray(gain, dtype=float)
+    if values.ndim == 0:
+        return float(values)
+    return values[fingers] if values.ndim in (1, 3) else values
 
 
 # Hands and plants -------------------------------------------------------------------------------------------------
 
 
-def _moved(scene: Scene, wired: Sequence[_Wire], start: FloatArray, inward: FloatArray) -> Iterator[Moved]:
+def _moved(scene: Scene, wired: Sequence[Wire], start: FloatArray, inward: FloatArray) -> Iterator[Moved]:
     """The plants of the simulated devices: one for all devices that hands join to one another."""
     groups = _hand_groups(scene)
     for members in _components(scene, wired, groups):
         simulated = [wired[i] for i in members]
         fingers = np.concatenate([wire.fingers for wire in simulated])
         devices = [wire.device for wire in simulated]
-        kinds = {type(device) for device in devices}
-        if len(kinds) > 1:
-            names = ", ".join(sorted(kind.__name__ for kind in kinds))
-            raise InputError("hand", f"devices of different kinds ({names})", "one hand to hold devices of one kind")
-        if (fingers < 0).any():
-            wire = next(w for w in simulated if (w.fingers < 0).any())
-            c = int(np.flatnonzero(wire.fingers < 0)[0])
-            raise InputError(
-                f"{wire.name}: channel {c}", "no finger", "a finger for every channel of a simulated device"
-            )
         hands, order = [], []
         for group in groups:
             if group[0] in fingers:
@@ -236,15 +154,9 @@ def _hand_groups(scene: Scene) -> list[list[int]]:
     return list(groups.values())
 
 
-def _components(scene: Scene, wired: Sequence[_Wire], groups: Sequence[Sequence[int]]) -> Iterator[list[int]]:
+def _components(scene: Scene, wired: Sequence[Wire], groups: Sequence[Sequence[int]]) -> Iterator[list[int]]:
     """Sets of simulated devices that share a hand, directly or through others."""
     of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.fingers if f >= 0}
-    for wire in wired:
-        held = [f for f in wire.fingers if f >= 0 and scene.finger[f].hand is not None]
-        if not isinstance(wire.device, SimulatedDevice) and held:
-            raise InputError(
-                f"{scene.finger_names[held[0]]}.hand", "a hand on a real device", "no hand: the operator's own holds it"
-            )
     left = {i for i, wire in enumerate(wired) if isinstance(wire.device, SimulatedDevice)}
     while left:
         members = [min(left)]

@@ -13,11 +13,16 @@ import numpy as np
 from graspfx import plugins
 from graspfx.errors import InputError, UnknownNameError, closest, shown
 from graspfx.loop import motion
+from graspfx.loop.device import Device
+from graspfx.objects.body import VISCOUS_LIMIT
+from graspfx.objects.kernels import SIZE
+from graspfx.scene import bodies
 from graspfx.scene.fields import NotValid
 from graspfx.scene.hands import Path as RecordedPath
 from graspfx.scene.hands import Reach, Sine
 from graspfx.scene.parts import WIDTHS, Box, SceneTable
-from graspfx.scene.settings import setting_faults
+from graspfx.scene.settings import reason, setting_faults
+from graspfx.scene.wiring import wiring_faults
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]
@@ -30,14 +35,15 @@ AXES = {"x": 0, "y": 1, "z": 2}
 def cross_faults(scene: SceneTable, folder: Path | None) -> list[Found]:
     """Faults between the valid fields of a scene, or of a draft of one."""
     faults: list[Found] = []
-    for check in _checks(scene, folder):
+    for check in _checks(scene, folder, faults):
         with suppress(NotValid):
             for found in check:
                 faults.append(found)  # one by one: those before a field that is not valid stay
     return faults
 
 
-def _checks(scene: SceneTable, folder: Path | None) -> Iterator[Iterator[Found]]:
+def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iterator[Iterator[Found]]:
+    connected: dict[Location, Device] = {}
     yield _enough(scene)
     yield _length(scene, (), scene, "gravity")
     for table in NAMED:
@@ -48,20 +54,22 @@ def _checks(scene: SceneTable, folder: Path | None) -> Iterator[Iterator[Found]]
             yield _length(scene, ("object", i), thing, field)
         for rule in (_shape, _free, _inertia, _turning, _orientation, _angular_velocity, _step):
             yield rule(scene, ("object", i), thing)
+        yield _body(scene, ("object", i), thing, faults)
         yield _dynamics(("object", i), thing, folder)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:
             yield _reference(scene, ("finger", i, field), finger, field)
         yield _own_hand(scene, ("finger", i, "hand"), finger, folder)
-        yield _own_device(scene, ("finger", i, "device"), finger, folder)
+        yield _own_device(scene, ("finger", i, "device"), finger, folder, connected)
     for i, device in enumerate(_items(scene, "device")):
-        yield setting_faults(scene, ("device", i), device, folder)
+        yield setting_faults(scene, ("device", i), device, folder, connected)
     for i, hand in enumerate(_items(scene, "hand")):
         yield _motion(scene, ("hand", i, "motion"), hand, folder)
         for half in ("arm", "grip"):
             yield _spring(scene, ("hand", i, half), hand, half)
     yield _channels(scene)
+    yield wiring_faults(scene, connected)
     for table in ("device", "hand"):
         yield _unused(scene, table)
     for share in ("external", "internal"):
@@ -186,30 +194,44 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
 def _step(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
-    ratio = thing.viscosity * scene.period / thing.mass
-    if ratio >= 2.0:
+    if any(scene.free(thing)[: scene.dimensions]):
+        yield from _slowed(scene, at, thing, "viscosity", thing.viscosity, "mass", thing.mass)
+    if thing.rotational_viscosity is not None and _turns(scene, thing):
+        with suppress(InputError):  # a shape of another number of dimensions has its own fault
+            moments = np.atleast_1d(np.asarray(bodies.inertia(scene, thing) or 0.0, dtype=float))
+            least = float(moments[-1] if scene.dimensions == 2 else moments.min())
+            if least > 0.0:
+                viscosity = thing.rotational_viscosity
+                yield from _slowed(scene, at, thing, "rotational_viscosity", viscosity, "inertia", least)
+
+
+def _slowed(
+    scene: SceneTable, at: Location, thing: Any, key: str, viscosity: float, by: str, inertia: float
+) -> Iterator[Found]:
+    ratio = viscosity * scene.period / inertia
+    if ratio >= VISCOUS_LIMIT:
         yield (
-            (*at, "viscosity"),
-            f"viscosity * period / mass is {ratio:.4g}, and {thing.integrator} integration is stable only below 2; "
-            "integrator = 'exact' always is",
+            (*at, key),
+            f"{key} * period / {by} is {ratio:.4g}, and {thing.integrator} integration is stable only below "
+            f"{VISCOUS_LIMIT:g}; integrator = 'exact' always is",
         )
-    inertia = thing.inertia if isinstance(thing.inertia, tuple) else (thing.inertia,)
-    if thing.rotational_viscosity is None or None in inertia or min(inertia) <= 0 or not _turns(scene, thing):
+
+
+def _body(scene: SceneTable, at: Location, thing: Any, faults: list[Found]) -> Iterator[Found]:
+    """What the body itself refuses, where nothing else has been found."""
+    if any(found[: len(at)] == at or found == ("gravity",) for found, _ in faults):
         return
-    ratio = thing.rotational_viscosity * scene.period / min(inertia)
-    if ratio >= 2.0:
-        yield (
-            (*at, "rotational_viscosity"),
-            f"rotational_viscosity * period / inertia is {ratio:.4g}, and {thing.integrator} integration is stable "
-            "only below 2; integrator = 'exact' always is",
-        )
+    try:
+        bodies.fill(scene, thing, np.zeros(SIZE))
+    except InputError as error:
+        yield (*at, error.name), reason(error)
 
 
 def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
     try:
         plugins.find("dynamics", thing.dynamics, folder)
     except (UnknownNameError, InputError) as error:
-        yield (*at, "dynamics"), str(error)
+        yield (*at, "dynamics"), reason(error)
     if thing.dynamics == "bullet" and find_spec("pybullet") is None:
         yield (
             (*at, "dynamics"),
@@ -242,9 +264,11 @@ def _own_hand(scene: SceneTable, at: Location, finger: Any, folder: Path | None)
             yield from check
 
 
-def _own_device(scene: SceneTable, at: Location, finger: Any, folder: Path | None) -> Iterator[Found]:
+def _own_device(
+    scene: SceneTable, at: Location, finger: Any, folder: Path | None, connected: dict[Location, Device]
+) -> Iterator[Found]:
     if not isinstance(finger.device, str):
-        yield from setting_faults(scene, at, finger.device, folder)
+        yield from setting_faults(scene, at, finger.device, folder, connected)
 
 
 def _spring(scene: SceneTable, at: Location, owner: Any, field: str) -> Iterator[Found]:
@@ -273,7 +297,7 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path 
         try:
             recorded = motion.Path.read((folder or Path()) / Path(path.file).expanduser())
         except InputError as error:
-            yield (*at, "file"), str(error)
+            yield (*at, "file"), reason(error)
             return
         if recorded.dimensions != scene.dimensions:
             yield (*at, "file"), f"expected {_numbers(scene.dimensions)} after the time; given {recorded.dimensions}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,12 @@ def find_faults(data: Mapping[str, Any], folder: Path | None = None) -> list[Fau
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
         found = [*_field_faults(error, draft)]
-    return [Fault(dotted(key_in(data, at)), text) for at, text in found + cross_faults(draft, folder)]
+    return as_faults(data, found + cross_faults(draft, folder))
+
+
+def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
+    """Faults by dotted key, as the data writes it."""
+    return [Fault(dotted(key_in(data, at)), text) for at, text in found]
 
 
 def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:

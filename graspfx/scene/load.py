@@ -5,16 +5,18 @@ from __future__ import annotations
 import inspect
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from graspfx import plugins
-from graspfx.errors import Fault, InputError, SceneError
+from graspfx.errors import Fault, GraspFXError, InputError, SceneError, closest
 from graspfx.scene.model import Scene, Source, make_scene
 
 PLACE = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
+OPEN_ENDED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
 SIMPLE = re.compile(r"^[A-Za-z_]\w*$")
 
 
@@ -31,13 +33,28 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) 
         SceneError: with every fault at once, each with its line.
         UnknownNameError: no scene has that name.
         InputError: the path leads to no file, or the file holds no scene.
+        PluginError: a Python file that cannot be imported, or whose `scene()` raises.
     """
     path = plugins.find("scenes", name)
-    text = path.read_text(encoding="utf-8")
-    source = Source(_shown_path(path), text, path, dict(overrides or {}))
+    text = _text(path)
+    source = Source(plugins.shown_path(path), text, path, dict(overrides or {}))
     if path.suffix == ".py":
         return _from_python(path, source)
     return make_scene(_parsed(text, source.name), source.overrides, source, lines_from=text)
+
+
+def _text(path: Path) -> str:
+    shown = plugins.shown_path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError("scene", shown, "a file that can be read", str(error.strerror)) from error
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        fault = Fault("", f"not UTF-8: byte 0x{data[error.start]:02x}; save the file in that encoding", line)
+        raise SceneError(shown, [fault]) from error
 
 
 def _parsed(text: str, name: str) -> dict[str, Any]:
@@ -51,33 +68,48 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 
 
 def _from_python(path: Path, source: Source) -> Scene:
-    make = getattr(plugins.load("scenes", path), "scene", None)
+    make = getattr(plugins.load_blaming("scenes", path), "scene", None)
     if not callable(make):
         raise InputError("scene", source.name, "a Python file with `def scene(**parameters) -> gx.Scene`")
     parameters = inspect.signature(make).parameters
     open_ended = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
-    named = {name for name, each in parameters.items() if each.kind is not inspect.Parameter.VAR_KEYWORD}
+    named = {name for name, each in parameters.items() if each.kind not in OPEN_ENDED}
     taken = {
         key: value
         for key, value in source.overrides.items()
         if key in named or (open_ended and SIMPLE.match(key) and key not in Scene.model_fields)
     }
-    missing = [
-        name for name in named if parameters[name].default is inspect.Parameter.empty and name not in source.overrides
-    ]
-    if missing:
-        raise SceneError(source.name, [Fault(name, "required by scene(), but not given") for name in sorted(missing)])
+    faults = [*_unknown(source.overrides.keys() - taken.keys(), named), *_missing(parameters, source.overrides)]
+    if faults:
+        raise SceneError(source.name, faults)
     try:
-        scene = make(**taken)
+        with plugins.blaming(path):
+            scene = make(**taken)
     except SceneError as error:
         raise SceneError(source.name, error.faults) from error
+    except plugins.PluginError:
+        raise
+    except GraspFXError as error:
+        raise plugins.blamed(path, error, str(error)) from error
     if not isinstance(scene, Scene):
         raise InputError(f"scene() in {source.name}", scene, "a gx.Scene")
     rest = {key: value for key, value in source.overrides.items() if key not in taken}
     return make_scene(scene.to_dict(), rest, source)
 
 
-def _shown_path(path: Path) -> str:
-    """Relative to the current folder when it lies inside, as a terminal can follow it."""
-    here = Path.cwd()
-    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
+def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[Fault]:
+    """Overrides that are neither parameters nor keys of a scene: said before `scene()` makes something of the rest."""
+    known = parameters | Scene.model_fields.keys()
+    for key in sorted(keys):
+        if key.split(".")[0] not in known:
+            close = closest(key, known)
+            hint = (
+                f"; did you mean {close!r}?" if close else f"; scene() takes {', '.join(sorted(parameters)) or 'none'}"
+            )
+            yield Fault(key, f"unknown key{hint} (set by an override)")
+
+
+def _missing(parameters: Mapping[str, inspect.Parameter], given: Mapping[str, Any]) -> Iterator[Fault]:
+    for name, each in sorted(parameters.items()):
+        if each.default is inspect.Parameter.empty and each.kind not in OPEN_ENDED and name not in given:
+            yield Fault(name, "required by scene(), but not given")

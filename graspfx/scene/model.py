@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,11 @@ from typing import Any
 from pydantic import PrivateAttr
 
 from graspfx.errors import Fault, SceneError
-from graspfx.scene.faults import find_faults
+from graspfx.scene.faults import as_faults, find_faults
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import Key, overridden
 from graspfx.scene.parts import SceneTable
+from graspfx.scene.wiring import placing_faults
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,23 @@ class Scene(SceneTable):
         table: dict[str, Any] = self.model_dump(mode="json", exclude_unset=True)
         return table
 
+    def require_reach(self) -> None:
+        """What only shows when simulated devices are placed, as a run does.
+
+        Raises:
+            SceneError: with every finger that starts where its device cannot be.
+        """
+        found = placing_faults(self, self._source.folder)
+        if found:
+            raise self._error(found)
+
+    def _error(self, found: Iterable[tuple[Key, str]]) -> SceneError:
+        source = self._source
+        is_toml = source.path is not None and source.path.suffix == ".toml"
+        table = tomllib.loads(source.text) if is_toml else self.to_dict()
+        _, replaced, _ = overridden(table, source.overrides)
+        return _placed(source, as_faults(table, found), replaced, source.text if is_toml else None)
+
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """The scene with values replaced by dotted key, as on the command line."""
         source = Source(
@@ -90,17 +109,29 @@ def make_scene(
         SceneError: with every fault at once.
     """
     data, replaced, faults = overridden(table, overrides)
-    faults += find_faults(data, source.folder)
+    try:
+        scene = Scene(source, **data)
+    except SceneError as error:
+        raise _placed(source, [*faults, *error.faults], replaced, lines_from) from None
     if faults:
-        lines = KeyLines(lines_from) if lines_from is not None else None
-        raise SceneError(source.name, [_placed(fault, replaced, lines) for fault in faults])
-    return Scene(source, **data)
+        raise _placed(source, faults, replaced, lines_from)
+    return scene
 
 
-def _placed(fault: Fault, replaced: set[Key], lines: KeyLines | None) -> Fault:
+def _placed(source: Source, faults: Sequence[Fault], replaced: set[Key], lines_from: str | None) -> SceneError:
+    """Faults in the order of their lines, after those that have none."""
+    lines = KeyLines(lines_from) if lines_from is not None else None
+    placed = [_with_line(fault, source, replaced, lines) for fault in faults]
+    return SceneError(source.name, sorted(placed, key=lambda fault: fault.line or 0))
+
+
+def _with_line(fault: Fault, source: Source, replaced: set[Key], lines: KeyLines | None) -> Fault:
     key = tuple(int(part) if part.isdecimal() else part for part in fault.key.split("."))
     if any(key[:length] in replaced for length in range(1, len(key) + 1)):
-        return Fault(fault.key, f"{fault.message} (set by an override)")
+        given = source.overrides.get(fault.key)
+        quotes = isinstance(given, int | float) and fault.message.startswith("expected text")
+        hint = f"text needs quotes: --set '{fault.key}=\"{str(given).lower()}\"'; " if quotes else ""
+        return Fault(fault.key, f"{fault.message} ({hint}set by an override)")
     return Fault(fault.key, fault.message, lines[key] if lines is not None else None)
 
 

@@ -3,46 +3,90 @@
 from __future__ import annotations
 
 import json
+import math
+import os
+import shutil
+import sys
+from collections.abc import Callable
 from os import PathLike
-from pathlib import Path
 from time import perf_counter
 
 from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.record import Recorder, Recording, Sink
-from graspfx.scene.build import build
+from graspfx.scene.build import build, make_layout
 from graspfx.scene.model import Scene
 
 
-def run(scene: Scene, duration: float | None = None, *, out: str | PathLike[str] | None = None) -> Recording:
+def run(
+    scene: Scene,
+    duration: float | None = None,
+    *,
+    out: str | PathLike[str] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Recording:
     """Simulate a scene on its own clock (time = tick x period); two runs are bit-identical.
 
     Args:
         scene: from `load`, or made in Python.
         duration: instead of the scene's own [s]; rounded to whole periods.
-        out: a folder in which recording.h5 is written while the run goes on, readable also if it is killed.
+        out: a folder in which recording.h5 is written while the run goes on, readable also if it is killed. The rows
+            are then only there until the run is over.
+        stop: asked before every tick; the first True ends the run there, and what was recorded is marked as incomplete.
 
     Raises:
-        InputError: a duration that is not a positive time, or what only shows when a device is connected.
-        DeviceError: a device that cannot be opened or placed.
+        InputError: a duration that is not a positive time, or more ticks than there is room for.
+        SceneError: a finger that starts out of its device's reach.
+        DeviceError: a device that does not open.
+        RecordingError: `out` cannot be written to.
     """
-    seconds = scene.duration if duration is None else duration
-    ticks = round(seconds / scene.period) if 0.0 < seconds < float("inf") else 0
-    if ticks < 1:
-        raise InputError("duration", duration, f"a time of at least one period, {scene.period} s")
+    size = 8 * make_layout(scene, simulated=True).width  # bytes of a tick
+    ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     with build(scene) as servo:
         header = _header(scene)
         sinks: list[Sink] = []
         if out is not None:
-            from graspfx.loop.file import FileSink
+            from graspfx.loop.file import NAME, FileSink, make_folder
 
-            folder = Path(out)
-            folder.mkdir(parents=True, exist_ok=True)
-            sinks.append(FileSink(folder / "recording.h5", servo.layout, header))
-        with Recorder(servo.layout, header, sinks) as recorder:
+            file = make_folder(out) / NAME
+            _require_room(ticks, size, f"the disk of {file.parent}", shutil.disk_usage(file.parent).free)
+            sinks.append(FileSink(file, servo.layout, header))
+        with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()
-            servo.run(ticks, recorder)
-            return recorder.finish(perf_counter() - began, fade_shortfall=servo.fade_shortfall)
+            servo.run(ticks, recorder, stop)
+            done, shortfall = servo.clock.ticks == ticks, servo.fade_shortfall
+            recording = recorder.finish(
+                perf_counter() - began if done else None, complete=done, fade_shortfall=shortfall
+            )
+    return recording if out is None else Recording.load(file)
+
+
+def _ticks(scene: Scene, duration: float | None, size: int) -> int:
+    seconds = scene.duration if duration is None else duration
+    ratio = seconds / scene.period
+    if not 0.0 < seconds < math.inf or ratio <= 0.5:
+        raise InputError("duration", seconds, f"a time of at least one period, {scene.period} s")
+    _require_room(ratio, size, "this machine's memory", _memory())
+    return round(ratio)
+
+
+def _require_room(ticks: float, size: int, where: str, limit: float) -> None:
+    if ticks * size > limit:
+        raise InputError(
+            "duration",
+            ticks,
+            f"at most {limit / size:.3g} periods: each takes {size} bytes to record, and {where} has room for "
+            f"{limit / 1e9:.3g} GB, not {ticks * size / 1e9:.3g} GB",
+            "make the duration shorter or the period longer",
+        )
+
+
+def _memory() -> float:
+    """Bytes in this machine; where it does not say, those that it could address."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return float(sys.maxsize)
 
 
 def _header(scene: Scene) -> Header:

@@ -1,42 +1,79 @@
-"""A device table against the signature of its driver's `connect`; imports the drivers that the scene names."""
+"""A device table against its driver: imported, its settings held to the signature of `connect`, then connected."""
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from graspfx import plugins
-from graspfx.errors import InputError, UnknownNameError, closest, shown
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
+from graspfx.loop.device import Device as Connected
+from graspfx.loop.device import Features
 from graspfx.scene.parts import Device, SceneTable
+from graspfx.scene.wiring import AUTOMATIC, connect
 
 Location = tuple[str | int, ...]
+Found = tuple[Location, str]
 OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
-AUTOMATIC = "dimensions"  # given to a driver that takes it, from the scene's own key
 
 
 def setting_faults(
-    scene: SceneTable, at: Location, device: Device, folder: Path | None
-) -> Iterator[tuple[Location, str]]:
-    """Unknown and missing settings of a device, and values that are no finite numbers."""
+    scene: SceneTable, at: Location, table: Device, folder: Path | None, connected: dict[Location, Connected]
+) -> Iterator[Found]:
+    """What keeps a device from being connected; one that can be is added to `connected`."""
+    try:
+        driver = plugins.load_blaming("devices", table.name, folder)
+    except (UnknownNameError, InputError) as error:
+        yield (*at, "name"), reason(error)
+        return
+    except GraspFXError as error:
+        yield (*at, "name"), f"the driver {table.name!r} cannot be imported: {error}"
+        return
+    if not callable(getattr(driver, "connect", None)):
+        yield (*at, "name"), f"the driver {table.name!r} has no function connect(**settings)"
+        return
+    faults = list(_against_signature(scene, at, table, inspect.signature(driver.connect).parameters))
+    yield from faults
+    if not faults:
+        yield from _connection(scene, at, table, driver, connected)
+
+
+def reason(error: GraspFXError) -> str:
+    """An error's text without the name that it begins with, where the fault's key says that already."""
+    return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
+
+
+def _connection(
+    scene: SceneTable, at: Location, table: Device, driver: ModuleType, connected: dict[Location, Connected]
+) -> Iterator[Found]:
+    dimensions = scene.dimensions
+    try:
+        with plugins.blaming(Path(driver.__file__ or driver.__name__)):
+            device = connect(driver, table, dimensions)
+            features = getattr(device, "features", None)
+    except InputError as error:
+        known = error.name in table.settings
+        yield ((*at, error.name), reason(error)) if known else (at, str(error))
+    except GraspFXError as error:
+        yield at, f"{table.name!r} cannot be connected: {error}"
+    else:
+        if isinstance(features, Features):
+            connected[at] = device
+        else:
+            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {shown(device)} has no Features"
+
+
+def _against_signature(
+    scene: SceneTable, at: Location, device: Device, parameters: Mapping[str, inspect.Parameter]
+) -> Iterator[Found]:
     settings = device.settings
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {shown(value)}"
-    try:
-        connect = plugins.load("devices", device.name, folder).connect
-    except (UnknownNameError, InputError) as error:
-        yield (*at, "name"), str(error)
-        return
-    except ImportError as error:
-        yield (*at, "name"), f"the driver {device.name!r} cannot be imported: {error}"
-        return
-    except AttributeError:
-        yield (*at, "name"), f"the driver {device.name!r} has no function connect(**settings)"
-        return
-    parameters = inspect.signature(connect).parameters
     named = {name for name, each in parameters.items() if each.kind is not OPEN_ENDED}
     unknown = [key for key in settings if key not in named] if len(named) == len(parameters) else []
     meant = {key: closest(key, named) for key in unknown}
