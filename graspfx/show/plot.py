@@ -1,4 +1,4 @@
-"""The figure of a run: where object and fingers were, and how far the fingers went into the object."""
+"""The figure of a run: where object and fingers were, how far the fingers went in, and with what force."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.show.panels import Curve, Row, View, rows, views
+from graspfx.show.strokes import finger_strokes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,25 +21,32 @@ if TYPE_CHECKING:
     from graspfx.loop.record import Recording
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
-MM = 1e3
-OBJECT = "#1a1a1a"
-FINGERS = ("#c1272d", "#0071bc", "#39803a", "#8e44ad", "#d35400", "#128c8c")
-ASTRAY = "#e07b00"
-CONTACTS = "#6b6b6b"
 GAINS = ("coupling.external.stiffness", "coupling.internal.stiffness")
-GRID = "#e4e4e4"
+GRID, NOTE = "#e4e4e4", "#444444"
 SMALL = 9.0  # [points]
+SMALLEST = 7.5
 LONGEST_TITLE = 56  # characters in a line
+BELOW_ZERO = 0.05  # of a distance's range, so that a line along zero is clear of the axis
+NOTE_LINE = 0.09  # of a panel's height
+MARKERS = 6  # on a line
+LONG_WAY = 40.0  # up and down, in heights of a panel: a line that goes so far would become an area
+THIN = 0.5
 MOST_POINTS = 6000  # per line: more than a picture can show
 
 
 def figure(recordings: Sequence[Recording], path: str | PathLike[str], titles: Sequence[str] | None = None) -> Path:
     """Draws one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
 
-    Above, along the axis of main motion: the first object solid, its fingers dashed. Below, for two fingers: the
-    distance between them solid, that between the object and their centre dashed, and dotted the distance at which they
-    would just touch; for another number of fingers, each finger's distance from their centre solid.
+    (a) Along each axis of noticeable motion: the object solid, its fingers dashed.
+    (b) For two fingers: the distance between them solid, that between the object and their centre dashed, and dotted
+    the distance at which they would just touch; for more, each finger's distance from their centre.
+    (c) The magnitude of each finger's force.
+    (d) How the object turns from where it begins, if it does.
+
+    Where lines in (a) or (b) would look straight, their change since the first tick is drawn, and a note says from
+    where. A recording of several objects gets a column for each that fingers touch.
 
     Args:
         recordings: one or more.
@@ -48,83 +57,83 @@ def figure(recordings: Sequence[Recording], path: str | PathLike[str], titles: S
         The path.
 
     Raises:
-        InputError: no recordings, or one without a tick.
+        InputError: no recordings, one without a tick, or another number of titles.
     """
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
+    if titles is not None and len(titles) != len(recordings):
+        raise InputError("titles", len(titles), f"as many as recordings, {len(recordings)}")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    names = list(titles) if titles is not None else [_title(recording) for recording in recordings]
-    columns = len(recordings)
-    picture = Figure(figsize=(2.2 + 4.6 * columns, 5.8), layout="constrained")
+    columns = views(recordings)
+    found = rows(columns, finger_strokes([view.names for view in columns]))
+    heights = [row.height for row in found]
+    width = 4.6 if len(columns) < 3 else 3.8
+    picture = Figure(figsize=(2.3 + width * len(columns), 0.9 + sum(heights)), layout="constrained")
     FigureCanvasAgg(picture)
-    axes = picture.subplots(2, columns, squeeze=False, sharex=True, sharey="row")
-    for column, recording in enumerate(recordings):
-        _draw_positions(axes[0, column], recording)
-        _draw_distances(axes[1, column], recording)
-        axes[0, column].set_title(names[column], loc="left", fontweight="bold", fontsize=SMALL + 1.0)
-        axes[1, column].set_xlabel("time [s]", fontsize=SMALL)
-    axes[0, 0].set_ylabel(f"position {_axis_name(recordings[0])} [mm]", fontsize=SMALL)
-    axes[1, 0].set_ylabel("distance [mm]", fontsize=SMALL)
-    for letter, row in zip("ab", axes, strict=True):
-        row[0].text(-0.13, 1.02, f"({letter})", transform=row[0].transAxes, fontweight="bold", fontsize=SMALL)
-        _add_legend(row[-1])
-    for each in axes.flat:
-        _tidy(each)
+    axes = picture.subplots(
+        len(found), len(columns), squeeze=False, sharex=True, sharey="row", gridspec_kw={"height_ratios": heights}
+    )
+    for row, panels in zip(found, axes, strict=True):
+        _draw_row(row, panels, columns)
+    for each, title in zip(axes[0], _titles(recordings, titles, width / 4.6), strict=True):
+        each.set_title(title, loc="left", fontweight="bold", fontsize=SMALL + 1.0)
+    for each in axes[-1]:
+        each.set_xlabel("time [s]", fontsize=SMALL)
+    picture.align_ylabels(axes[:, 0])
     picture.savefig(fspath(path), dpi=150)
     return Path(path)
 
 
-def main_axis(recording: Recording) -> int:
-    """The axis along which the first object moves most; the fingers', if it does not move."""
-    spread = np.ptp(recording.object_position, axis=0)
-    if not spread.any():
-        spread = np.ptp(recording.finger_position, axis=0).max(axis=0)
-    return int(np.argmax(spread))
+def _draw_row(row: Row, panels: Sequence[Axes], columns: Sequence[View]) -> None:
+    for axes, curves, view in zip(panels, row.panels, columns, strict=True):
+        for curve in curves:
+            _draw(axes, view.recording.time, curve)
+        if not curves:
+            axes.text(0.5, 0.5, "does not apply", transform=axes.transAxes, ha="center", fontsize=SMALL, color=NOTE)
+        _tidy(axes)
+    first = panels[0]
+    low, high = first.get_ylim()
+    if row.distance:
+        low, high = -BELOW_ZERO * high, (1.0 + BELOW_ZERO) * high
+    _thin_out(row, panels, high - low)
+    lines = max((note.count("\n") + 1 for note in row.notes), default=0)
+    first.set_ylim(low, high + (high - low) * NOTE_LINE * lines)
+    for axes, note in zip(panels, row.notes, strict=False):
+        axes.text(0.02, 0.97, note, transform=axes.transAxes, va="top", fontsize=SMALLEST, color=NOTE)
+    first.set_ylabel(row.label, fontsize=SMALL)
+    if row.letter:
+        first.text(-0.14, 1.02, f"({row.letter})", transform=first.transAxes, fontweight="bold", fontsize=SMALL)
+    _add_legend(row, panels)
 
 
-def _draw_positions(axes: Axes, recording: Recording) -> None:
-    a, every = main_axis(recording), _every(recording)
-    t = recording.time[::every]
-    for number, i in enumerate(_fingers(recording)):
-        axes.plot(
-            t, MM * recording.finger_position[::every, i, a], "--", linewidth=1.1,
-            color=FINGERS[number % len(FINGERS)], label=recording.layout.fingers[i],
-        )  # fmt: skip
-    axes.plot(t, MM * recording.object_position[::every, a], linewidth=1.6, color=OBJECT, label="object")
+def _draw(axes: Axes, time: FloatArray, curve: Curve) -> None:
+    stroke, shown = curve.stroke, _shown(curve.values)
+    step = max(1, len(shown) // MARKERS)
+    axes.plot(
+        time[shown], curve.values[shown], linestyle=stroke.dashes, linewidth=stroke.width, color=stroke.colour,
+        marker=stroke.marker, markersize=4.0, markevery=(int(stroke.place * step), step), label=_named(curve.label),
+    )  # fmt: skip
 
 
-def _draw_distances(axes: Axes, recording: Recording) -> None:
-    every = _every(recording)
-    t, fingers = recording.time[::every], _fingers(recording)
-    p = recording.finger_position[::every][:, fingers]  # (N, n, d)
-    centre = p.mean(axis=1)
-    if len(fingers) == 2:
-        c = recording.contact_position[::every][:, fingers]
-        touch = np.linalg.norm(c[:, 1] - c[:, 0], axis=1)
-        if touch.any():  # contacts attached to the object's centre have none
-            axes.plot(t, MM * touch, ":", linewidth=1.0, color=CONTACTS, label="between contact points")
-        apart = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
-        axes.plot(t, MM * apart, linewidth=1.6, color=OBJECT, label="between fingers")
-    else:
-        for number, i in enumerate(fingers):
-            away = np.linalg.norm(p[:, number] - centre, axis=1)
-            name = f"{recording.layout.fingers[i]} to centre"
-            axes.plot(t, MM * away, linewidth=1.4, color=FINGERS[number % len(FINGERS)], label=name)
-    astray = np.linalg.norm(recording.object_position[::every] - centre, axis=1)
-    axes.plot(t, MM * astray, "--", linewidth=1.2, color=ASTRAY, label="object to centre of fingers")
-    axes.set_ylim(bottom=0.0)
+def _thin_out(row: Row, panels: Sequence[Axes], height: float) -> None:
+    ways = [np.nansum(np.abs(np.diff(curve.values))) for panel in row.panels for curve in panel]
+    if max(ways, default=0.0) > LONG_WAY * height:
+        for axes in panels:
+            for line in axes.get_lines():
+                line.set_linewidth(THIN * line.get_linewidth())
 
 
-def _fingers(recording: Recording) -> list[int]:
-    """Those of the first object; all, if it has none."""
-    own = [i for i, thing in enumerate(recording.layout.finger_objects) if thing == 0]
-    return own or list(range(len(recording.layout.fingers)))
-
-
-def _every(recording: Recording) -> int:
-    return max(1, len(recording) // MOST_POINTS)
+def _shown(values: FloatArray) -> IntArray:
+    """The ticks to draw: all of a short run, of a long one the least and the greatest value in each short while."""
+    size = 2 * len(values) // MOST_POINTS
+    if size < 3:
+        return np.arange(len(values))
+    whole = len(values) // size * size
+    pieces = np.nan_to_num(values[:whole]).reshape(-1, size)
+    ends = np.stack([pieces.argmin(axis=1), pieces.argmax(axis=1)], axis=1) + np.arange(0, whole, size)[:, None]
+    return np.unique(np.concatenate([[0], ends.ravel(), np.arange(whole, len(values))]))
 
 
 def _tidy(axes: Axes) -> None:
@@ -132,25 +141,54 @@ def _tidy(axes: Axes) -> None:
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=SMALL)
+    axes.margins(x=0.02)
+    axes.ticklabel_format(axis="y", useOffset=False)
 
 
-def _add_legend(axes: Axes) -> None:
-    lines = sorted(axes.get_lines(), key=lambda line: line.get_linestyle() != "-")
-    axes.legend(
-        handles=lines, loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=2.6, frameon=False, fontsize=SMALL
-    )
+def _add_legend(row: Row, panels: Sequence[Axes]) -> None:
+    """Names every line that any panel of the row shows, once."""
+    from matplotlib.lines import Line2D
+
+    named = {_named(curve.label) for panel in row.panels for curve in panel if curve.named}
+    lines = {line.get_label(): line for axes in panels for line in axes.get_lines() if line.get_label() in named}
+    entries = sorted(lines.values(), key=lambda line: line.get_linestyle() != "-")
+    if row.remark:
+        entries.append(Line2D([], [], linestyle="none", label=row.remark))
+    if entries:
+        panels[-1].legend(
+            handles=entries, loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=2.8, frameon=False,
+            fontsize=SMALL,
+        )  # fmt: skip
 
 
-def _axis_name(recording: Recording) -> str:
-    return "xyz"[main_axis(recording)]
+def _named(label: str) -> str:
+    """What matplotlib takes for a name: it leaves out of a legend what begins with an underscore."""
+    return f" {label}" if label.startswith("_") else label
 
 
-def _title(recording: Recording) -> str:
+def _titles(recordings: Sequence[Recording], titles: Sequence[str] | None, share: float) -> list[str]:
+    """One per column: the recording's, and the object's name where there are several."""
+    found = []
+    for number, recording in enumerate(recordings):
+        title = titles[number] if titles is not None else _title(recording, int(share * LONGEST_TITLE))
+        own = views([recording])
+        several = len(own) > 1
+        found += [f"{title}\nobject {recording.layout.objects[view.number]}" if several else title for view in own]
+    return found
+
+
+def _title(recording: Recording, longest: int) -> str:
     """The scene, its gains, and what else was set for this run."""
     header = recording.header
-    name = fill(header.title or Path(header.scene).stem or "run", LONGEST_TITLE)
+    name = header.title or Path(header.scene).stem or "run"
     others = [f"{key} = {value}" for key, value in header.overrides.items() if key not in GAINS]
-    return "\n".join([name, ", ".join([*_gains(header.scene_table), *others])]).rstrip()
+    settings = ", ".join([*_gains(header.scene_table), *(_plain(other) for other in others)])
+    return "\n".join(fill(line, longest) for line in (_plain(name), settings)).rstrip()
+
+
+def _plain(text: str) -> str:
+    """Text in which a dollar sign begins no formula."""
+    return text.replace("$", r"\$")
 
 
 def _gains(scene: Mapping[str, Any]) -> list[str]:
