@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,12 @@ from graspfx.errors import InputError
 from graspfx.grasp.arms import centred_arms
 from graspfx.grasp.contact import MOMENTS, contacts, finite
 from graspfx.grasp.split import Split
+
+if TYPE_CHECKING:
+    from graspfx.grasp.closure import ForceClosure, Limit
+    from graspfx.grasp.margin import Bound, Margin
+    from graspfx.grasp.measures import Measures
+    from graspfx.grasp.virtual_linkage import VirtualLinkage
 
 FloatArray = NDArray[np.float64]
 
@@ -138,6 +145,53 @@ class Grasp:
     def split(self, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> Split:
         """The split of contact forces into external and internal ones (eq. 3); see `Split`."""
         return Split(self, metric=metric, tolerance=tolerance)
+
+    def virtual_linkage(
+        self, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
+    ) -> VirtualLinkage:
+        """The split of a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
+        from graspfx.grasp.virtual_linkage import VirtualLinkage
+
+        return VirtualLinkage(self, actuators=actuators, tolerance=tolerance)
+
+    def measures(
+        self,
+        *,
+        length: float | None = None,
+        about: ArrayLike | None = None,
+        torsion_length: float | None = None,
+    ) -> Measures:
+        """Singular values, isotropy, volume and minimum; see `grasp.measures.measures`."""
+        from graspfx.grasp.measures import measures
+
+        return measures(self, length=length, about=about, torsion_length=torsion_length)
+
+    def force_closure(
+        self, friction: ArrayLike = 0.0, torsion: ArrayLike = 0.0, *, limit: Limit = "elliptic"
+    ) -> ForceClosure:
+        """Whether contacts that push can make every wrench, with the proof; see `grasp.closure.force_closure`."""
+        from graspfx.grasp.closure import force_closure
+
+        return force_closure(self, friction, torsion, limit=limit)
+
+    def margin(
+        self,
+        friction: ArrayLike = 0.0,
+        torsion: ArrayLike = 0.0,
+        *,
+        bound: Bound = "sum",
+        limit: Limit = "elliptic",
+        length: float | None = None,
+        about: ArrayLike | None = None,
+        tolerance: float = 1e-3,
+    ) -> Margin:
+        """The largest ball of wrenches that bounded pushes can make; see `grasp.margin.wrench_margin`."""
+        from graspfx.grasp.margin import wrench_margin
+
+        return wrench_margin(
+            self, friction, torsion,
+            bound=bound, limit=limit, length=length, about=about, tolerance=tolerance,
+        )  # fmt: skip
 
 
 def _mask(free: ArrayLike | None, w: int) -> NDArray[np.bool_]:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.grasp.contact import finite
+
+if TYPE_CHECKING:
+    from graspfx.grasp.internal import InternalCoordinates
 
 FloatArray = NDArray[np.float64]
 
@@ -131,6 +135,22 @@ class Split:
     def internal_basis(self) -> FloatArray:
         """Orthonormal basis (m, m - rank) of the forces without a wrench: the null space of G."""
         return np.linalg.qr(self._motions, mode="complete")[0][:, self.rank :]
+
+    def internal_coordinates(self, names: Sequence[str] | None = None) -> InternalCoordinates:
+        """Internal forces as named tensions, bendings and torsions of the fingers; see `InternalCoordinates`.
+
+        Args:
+            names: of the fingers, in the order of the contacts; "1", "2", ... if None.
+
+        Raises:
+            InputError: the split of a bare matrix, names that do not fit.
+        """
+        from graspfx.grasp.internal import internal_coordinates
+        from graspfx.grasp.matrix import Grasp
+
+        if not isinstance(self.grasp, Grasp):
+            raise InputError("split", self.grasp, "the split of a Grasp", "a bare matrix does not know its contacts")
+        return internal_coordinates(self.grasp, self, self.rank, names)
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """External and internal parts of contact forces (m,) or (..., m); their sum is the force."""

@@ -1,0 +1,310 @@
+"""Internal forces by name: tensions between fingers, bendings and torsions as coordinates of the null space of G."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError
+from graspfx.grasp.contact import Contacts, finite
+
+if TYPE_CHECKING:
+    from graspfx.grasp.matrix import Grasp
+
+FloatArray = NDArray[np.float64]
+Candidates = list[tuple[str, FloatArray]]
+
+FLAT = 1e-6  # contacts nearer than this to a line or plane, in units of their spread, lie on it
+DEPENDENT = 1e-6  # what a unit force must add to those already chosen to be new
+TIED = 1e-9  # relative: candidates that add as much as one another, of which the first is taken
+AXES = "xyz"
+
+
+class Dividing(Protocol):
+    """What coordinates ask of a split; `grasp.split.Split` and `grasp.virtual_linkage.VirtualLinkage` answer."""
+
+    def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """External and internal parts of contact forces (..., m)."""
+
+
+@dataclass(frozen=True, eq=False)
+class InternalCoordinates:
+    """(I - P) f = B y: the internal part of contact forces as m - rank named numbers y, G B = 0.
+
+    | coordinate | 1 unit of it | unit |
+    |---|---|---|
+    | tension i-j | a string between i and j, f_i = u, f_j = -u, u from i to j: positive squeezes | N |
+    | bending k: a-b-c along u | f_k = u, held by a, b, c as by the supports of a plate or beam through the four | N |
+    | torsion i | a torsion of contact i, held by the least forces of all contacts | N m |
+    | torsion i against j | the same where forces cannot hold it: contact j turns back | N m |
+    | force k x | a component that the object's locked freedoms or other contacts hold | N |
+
+    Tensions come first: of all pairs a set is chosen in which every other pair's tension is a combination with
+    coefficients of at most 1. They span the internal forces of point contacts unless the contacts lie on a line, or
+    four or more lie in a plane in space: then (d - a)(n - a - 1) bendings complete them, a the dimension of what the
+    contacts span. Tensions as coordinates: Murray, Li and Sastry 1994, ch. 5; Williams and Khatib 1993.
+
+    Attributes:
+        names: one for each coordinate.
+        units: "N" or "N m" each.
+        basis: B, (m, m - rank).
+        condition: of B with moments in units of the contacts' rms radius and columns of unit length.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    basis: FloatArray
+    condition: float
+    _split: Dividing
+    _reader: FloatArray
+
+    def of(self, force: ArrayLike) -> FloatArray:
+        """y of the internal part of contact forces (..., m), in the split's own sense of internal: (..., m - rank)."""
+        return self._split.divide(force)[1] @ self._reader.T
+
+    def force(self, coordinates: ArrayLike) -> FloatArray:
+        """B y, internal contact forces (..., m)."""
+        y = finite("coordinates", coordinates)
+        if y.shape[-1:] != (len(self.names),):
+            raise InputError("coordinates", y, f"an array whose last axis has the {len(self.names)} coordinates")
+        return y @ self.basis.T
+
+    def named(self, force: ArrayLike) -> dict[str, float]:
+        """The coordinates of one force (m,) under their names."""
+        return dict(zip(self.names, self.of(finite("force", force).reshape(-1)).tolist(), strict=True))
+
+
+def internal_coordinates(
+    grasp: Grasp,
+    split: Dividing,
+    rank: int,
+    names: Sequence[str] | None = None,
+    pairs: Sequence[tuple[int, int]] | None = None,
+) -> InternalCoordinates:
+    """Chooses and names a basis of the internal forces.
+
+    Args:
+        grasp: the contacts.
+        split: what divides forces.
+        rank: of G.
+        names: of the fingers; "1", "2", ... if None.
+        pairs: the tensions to use, as pairs of fingers counted from 0; chosen well if None.
+
+    Raises:
+        InputError: names or pairs that do not fit, pairs whose tensions depend on one another or leave some out.
+    """
+    fingers = _fingers(names, grasp.fingers)
+    A, size = grasp.unit_free()
+    units = np.where(grasp.torsion_columns, size, 1.0)  # component = units * unit-free component
+    target = len(grasp.finger_of_column) - rank
+    tensions = _tensions(grasp.contacts, fingers, pairs)
+    chosen: Candidates = []
+    for candidates in (
+        tensions,
+        _bendings(grasp.contacts, fingers),
+        _torsions(grasp, A, units, fingers),
+        _circuits(grasp, A, units, rank, fingers),
+    ):
+        chosen = _extended(chosen, candidates, target, units)
+        if candidates is tensions and pairs is not None:
+            _check_pairs(len(chosen), len(pairs), grasp, fingers, target, units)
+    B = np.array([x for _, x in chosen]).reshape(len(chosen), len(units)).T
+    S = B / units[:, None]
+    lengths = np.sqrt((S**2).sum(axis=0))
+    values = np.linalg.svd(S / lengths, compute_uv=False)
+    reader = np.linalg.pinv(S / lengths) / lengths[:, None] / units
+    kinds = tuple("N m" if name.startswith(("torsion", "moment")) else "N" for name, _ in chosen)
+    condition = float(values[0] / values[-1]) if len(values) else 1.0
+    return InternalCoordinates(tuple(name for name, _ in chosen), kinds, B, condition, split, reader)
+
+
+def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray | None:
+    """A contact's force (d,) as components (m,), or None where the contact cannot transmit it."""
+    own = (contacts.finger == finger) & ~contacts.moment
+    axes = contacts.force_axes[own]
+    x = axes @ force
+    if np.abs(x @ axes - force).max() > 1e-12 * np.abs(force).max():
+        return None
+    full = np.zeros(len(contacts.finger))
+    full[own] = x
+    return full
+
+
+def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int, int]] | None) -> Candidates:
+    n = len(contacts.points)
+    found: Candidates = []
+    for i, j in combinations(range(n), 2) if pairs is None else pairs:
+        if not (0 <= i < n and 0 <= j < n and i != j):
+            raise InputError("pairs", (i, j), f"two different fingers of 0 to {n - 1}")
+        line = contacts.points[j] - contacts.points[i]
+        length = float(np.linalg.norm(line))
+        if length == 0.0:
+            continue
+        here, there = components(contacts, i, line / length), components(contacts, j, -line / length)
+        if here is not None and there is not None:
+            found.append((f"tension {fingers[i]}-{fingers[j]}", here + there))
+    return found
+
+
+def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
+    """sum_i l_i u with sum_i l_i = 0 and sum_i l_i c_i = 0, u normal to all that the contacts span."""
+    n, d = contacts.points.shape
+    arms = contacts.points - contacts.points[0]
+    arms = arms - arms.mean(axis=0)
+    values, rows = np.linalg.svd(arms, full_matrices=True)[1:]
+    a = int((values > FLAT * values[0]).sum()) if values[0] > 0.0 else 0
+    if n < a + 2 or a == d:
+        return []
+    normal = rows[a:].T @ rows[a:]  # projector; its normals as near to the world's axes as they come
+    normals = [_tidy(u) for u in np.linalg.qr(normal[:, _pivots(normal, d - a)])[0].T]
+    flat = np.hstack([np.ones((n, 1)), arms @ rows[:a].T / max(values[0], 1e-300)])  # (n, a + 1)
+    supports = _pivots(flat.T, a + 1)
+    found: Candidates = []
+    for k in range(n):
+        if k in supports:
+            continue
+        share = np.linalg.solve(flat[supports].T, flat[k])
+        for u in normals:
+            parts = [components(contacts, k, u)]
+            parts += [components(contacts, s, -part * u) for s, part in zip(supports, share, strict=True) if part]
+            whole = [part for part in parts if part is not None]
+            if len(whole) == len(parts):
+                held = "-".join(fingers[s] for s in supports)
+                found.append((f"bending {fingers[k]}: {held} along {_direction(u)}", np.sum(whole, axis=0)))
+    return found
+
+
+def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
+    """Moments of the contacts, each held by the least forces, or by another moment where forces cannot."""
+    columns = np.flatnonzero(grasp.torsion_columns)
+    if not columns.size:
+        return []
+    forces = ~grasp.torsion_columns
+    U, values, V = np.linalg.svd(A[:, forces])
+    r = int((values > FLAT * np.sqrt(grasp.fingers)).sum())
+    unheld = U[:, r:].T @ A[:, columns]  # what no force can hold
+    reach = np.linalg.svd(unheld, compute_uv=False) if unheld.size else np.zeros(0)
+    anchors = _pivots(unheld, int((reach > FLAT).sum()))
+    found: Candidates = []
+    for j in range(len(columns)):
+        if j in anchors:
+            continue
+        tau = np.zeros(len(columns))
+        tau[j] = 1.0
+        if anchors:
+            tau[anchors] = -np.linalg.lstsq(unheld[:, anchors], unheld[:, j], rcond=None)[0]
+        tau[np.abs(tau) < 1e-14] = 0.0
+        x = np.zeros(len(units))
+        x[columns] = tau
+        x[forces] = -V[:r].T @ ((U[:, :r].T @ (A[:, columns] @ tau)) / values[:r])
+        against = [_component(grasp.contacts, columns[a], fingers)[1] for a in anchors if tau[a]]
+        name = " ".join(_component(grasp.contacts, columns[j], fingers))
+        name += f" against {' and '.join(against)}" if against else ""
+        found.append((name, units * x / units[columns[j]]))
+    return found
+
+
+def _circuits(grasp: Grasp, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
+    """A component of one contact, held by as many others as the rank: these always span the null space."""
+    held = _pivots(A, rank)
+    found: Candidates = []
+    for j in range(len(units)):
+        if j in held:
+            continue
+        x = np.zeros(len(units))
+        x[j] = 1.0
+        if held:
+            x[held] = -np.linalg.lstsq(A[:, held], A[:, j], rcond=None)[0]
+            x[held] -= np.linalg.lstsq(A[:, held], A @ x, rcond=None)[0]
+        found.append((" ".join(_component(grasp.contacts, j, fingers)), units * x / units[j]))
+    return found
+
+
+def _extended(chosen: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
+    """The candidates that add most, one after the other, then exchanged until each other one has coefficients <= 1."""
+    want = target - len(chosen)
+    if want <= 0 or not candidates:
+        return chosen
+    X = np.array([x for _, x in candidates]).T / units[:, None]
+    X = X / np.sqrt((X**2).sum(axis=0))
+    if chosen:
+        C = np.linalg.qr(np.array([x for _, x in chosen]).T / units[:, None])[0]
+        X = X - C @ (C.T @ X)
+        X = X - C @ (C.T @ X)
+    picks = _pivots(X, want, DEPENDENT)
+    if picks:
+        picks = _exchanged(X, picks)
+    return chosen + [candidates[k] for k in sorted(picks)]
+
+
+def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
+    """Columns of largest volume among their neighbours: each other one is a combination with coefficients <= 1."""
+    coefficients = np.linalg.lstsq(X[:, picks], X, rcond=None)[0]
+    for _ in range(10 * X.shape[1]):
+        row, column = np.unravel_index(int(np.abs(coefficients).argmax()), coefficients.shape)
+        if abs(coefficients[row, column]) <= 1.0 + TIED:
+            break
+        picks[int(row)] = int(column)
+        coefficients = np.linalg.lstsq(X[:, picks], X, rcond=None)[0]
+    return picks
+
+
+def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
+    """Up to `count` columns of X, each the one that adds most to those before it; the first of equals."""
+    R = X.copy()
+    picks: list[int] = []
+    for _ in range(min(count, *X.shape)):
+        lengths = np.sqrt((R**2).sum(axis=0))
+        lengths[picks] = 0.0
+        longest = float(lengths.max())
+        if longest <= least:
+            break
+        k = int(np.flatnonzero(lengths >= longest * (1.0 - TIED))[0])
+        picks.append(k)
+        q = R[:, k] / lengths[k]
+        R = R - np.outer(q, q @ R)
+        R = R - np.outer(q, q @ R)
+    return picks
+
+
+def _check_pairs(got: int, given: int, grasp: Grasp, fingers: list[str], target: int, units: FloatArray) -> None:
+    if got < given:
+        raise InputError("pairs", given, "tensions that do not depend on one another", f"only {got} of them do not")
+    most = len(_extended([], _tensions(grasp.contacts, fingers, None), target, units))
+    if got < most:
+        raise InputError("pairs", given, f"{most} pairs, as many as there are independent tensions")
+
+
+def _component(contacts: Contacts, column: int, fingers: list[str]) -> tuple[str, ...]:
+    """What a component is, whose, and along which axis."""
+    finger, moment = contacts.finger[column], bool(contacts.moment[column])
+    same = np.flatnonzero((contacts.finger == finger) & (contacts.moment == moment))
+    name = fingers[finger]
+    if len(same) == 1:
+        return ("torsion" if moment else "force", name)
+    axis = (contacts.moment_axes if moment else contacts.force_axes)[column]
+    return ("moment" if moment else "force", name, _direction(axis))
+
+
+def _direction(u: FloatArray) -> str:
+    hit = np.flatnonzero(np.abs(u - 1.0) < FLAT)
+    if hit.size and np.abs(np.delete(u, hit[0])).max(initial=0.0) < FLAT:
+        return AXES[hit[0]]
+    return "(" + " ".join(f"{x:.3g}" for x in u + 0.0) + ")"
+
+
+def _tidy(u: FloatArray) -> FloatArray:
+    """The direction or its opposite, so that its largest component is positive."""
+    return u if u[int(np.abs(u).argmax())] > 0.0 else -u
+
+
+def _fingers(names: Sequence[str] | None, n: int) -> list[str]:
+    fingers = [str(k + 1) for k in range(n)] if names is None else [str(name) for name in names]
+    if len(fingers) != n or len(set(fingers)) != n:
+        raise InputError("names", fingers, f"{n} different names, one per finger")
+    return fingers

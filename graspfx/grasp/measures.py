@@ -1,0 +1,131 @@
+"""How well a grasp turns contact forces into wrenches: singular values of the grasp matrix in units that compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError
+from graspfx.grasp.contact import finite
+
+if TYPE_CHECKING:
+    from graspfx.grasp.matrix import Grasp
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Measures:
+    """The ellipsoid of wrenches that contact forces of one newton, |f| <= 1, can make (Yoshikawa and Nagai 1991).
+
+    With G_s the grasp matrix whose moments are divided by a length L and whose torsion columns are multiplied by a
+    length l, sigma_1 >= ... >= sigma_w are its singular values, the ellipsoid's half axes [N per N]. There are as many
+    as the object has freedoms; those that the grasp cannot resist or move are zero.
+
+    Attributes:
+        singular_values: (w,), falling.
+        directions: (w, w), the half axes as columns, forces before moments divided by L.
+        length: L [m].
+        torsion_length: l [m].
+    """
+
+    singular_values: FloatArray
+    directions: FloatArray
+    length: float
+    torsion_length: float
+
+    @property
+    def isotropy(self) -> float:
+        """sigma_w / sigma_1: 1 for a ball, 0 where a wrench cannot be made (Prattichizzo and Trinkle 2016)."""
+        values = self.singular_values
+        return float(values[-1] / values[0]) if values.size and values[0] > 0.0 else 0.0
+
+    @property
+    def volume(self) -> float:
+        """sqrt(det(G_s G_s')) = sigma_1 ... sigma_w, the ellipsoid's volume over the unit ball's."""
+        return float(np.prod(self.singular_values))
+
+    @property
+    def minimum(self) -> float:
+        """sigma_w, the largest wrench that one newton makes in the grasp's weakest direction."""
+        return float(self.singular_values[-1]) if self.singular_values.size else 0.0
+
+
+def measures(
+    grasp: Grasp, *, length: float | None = None, about: ArrayLike | None = None, torsion_length: float | None = None
+) -> Measures:
+    """The singular values of a grasp in units of a length; see `Measures`.
+
+    Args:
+        grasp: the contacts.
+        length: L, by which moments are divided [m]; the contacts' rms distance from their centroid if None.
+        about: point to which moments refer [m], for example the object's centre of mass. If None, the contacts'
+            centroid, or the grasp's origin where a translation is locked.
+        torsion_length: l, the torsion [N m] that counts as much as one newton [m]; L if None.
+
+    Raises:
+        InputError: a length that is not positive, or none given and contacts that lie in one point.
+    """
+    L = moment_length(grasp, length)
+    ell = L if torsion_length is None else _positive("torsion_length", torsion_length)
+    d = grasp.dimensions
+    arms = (grasp.points - reference_point(grasp, about))[grasp.finger_of_column]
+    a = grasp.contacts.force_axes
+    turns = turning(arms, a) / L + grasp.contacts.moment_axes * (ell / L)
+    G = np.hstack([a, turns]).T[grasp.free]  # (w, m)
+    w = len(G)
+    if not w:
+        return Measures(np.zeros(0), np.zeros((0, 0)), L, ell)
+    directions, found, _ = np.linalg.svd(G, full_matrices=True)
+    values = np.zeros(w)
+    values[: len(found)] = found
+    # a line of contacts in exact arithmetic leaves rounding, not a small number
+    values[values <= max(G.shape) * np.finfo(float).eps * values[0]] = 0.0
+    return Measures(values, directions, L if d > 1 else 1.0, ell)
+
+
+def moment_length(grasp: Grasp, length: float | None) -> float:
+    """By what moments are divided: as given, or the rms distance of the contacts from their centroid [m]."""
+    if length is not None:
+        return _positive("length", length)
+    if not grasp.moment_rows.any():
+        return 1.0
+    arms = grasp.points - grasp.points[0]
+    arms = arms - arms.mean(axis=0)
+    radius = float(np.sqrt((arms**2).sum() / grasp.fingers))
+    if radius == 0.0:
+        raise InputError("length", None, "a length [m] for moments", "the contacts lie in one point and have no radius")
+    return radius
+
+
+def reference_point(grasp: Grasp, about: ArrayLike | None) -> FloatArray:
+    """Where moments are taken: as given, else the centroid, or the origin where a translation is locked, (d,) [m]."""
+    if about is not None:
+        point = finite("about", about)
+        if point.shape != (grasp.dimensions,):
+            raise InputError("about", point, f"a point of {grasp.dimensions} coordinates")
+        return point
+    if not grasp.free[: grasp.dimensions].all():
+        return grasp.origin
+    first = grasp.points[0]
+    return np.asarray(first + (grasp.points - first).mean(axis=0))
+
+
+def turning(arms: FloatArray, forces: FloatArray) -> FloatArray:
+    """r x a for rows (k, d): (k, 0), (k, 1) or (k, 3)."""
+    d = arms.shape[1]
+    if d == 3:
+        return np.asarray(np.cross(arms, forces))
+    if d == 2:
+        return (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0])[:, None]
+    return np.zeros((len(arms), 0))
+
+
+def _positive(name: str, given: float) -> float:
+    value = float(finite(name, given))
+    if not value > 0.0:
+        raise InputError(name, given, "a positive length [m]")
+    return value
