@@ -1,0 +1,155 @@
+"""A triangle mesh as one flat array: triangles, neighbours, pseudonormals, and a tree of boxes around them.
+
+The tree is complete: every level halves its triangles along the longest side of their centres' box. Nodes stand in
+preorder, each with the node to go on with when its box is skipped, so that a walk over the tree needs no stack.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+# Header, offsets from the start of the mesh; what it tells of are offsets from there too.
+EXTENT = 0  # size of the bounding box plus the largest coordinate, to which rounding is relative [m]
+CLOSED = 1  # 1.0: watertight; 0.0: a shell, which is touched from its front only
+NODE_COUNT = 2
+NODES = 3
+FACES = 4
+VERTICES = 5
+RINGS = 6  # faces around each vertex
+SIZE = 7  # longest side of the bounding box [m]
+HEADER = 8
+
+NODE_STRIDE = 8
+LOW, HIGH = 0, 3  # corners of the box
+SKIP = 6  # number of the next node that is not below this one; that of a leaf is the next one
+FIRST = 7  # number of its first triangle; a node's triangles end where those of node SKIP begin
+
+FACE_STRIDE = 18
+CORNERS = 0  # a, b, c, counter-clockwise seen from outside
+NORMAL = 9  # unit, outwards
+ACROSS = 12  # numbers of the triangles across ab, bc, ca; -1 where the surface ends
+CORNER_NUMBERS = 15
+
+VERTEX_STRIDE = 6
+PSEUDONORMAL = 0  # unit, outwards: the triangles' normals weighted by their angles
+RING = 3  # offset in RINGS, and how many
+RING_COUNT = 4
+BORDER = 5  # 1.0: the surface ends here
+
+LEAF = 4  # triangles of a leaf at most
+
+
+def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArray:
+    """One contiguous float64 array with everything that the contact kernels read of a mesh.
+
+    Args:
+        vertices: (v, 3) in the object's frame [m].
+        faces: (f, 3) numbers of the vertices, counter-clockwise seen from outside, none of zero area.
+        closed: the surface is watertight.
+    """
+    order, boxes, skip, first = box_tree(vertices[faces])
+    faces = faces[order]
+    corners = vertices[faces]
+    normals = face_normals(corners)
+    across = half_edges(faces)[0] // 3  # -1 stays -1
+    ring, start = rings(faces, len(vertices))
+    border = np.zeros(len(vertices))
+    for k in range(3):
+        ends = across[:, k] < 0
+        border[faces[ends, k]] = border[faces[ends, (k + 1) % 3]] = 1.0
+
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    nodes = np.column_stack([boxes, skip, first])
+    rows = np.column_stack([corners.reshape(-1, 9), normals, across, faces])
+    points = np.column_stack(
+        [vertex_normals(corners, faces, normals, len(vertices)), start[:-1], np.diff(start), border]
+    )
+    offsets = HEADER + np.cumsum([0, nodes.size, rows.size, points.size])
+    size = (high - low).max()
+    header = [size + np.abs([low, high]).max(), closed, len(nodes) - 1, *offsets, size]
+    return np.concatenate([header, nodes.ravel(), rows.ravel(), points.ravel(), ring]).astype(np.float64)
+
+
+def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
+    """The tree over triangles (f, 3, 3): their order in it, and each node's box (6,), SKIP and FIRST.
+
+    The last row is the end: no box, FIRST is f.
+    """
+    count = len(corners)
+    depth = max(0, int(np.ceil(np.log2(count / LEAF))))
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    centres = 0.5 * (low + high)
+    order = np.arange(count)
+    total = 2 ** (depth + 1) - 1
+    first, below = np.zeros(total + 1, dtype=np.intp), np.zeros(total + 1, dtype=np.intp)
+    levels = []
+    number = np.zeros(1, dtype=np.intp)
+    for level in range(depth + 1):
+        starts = np.arange(2**level) * count // 2**level
+        beneath = 2 ** (depth - level + 1) - 1  # nodes of the subtree
+        first[number], below[number] = starts, number + beneath
+        levels.append((number, starts))
+        if level < depth:
+            sizes = np.diff(np.append(starts, count))
+            part = np.repeat(np.arange(2**level), sizes)
+            ordered = centres[order]
+            sides = np.maximum.reduceat(ordered, starts) - np.minimum.reduceat(ordered, starts)
+            along = np.take_along_axis(ordered, sides.argmax(axis=1)[part][:, None], axis=1)[:, 0]
+            order = order[np.lexsort((along, part))]
+            number = np.column_stack([number + 1, number + 1 + beneath // 2]).ravel()
+    boxes = np.zeros((total + 1, 6))
+    for number, starts in levels:
+        boxes[number, :3] = np.minimum.reduceat(low[order], starts)
+        boxes[number, 3:] = np.maximum.reduceat(high[order], starts)
+    first[total], below[total] = count, total + 1
+    return order, boxes, below, first
+
+
+def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
+    """What lies across every edge (a side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
+
+    Returns the half edge across, (f, 3), -1 where the surface ends or more than two triangles meet; whether both run
+    the same way, which they do where one of the triangles is turned over; and how many edges have more than two.
+    """
+    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    low, high = sides.min(axis=1), sides.max(axis=1)
+    order = np.lexsort((high, low))
+    starts = np.flatnonzero(np.append(True, (np.diff(low[order]) != 0) | (np.diff(high[order]) != 0)))
+    counts = np.diff(np.append(starts, len(order)))
+    pairs = starts[counts == 2]
+    one, other = order[pairs], order[pairs + 1]
+    opposite = np.full(len(sides), -1, dtype=np.intp)
+    opposite[one], opposite[other] = other, one
+    same = np.zeros(len(sides), dtype=bool)
+    same[one] = same[other] = sides[one, 0] == sides[other, 0]
+    return opposite.reshape(-1, 3), same.reshape(-1, 3), int((counts > 2).sum())
+
+
+def rings(faces: IntArray, vertices: int) -> tuple[IntArray, IntArray]:
+    """Faces around each vertex, one vertex after the other, and where each begins (v + 1,)."""
+    corner = faces.ravel()
+    order = np.argsort(corner, kind="stable")
+    return order // 3, np.append(0, np.cumsum(np.bincount(corner, minlength=vertices)))
+
+
+def face_normals(corners: FloatArray) -> FloatArray:
+    """Outward unit normals of triangles (f, 3, 3), to the last digit."""
+    a, b, c = np.moveaxis(corners.astype(np.longdouble), 1, 0)
+    normals = np.cross(b - a, c - a)
+    units: FloatArray = (normals / np.sqrt((normals * normals).sum(axis=1, keepdims=True))).astype(np.float64)
+    return units
+
+
+def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, vertices: int) -> FloatArray:
+    """Angle-weighted pseudonormals, unit (v, 3): their sign is right at every corner (Baerentzen and Aanaes, 2005)."""
+    total = np.zeros((vertices, 3))
+    for k in range(3):
+        u, v = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]
+        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(axis=1))
+        np.add.at(total, faces[:, k], normals * angle[:, None])
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0.0, length, 1.0)
