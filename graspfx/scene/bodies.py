@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,13 +15,23 @@ FloatArray = NDArray[np.float64]
 Inertia = float | tuple[float, ...]
 
 
-def make_shape(table: Object) -> shapes.Box | shapes.Sphere | None:
-    """The shape that a table describes."""
+SHAPES: dict[str, Callable[..., shapes.Shape]] = {
+    "box": shapes.Box,
+    "sphere": shapes.Sphere,
+    "half-space": shapes.HalfSpace,
+    "plane": shapes.Plane,
+    "capsule": shapes.Capsule,
+    "cylinder": shapes.Cylinder,
+    "ellipsoid": shapes.Ellipsoid,
+}
+
+
+def make_shape(table: Object) -> shapes.Shape | None:
+    """The shape that a table describes: its keys are what the shape takes."""
     if table.shape is None:
         return None
-    if table.shape.kind == "box":
-        return shapes.Box(table.shape.size)
-    return shapes.Sphere(table.shape.radius)
+    names = [name for name in type(table.shape).model_fields if name != "kind"]
+    return SHAPES[table.shape.kind](**{name: getattr(table.shape, name) for name in names})
 
 
 def inertia(scene: SceneTable, table: Object) -> Inertia | None:

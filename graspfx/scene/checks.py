@@ -20,13 +20,14 @@ from graspfx.scene import bodies
 from graspfx.scene.fields import NotValid
 from graspfx.scene.hands import Path as RecordedPath
 from graspfx.scene.hands import Reach, Sine
-from graspfx.scene.parts import WIDTHS, Box, SceneTable
+from graspfx.scene.parts import WIDTHS, SceneTable
 from graspfx.scene.settings import reason, setting_faults
 from graspfx.scene.wiring import wiring_faults
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]
 
+VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # of d numbers
 UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
 NAMED = {"object": "name", "device": "label", "hand": "name"}
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -127,8 +128,19 @@ def _shape(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
     shape = thing.shape
     if shape is None and scene.coupling.contact == "unilateral":
         yield (*at, "shape"), "required for unilateral contact (coupling.contact = 'attached' needs none)"
-    if isinstance(shape, Box):
-        yield from _length(scene, (*at, "shape"), shape, "size")
+    if shape is None:
+        return
+    wrong = list(_length(scene, (*at, "shape"), shape, VECTORS[shape.kind])) if shape.kind in VECTORS else []
+    yield from wrong
+    if not wrong:
+        try:
+            made = bodies.make_shape(thing)
+            fits = made is None or made.dimensions_ok(scene.dimensions)
+        except InputError as error:
+            yield (*at, "shape", error.name), f"given {shown(error.given)}, expected {error.expected}"
+            return
+        if not fits:
+            yield (*at, "shape", "kind"), f"there is no {shape.kind} in {scene.dimensions} dimension(s)"
 
 
 def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:

@@ -41,9 +41,54 @@ class Sphere(Table):
     radius: Positive = Field(description="[m]")
 
 
-_check_shape, _shape_by_kind = by_kind(("box", "sphere"), what="shape")
+class HalfSpace(Table):
+    """All that lies below a plane through the object's centre: a floor, a wall."""
+
+    kind: Literal["half-space"]
+    normal: Vector = Field(description="outward, (d,), of any length")
+
+
+class Plane(Table):
+    """A sheet through the object's centre, without thickness or end: a finger stays on the side where it starts."""
+
+    kind: Literal["plane"]
+    normal: Vector = Field(description="(d,), of any length")
+
+
+class Capsule(Table):
+    """A round bar about the object's centre: along z in space, along x in the plane."""
+
+    kind: Literal["capsule"]
+    radius: Positive = Field(description="[m]")
+    length: Positive = Field(description="of the straight part, between the centres of the round ends [m]")
+
+
+class Cylinder(Table):
+    """A cylinder about the object's centre, its axis along z; in space only."""
+
+    kind: Literal["cylinder"]
+    radius: Positive = Field(description="[m]")
+    length: Positive = Field(description="[m]")
+
+
+class Ellipsoid(Table):
+    """An ellipsoid about the object's centre; an ellipse in the plane."""
+
+    kind: Literal["ellipsoid"]
+    semi_axes: Annotated[tuple[Positive, ...], Field(description="along x, y, z, (d,) [m]")]
+
+
+_check_shape, _shape_by_kind = by_kind(
+    ("box", "sphere", "half-space", "plane", "capsule", "cylinder", "ellipsoid"), what="shape"
+)
 Shape = Annotated[
-    Annotated[Box, Tag("<box>")] | Annotated[Sphere, Tag("<sphere>")],
+    Annotated[Box, Tag("<box>")]
+    | Annotated[Sphere, Tag("<sphere>")]
+    | Annotated[HalfSpace, Tag("<half-space>")]
+    | Annotated[Plane, Tag("<plane>")]
+    | Annotated[Capsule, Tag("<capsule>")]
+    | Annotated[Cylinder, Tag("<cylinder>")]
+    | Annotated[Ellipsoid, Tag("<ellipsoid>")],
     _shape_by_kind,
     _check_shape,
 ]
