@@ -441,3 +441,9 @@ def test_schema_knows_every_table() -> None:
     assert described["additionalProperties"] is False
     assert set(described["required"]) == {"dimensions", "period", "duration", "object", "coupling", "finger"}
     json.dumps(described, allow_nan=False)
+
+
+def test_an_endless_floor_that_does_not_turn_needs_no_inertia() -> None:
+    """A half-space has no moments: none are asked for where nothing turns, and a clear fault says so where it could."""
+    floor = put(line(), "object.shape", {"kind": "half-space", "normal": [1.0]})
+    assert faults(floor) == []

@@ -37,7 +37,7 @@ def make_shape(table: Object) -> shapes.Shape | None:
 def inertia(scene: SceneTable, table: Object) -> Inertia | None:
     """Moments about the centre as the table gives them, else those of the solid shape [kg m^2]; None for neither."""
     shape = make_shape(table)
-    if table.inertia is not None or shape is None or scene.dimensions == 1:
+    if table.inertia is not None or shape is None or shape.endless or scene.dimensions == 1:
         return table.inertia
     moments: list[float] = shape.inertia(table.mass, scene.dimensions).tolist()
     return tuple(moments)
