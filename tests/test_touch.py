@@ -1,4 +1,4 @@
-"""Touching and letting go: the paper's two-finger rule, n fingers against every subset, sticking contacts."""
+"""Touching and letting go: the paper's two-finger rule, n fingers against every subset, sticking, friction cones."""
 
 from __future__ import annotations
 
@@ -182,6 +182,87 @@ def test_answers_satisfy_their_own_conditions(n: int, d: int, ratio: float, seed
     assert np.abs(s[along > 0.0]).max(initial=0.0) <= error
 
 
+def test_coefficient_says_who_slides() -> None:
+    """Three uncoupled fingers of 50 N/m, mu = 0.5: the trial force inside, outside and behind the cone (Coulomb)."""
+    normals = np.array([[1.0, 0.0], [0.0, -1.0], [-1.0, 0.0]])
+    e = np.array([0.004, 0.001, 0.004, -0.004, 0.001, 0.003])
+    touch = gx.unilateral_force(np.eye(6) * 50.0, e, normals, friction=0.5)
+    np.testing.assert_allclose(touch.force, [0.2, 0.05, 0.1, -0.2, 0.0, 0.0], rtol=1e-14, atol=1e-17)
+    assert touch.status == ("stick", "slide", "free")
+    assert touch.law == "coulomb"
+    assert touch.residual < 1e-16
+    each = gx.unilateral_force(np.eye(6) * 50.0, e, normals, friction=[0.0, 2.0, 0.5])
+    np.testing.assert_allclose(each.force, [0.2, 0.0, 0.2, -0.2, 0.0, 0.0], rtol=1e-14, atol=1e-17)
+    assert each.status == ("slide", "stick", "free")
+
+
+def test_coefficient_of_zero_is_no_friction() -> None:
+    """0, None and a zero per finger: the same digits; a tiny one differs by its own size, and the law is named."""
+    rng = np.random.default_rng(21)
+    for _ in range(20):
+        K, normals, e = random_stiffness(rng, 4, 3, KEP, KIP), random_normals(rng, 4, 3), rng.normal(size=12) * 0.01
+        without = gx.unilateral_force(K, e, normals)
+        for friction in (0, 0.0, [0.0] * 4):
+            assert gx.unilateral_force(K, e, normals, friction).force.tolist() == without.force.tolist()
+        assert without.law == "frictionless"
+        tiny = gx.unilateral_force(K, e, normals, 1e-12)
+        np.testing.assert_allclose(tiny.force, without.force, rtol=0.0, atol=1e-10)
+        assert gx.unilateral_force(K, e, normals, "stick").law == "stick"
+
+
+def test_squeezed_pair_slips_at_the_coefficient() -> None:
+    """Two opposed fingers push by f_n and are dragged together along the face: 2 mu f_n is all they hold.
+
+    Rotation locked, 2 mm in: f_n = kip 2 mm = 0.32 N. Stuck they pull with kep per finger, so they slip once
+    kep x = mu f_n, at x = 4.8 mm for mu = 0.6.
+    """
+    P = 0.5 * np.tile(np.eye(2), (2, 2))
+    K = KEP * P + KIP * (np.eye(4) - P)
+    normals = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    for x, expected, status in ((0.0047, KEP * 0.0047, "stick"), (0.0049, 0.192, "slide"), (0.02, 0.192, "slide")):
+        touch = gx.unilateral_force(K, [0.002, x, -0.002, x], normals, friction=0.6)
+        np.testing.assert_allclose(touch.force, [0.32, expected, -0.32, expected], rtol=1e-13)
+        assert touch.status == (status, status)
+
+
+@pytest.mark.parametrize("ratio", [0.01, 4.0, 1000.0])
+def test_friction_cones_of_a_full_stiffness(ratio: float) -> None:
+    """Random pushes, some literal laws' K among them: in the cones, f = K (e + s), and slipping only dissipates."""
+    rng = np.random.default_rng(22)
+    for k in range(15):
+        n, d = int(rng.integers(1, 6)), int(rng.integers(2, 4))
+        kep, kip = 100.0 / np.sqrt(ratio), 100.0 * np.sqrt(ratio)
+        K, normals, e = random_stiffness(rng, n, d, kep, kip), random_normals(rng, n, d), rng.normal(size=n * d) * 0.01
+        if k % 3 == 0:
+            skew = rng.normal(size=K.shape)
+            K += 0.1 * min(kep, kip) * (skew - skew.T)
+        touch = gx.unilateral_force(K, e, normals, friction=0.5)
+        size = max(kep, kip) * float(np.abs(e).max())
+        f = touch.force.reshape(n, d)
+        along = (f * normals).sum(axis=1)
+        across = np.linalg.norm(f - along[:, None] * normals, axis=1)
+        assert touch.law in ("coulomb", "associated")
+        assert touch.residual <= 1e-13 * size
+        assert (along >= 0.0).all() and (across <= 0.5 * along + 1e-15 * size).all()
+        s = (np.linalg.solve(K, touch.force) - e).reshape(n, d)
+        worst = 1e-13 * size * 0.01 * max(ratio, 1.0 / ratio)
+        assert ((f * s).sum(axis=1) <= worst).all()
+        for i, status in enumerate(touch.status):
+            if status == "stick":
+                assert np.abs(s[i]).max() <= 1e-12 * max(ratio, 1.0 / ratio) * 0.01
+
+
+def test_singular_stiffness_with_friction() -> None:
+    """kep = 0 for three fingers in space: still an answer, in the cones, with the residual it admits to."""
+    rng = np.random.default_rng(23)
+    K, normals = random_stiffness(rng, 3, 3, 0.0, KIP), random_normals(rng, 3, 3)
+    touch = gx.unilateral_force(K, rng.normal(size=9) * 0.01, normals, friction=0.5)
+    f = touch.force.reshape(3, 3)
+    along = (f * normals).sum(axis=1)
+    assert (np.linalg.norm(f - along[:, None] * normals, axis=1) <= 0.5 * along + 1e-15).all()
+    assert touch.residual <= 1e-4 * KIP * 0.01
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -189,7 +270,10 @@ def test_answers_satisfy_their_own_conditions(n: int, d: int, ratio: float, seed
         ((np.eye(3), [0.0, 0.0], [[1.0], [1.0]]), r"\(2, 2\)"),
         ((np.eye(2), [0.0, np.nan], [[1.0], [1.0]]), "finite"),
         ((-np.eye(2), [0.0, 0.0], [[1.0], [1.0]]), "negative eigenvalue"),
-        ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], 0.5), "coefficient"),
+        ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], -0.5), "coefficient >= 0"),
+        ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], np.nan), "coefficient"),
+        ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], [0.5, 0.5, 0.5]), "one or 2"),
+        ((np.eye(2), [0.0, 0.0], [[1.0], [1.0]], "slip"), "'stick', or a coefficient"),
     ],
 )
 def test_bad_input_says_what_is_wrong(arguments: tuple[object, ...], says: str) -> None:

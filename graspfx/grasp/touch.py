@@ -1,4 +1,4 @@
-"""Touching and letting go for a given stiffness: eqs. (24)-(26) as a projection, for n fingers."""
+"""Touching, slipping and letting go for a given stiffness: eqs. (24)-(26) as a projection, for n fingers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.grasp.cone import SLIDE, STICK
+from graspfx.grasp.friction import ASSOCIATED, LEAST, RESTARTS, UNRESOLVED, friction_force_square, problem_size
 from graspfx.grasp.kernels import complement, contact_frame, release, settle
 
 FloatArray = NDArray[np.float64]
 Status = Literal["free", "stick", "slide"]
+Law = Literal["frictionless", "stick", "coulomb", "associated"]
 
 
 @dataclass(frozen=True)
@@ -22,13 +25,16 @@ class Touch:
 
     Attributes:
         force: f, (m,) on the object [N].
-        status: per finger "free" (no force), "stick" (held in every direction) or "slide" (pushes along the normal).
-        residual: the largest violation of f = K (e + s), f_n >= 0, s_n >= 0, f_n s_n = 0, from the answer [N].
+        status: per finger "free" (no force), "stick" (held in every direction) or "slide" (at the edge of its cone,
+            which is the normal without friction).
+        residual: the largest violation of f = K (e + s) and of the law, computed from the answer [N].
+        law: what the answer satisfies: "associated" where Coulomb's law was asked for and not met.
     """
 
     force: FloatArray
     status: tuple[Status, ...]
     residual: float
+    law: Law
 
 
 def unilateral_force(
@@ -40,18 +46,24 @@ def unilateral_force(
     """Fingertip forces that only push: f in C, s in C*, f's = 0, f = K (e + s).
 
     C is {lambda n, lambda >= 0} per finger without friction; with "stick" a finger holds in every direction while it
-    pushes and is released whole where its normal force would pull. For two opposed fingers this is the rule of Kawai
-    and Yoshikawa, eqs. (24)-(26): finger i touches inside x_ci of (25), and alone it feels 2 kep kip/(kep + kip). For a
-    symmetric K it is the projection argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e); K may be singular.
+    pushes and is released whole where its normal force would pull. A coefficient mu gives the cone |f_t| <= mu f_n and
+    Coulomb's law in it: s_n >= 0, f_n s_n = 0, and s_t is zero inside the cone and against f_t on its edge. Such an
+    answer exists, but for a large mu it need not be the only one; where none is found, the answer is the associated
+    one, s in C* (slipping lifts off), which exists, is unique and always found for a symmetric K; `law` says so.
+
+    For two opposed fingers without friction this is the rule of Kawai and Yoshikawa, eqs. (24)-(26): finger i touches
+    inside x_ci of (25), and alone it feels 2 kep kip/(kep + kip). For a symmetric K and s in C* it is the projection
+    argmin over f in C of 1/2 (f - K e)' K^-1 (f - K e); K may be singular.
 
     Args:
         stiffness: K, (m, m) [N/m], m = n d; its symmetric part positive semidefinite.
         displacement: e = p - c, (m,) [m].
         normals: (n, d), into the object; scaled to unit length.
-        friction: None or 0 (normal forces only) or "stick".
+        friction: None or 0 (normal forces only), "stick", or mu: one coefficient or one per finger. With mu, a singular
+            K is raised by 1e-6 of its largest eigenvalue.
 
     Raises:
-        InputError: shapes that do not fit, values that are not finite, a friction coefficient.
+        InputError: shapes that do not fit, values that are not finite, a negative coefficient, a K without an answer.
     """
     n_ = np.asarray(normals, dtype=float)
     if n_.ndim != 2 or n_.shape[1] not in (1, 2, 3) or n_.shape[0] == 0:
@@ -69,11 +81,11 @@ def unilateral_force(
     lengths = np.linalg.norm(n_, axis=1)
     if not lengths.all():
         raise InputError("normals", f"a normal of length zero for finger {int(np.argmin(lengths))}", "directions")
-    if np.linalg.eigvalsh(0.5 * (K + K.T))[0] < -1e-9 * np.abs(K).max(initial=0.0):
+    values = np.linalg.eigvalsh(0.5 * (K + K.T))
+    if values[0] < -1e-9 * np.abs(K).max(initial=0.0):
         raise InputError("stiffness", "a symmetric part with a negative eigenvalue", "a matrix that only pushes back")
-    stick = friction == "stick"
-    if not stick and friction is not None and np.any(np.asarray(friction, dtype=float) != 0.0):
-        raise InputError("friction", friction, "None, 0 or 'stick'", "a coefficient is not supported")
+    stick = isinstance(friction, str) and friction == "stick"
+    mu = np.zeros(n) if friction is None or stick else coefficients(friction, n)
 
     # One buffer: normal and frame per finger, the square, the vector, its diagonal, the displacement, marks, states.
     frames, square = 3 * n, 3 * n + 9 * n
@@ -87,6 +99,10 @@ def unilateral_force(
         contact_frame(S, 3 * i, d, frames + 9 * i)
         F[i * d : (i + 1) * d, i * d : (i + 1) * d] = block[frames + 9 * i : frames + 9 * i + 9].reshape(3, 3)[:d, :d]
     K_f, e_f = F @ K @ F.T, F @ e
+    if mu.any():
+        raised = LEAST * values[-1] if values[0] < LEAST * values[-1] else 0.0
+        force, status, left, law = slipping(K_f, raised, e_f, mu, d)
+        return Touch(F.T @ force, status, left, law)
     block[displaced:marks] = e_f
 
     def attempt(back: bool) -> int:
@@ -108,8 +124,55 @@ def unilateral_force(
     settle(S, square, m, vector, displaced, n, d, stick, state)
     f = block[vector:diagonal].reshape(n, d)
     pushes = f[:, 0] > 0.0
-    status: tuple[Status, ...] = tuple("free" if not p else "stick" if stick else "slide" for p in pushes)
-    return Touch(F.T @ f.ravel(), status, residual(K_f, e_f, f, stick))
+    touching: Status = "stick" if stick else "slide"
+    status = tuple(touching if p else "free" for p in pushes)
+    return Touch(F.T @ f.ravel(), status, residual(K_f, e_f, f, stick), "stick" if stick else "frictionless")
+
+
+def coefficients(friction: object, n: int) -> FloatArray:
+    """mu of every finger, (n,)."""
+    try:
+        mu = np.asarray(friction, dtype=float)
+    except (TypeError, ValueError):
+        mu = np.full(1, np.nan)
+    if mu.shape not in ((), (n,)) or not np.isfinite(mu).all() or (mu < 0.0).any():
+        expected = f"None, 'stick', or a coefficient >= 0: one or {n}"
+        raise InputError("friction", friction, expected)
+    return np.broadcast_to(mu, n)
+
+
+def slipping(
+    K: FloatArray, raised: float, e: FloatArray, mu: FloatArray, d: int
+) -> tuple[FloatArray, tuple[Status, ...], float, Law]:
+    """Forces in contact frames with friction cones, their status, residual and law."""
+    n, m = len(mu), len(e)
+    square = problem_size(n, d, m, True)
+    block = np.zeros(square + m * m)
+    block[n : 2 * n] = mu
+    block[3 * n : 3 * n + m] = e
+    block[square:] = (K + raised * np.eye(m)).ravel()
+    symmetric = bool(np.abs(K - K.T).max() <= 1e-13 * np.abs(K).max())
+    found, _, _ = friction_force_square(memoryview(block), 0, n, d, square, m, symmetric, True, RESTARTS)
+    if found == UNRESOLVED:
+        raise InputError("stiffness", K, "a matrix for which the contact forces are unique")
+    f, s = block[3 * n + 2 * m : 3 * n + 4 * m].reshape(2, m)
+    names: dict[int, Status] = {STICK: "stick", SLIDE: "slide"}
+    status = tuple(names.get(int(k), "free") for k in block[2 * n : 3 * n])
+    gap = np.abs(K @ (e + s) - f).max()
+    c = np.abs(K).max()
+    back = returned(f - c * s, mu, d, found == ASSOCIATED)
+    return f, status, float(max(gap, np.abs(back - f).max())), "associated" if found == ASSOCIATED else "coulomb"
+
+
+def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatArray:
+    """R(t), which leaves t = f - c s at f where f and s fulfil the law: the projection on the cones, or radial."""
+    normal, tangents = t.reshape(-1, d)[:, 0], t.reshape(-1, d)[:, 1:]
+    length = np.linalg.norm(tangents, axis=1)
+    inside = (length <= mu * normal) & (normal >= 0.0)
+    edge = (normal + mu * length) / (1.0 + mu * mu) if associated else normal
+    pushes = np.where(inside, normal, np.maximum(edge, 0.0))
+    scale = np.where(inside, 1.0, mu * pushes / np.where(length > 0.0, length, 1.0))
+    return np.column_stack([pushes, scale[:, None] * tangents]).ravel()
 
 
 def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:

@@ -1,0 +1,238 @@
+"""The return map of a friction cone, and the equations whose zero puts every finger's force in its own."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+FREE, STICK, SLIDE = 0, 1, 2
+NIL = 1e-30  # of the internal gain: a mode that differs by less is like all others
+SMALL = 1e-13  # of a square's largest row: keeps Newton's matrix regular where nothing touches
+
+
+def modes_offset(o: int, n: int, d: int, count: int) -> int:
+    """Where the modes of the problem at `o` stand."""
+    return o + 3 * n + 5 * n * d + count * (count + 8)
+
+
+def turn_back(S: Any, o: int, n: int, d: int, i: int, theta: float) -> tuple[int, float, float, float]:
+    """y_i = R(t_i) with its status; where it slides, the tangential direction and |y_t| / |t_t| for the Jacobian."""
+    m = n * d
+    y, t = o + 3 * n + 2 * m + i * d, o + 3 * n + 4 * m + i * d
+    mu = S[o + n + i]
+    normal = S[t]
+    t1 = S[t + 1] if d > 1 else 0.0
+    t2 = S[t + 2] if d > 2 else 0.0
+    tangent = math.sqrt(t1 * t1 + t2 * t2)
+    held = S[o + 2 * n + i] < 0.0
+    if held or normal + theta * mu * tangent <= 0.0:
+        for a in range(d):
+            S[y + a] = 0.0
+        if not held:
+            S[o + 2 * n + i] = FREE
+        return FREE, 0.0, 0.0, 0.0
+    if tangent <= mu * normal and mu > 0.0:
+        for a in range(d):
+            S[y + a] = S[t + a]
+        S[o + 2 * n + i] = STICK
+        return STICK, 0.0, 0.0, 0.0
+    S[o + 2 * n + i] = SLIDE
+    S[y] = (normal + theta * mu * tangent) / (1.0 + theta * mu * mu)
+    if tangent == 0.0 or mu == 0.0:
+        for a in range(1, d):
+            S[y + a] = 0.0
+        return SLIDE, 0.0, 0.0, 0.0
+    bend = mu * S[y] / tangent
+    for a in range(1, d):
+        S[y + a] = bend * S[t + a]
+    return SLIDE, t1 / tangent, t2 / tangent, bend
+
+
+def equations_of_modes(
+    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, theta: float
+) -> tuple[float, float, float, float]:
+    """Trial, force and g for scalar gains; returns the convex function, the sizes of forces, g and residual.
+
+    kappa < k_i: g = h z + Q'(f0 - y), h = kappa / (k_i - kappa). kappa > k_i: the same equation as
+    g = h z + Q'(k_i e + y - t), h = k_i / (kappa - k_i). Both are gradients of strictly convex functions.
+    """
+    m = n * d
+    e, f0, f, t, z = o + 3 * n, o + 3 * n + m, o + 3 * n + 2 * m, o + 3 * n + 4 * m, o + 3 * n + 5 * m
+    g = z + count
+    Q = modes_offset(o, n, d, count) + 1
+    soft = external < internal
+    value = forces = worst = residual = 0.0
+    for k in range(count):
+        S[g + k] = 0.0
+    for i in range(n):
+        root = math.sqrt(S[o + i])
+        for p in range(i * d, i * d + d):
+            trial = 0.0
+            if root > 0.0:
+                trial = internal * root * S[e + p] + S[f0 + p] / root
+                for k in range(count):
+                    trial -= S[Q + k * (m + 1) + p] * S[z + k]
+            S[t + p] = trial
+        turn_back(S, o, n, d, i, theta)
+        if root == 0.0:
+            continue
+        for p in range(i * d, i * d + d):
+            y, trial = S[f + p], S[t + p]
+            forces += y * y + trial * trial
+            if soft:
+                known, y = S[f0 + p] / root, -y
+            else:
+                known, y = internal * root * S[e + p], y - trial
+            value += 0.5 * y * y
+            for k in range(count):
+                q = S[Q + k * (m + 1) + p]
+                S[g + k] += q * (known + y)
+                value += q * known * S[z + k]
+    for k in range(count):
+        h, gap = stiffening(S[Q + k * (m + 1) - 1], external, internal)
+        S[g + k] += h * S[z + k]
+        value += 0.5 * h * S[z + k] * S[z + k]
+        forces += S[z + k] * S[z + k]
+        worst = max(worst, abs(S[g + k]))
+        residual += (gap * S[g + k]) ** 2
+    return value, math.sqrt(forces), worst, math.sqrt(residual)
+
+
+def stiffening(beta: float, external: float, internal: float) -> tuple[float, float]:
+    """h of a mode, and |kappa / k_i - 1|."""
+    gap = max(abs(external - internal) * beta, NIL * internal)
+    kappa = internal + (external - internal) * beta
+    return (kappa if external < internal else internal) / gap, gap / internal
+
+
+def jacobian_of_modes(
+    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, theta: float
+) -> None:
+    """h + Q'R' Q, or h + Q'(I - R') Q, of the last equations; R' = u v' + bend b b' where a finger slides."""
+    z = o + 3 * n + 5 * n * d
+    u, v, b, H = z + 5 * count, z + 6 * count, z + 7 * count, z + 8 * count
+    lead = n * d + 1
+    Q = modes_offset(o, n, d, count) + 1
+    soft = external < internal
+    sign = 1.0 if soft else -1.0
+    for k in range(count):
+        for j in range(count):
+            S[H + k * count + j] = 0.0
+        S[H + k * count + k], _ = stiffening(S[Q + k * lead - 1], external, internal)
+    for i in range(n):
+        if S[o + i] == 0.0:
+            continue
+        status, c1, c2, bend = turn_back(S, o, n, d, i, theta)
+        r = Q + i * d
+        if (status == STICK) == soft:
+            for k in range(count):
+                for j in range(k + 1):
+                    more = 0.0
+                    for a in range(d):
+                        more += S[r + k * lead + a] * S[r + j * lead + a]
+                    S[H + k * count + j] += more
+                    if j < k:
+                        S[H + j * count + k] += more
+        if status == SLIDE:
+            mu = S[o + n + i]
+            share = 1.0 / (1.0 + theta * mu * mu)
+            for k in range(count):
+                q = r + k * lead
+                along = across = 0.0
+                if d > 1:
+                    along = c1 * S[q + 1]
+                if d > 2:
+                    along += c2 * S[q + 2]
+                    across = c1 * S[q + 2] - c2 * S[q + 1]
+                S[u + k], S[v + k], S[b + k] = S[q] + mu * along, share * (S[q] + theta * mu * along), across
+            for k in range(count):
+                left, bent = sign * S[u + k], sign * bend * S[b + k]
+                for j in range(count):
+                    S[H + k * count + j] += left * S[v + j] + bent * S[b + j]
+
+
+def equations_of_square(
+    S: Any, o: int, n: int, d: int, c: float, square: int, lead: int, theta: float
+) -> tuple[float, float, float, float]:
+    """The same for a square: w = e + s, t = f0 + K w - c (w - e), g = f0 + K w - R(t); (c I - K) g is the gradient."""
+    m = n * d
+    e, f0, f, t, w = o + 3 * n, o + 3 * n + m, o + 3 * n + 2 * m, o + 3 * n + 4 * m, o + 3 * n + 5 * m
+    g = w + m
+    value = forces = worst = 0.0
+    for p in range(m):
+        total = 0.0
+        for q in range(m):
+            total += S[square + p * lead + q] * S[w + q]
+        S[g + p] = S[f0 + p] + total
+        S[t + p] = S[g + p] - c * (S[w + p] - S[e + p])
+        value += (0.5 * total + S[f0 + p]) * (c * S[w + p] - total)
+        forces += c * c * (S[w + p] * S[w + p] + S[e + p] * S[e + p])
+    for i in range(n):
+        turn_back(S, o, n, d, i, theta)
+    for p in range(m):
+        S[g + p] -= S[f + p]
+        value += 0.5 * S[f + p] * S[f + p]
+        worst = max(worst, abs(S[g + p]))
+    return value, math.sqrt(forces), worst, worst
+
+
+def jacobian_of_square(S: Any, o: int, n: int, d: int, c: float, square: int, lead: int, theta: float) -> None:
+    """K - R' (K - c I) of the last equations."""
+    m = n * d
+    H = o + 3 * n + 5 * m + 8 * m
+    for i in range(n):
+        status, c1, c2, bend = turn_back(S, o, n, d, i, theta)
+        r = i * d
+        for a in range(r, r + d):
+            for j in range(m):
+                S[H + a * m + j] = 0.0 if status == STICK else S[square + a * lead + j]
+            S[H + a * m + a] += c if status == STICK else SMALL * c
+        if status != SLIDE:
+            continue
+        mu = S[o + n + i]
+        share = 1.0 / (1.0 + theta * mu * mu)
+        for j in range(m):
+            normal = S[square + r * lead + j] - (c if j == r else 0.0)
+            along = across = 0.0
+            if d > 1:
+                t1 = S[square + (r + 1) * lead + j] - (c if j == r + 1 else 0.0)
+                along = c1 * t1
+                if d > 2:
+                    t2 = S[square + (r + 2) * lead + j] - (c if j == r + 2 else 0.0)
+                    along += c2 * t2
+                    across = bend * (c1 * t2 - c2 * t1)
+            normal = share * (normal + theta * mu * along)
+            S[H + r * m + j] -= normal
+            if d > 1:
+                S[H + (r + 1) * m + j] -= mu * c1 * normal - c2 * across
+            if d > 2:
+                S[H + (r + 2) * m + j] -= mu * c2 * normal + c1 * across
+
+
+def eliminate(S: Any, square: int, vector: int, size: int) -> bool:
+    """Solves H x = r in place (H at `square`, r at `vector`), with row exchanges; False where a pivot is zero."""
+    for p in range(size):
+        top = p
+        for i in range(p + 1, size):
+            if abs(S[square + i * size + p]) > abs(S[square + top * size + p]):
+                top = i
+        if top != p:
+            for j in range(p, size):
+                a, b = square + p * size + j, square + top * size + j
+                S[a], S[b] = S[b], S[a]
+            S[vector + p], S[vector + top] = S[vector + top], S[vector + p]
+        if not abs(S[square + p * size + p]) > 0.0:
+            return False
+        inverse = 1.0 / S[square + p * size + p]
+        for i in range(p + 1, size):
+            factor = S[square + i * size + p] * inverse
+            if factor != 0.0:
+                for j in range(p + 1, size):
+                    S[square + i * size + j] -= factor * S[square + p * size + j]
+                S[vector + i] -= factor * S[vector + p]
+    for p in range(size - 1, -1, -1):
+        total = S[vector + p]
+        for j in range(p + 1, size):
+            total -= S[square + p * size + j] * S[vector + j]
+        S[vector + p] = total / S[square + p * size + p]
+    return True
