@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.grasp.friction import (
+from graspfx.cones.friction import (
     ASSOCIATED,
     COULOMB,
     RESTARTS,

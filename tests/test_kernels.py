@@ -6,7 +6,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from graspfx.grasp.kernels import contact_frame, pivot, rigid_modes, smoothstep
+from graspfx.cones.complement import pivot
+from graspfx.cones.cone import contact_frame
+from graspfx.grasp.kernels import rigid_modes, smoothstep
 
 STRIDE = 4  # a point and a weight
 

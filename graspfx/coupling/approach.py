@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from graspfx.cones.cone import contact_frame
 from graspfx.coupling import block as at
-from graspfx.grasp.kernels import contact_frame, rigid_modes, smoothstep
+from graspfx.grasp.kernels import rigid_modes, smoothstep
 from graspfx.objects import kernels as body
 from graspfx.objects.proxy import closest
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from graspfx.cones.complement import pivot, release
 from graspfx.coupling import block as at
 from graspfx.coupling.assemble import add_gains, into_frames
-from graspfx.grasp.kernels import pivot, release
 from graspfx.objects import kernels as body
 
 LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none

@@ -6,7 +6,7 @@ from typing import Any
 
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, LARGEST, LOST, approach, pose, refactor, turn_axes
-from graspfx.coupling.cones import attached, push, unilateral
+from graspfx.coupling.projection import attached, push, unilateral
 from graspfx.objects import kernels as body
 
 FINE = 0

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.cones.complement import complement, release, settle
+from graspfx.cones.cone import SLIDE, STICK, contact_frame
+from graspfx.cones.friction import ASSOCIATED, LEAST, RESTARTS, UNRESOLVED, friction_force_square, problem_size
 from graspfx.errors import InputError
-from graspfx.grasp.cone import SLIDE, STICK
-from graspfx.grasp.friction import ASSOCIATED, LEAST, RESTARTS, UNRESOLVED, friction_force_square, problem_size
-from graspfx.grasp.kernels import complement, contact_frame, release, settle
 
 FloatArray = NDArray[np.float64]
 Status = Literal["free", "stick", "slide"]

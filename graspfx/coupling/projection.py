@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from graspfx.cones.complement import complement, release, settle
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
 from graspfx.coupling.implicit import LEAST, assemble_implicitly, is_held
 from graspfx.coupling.law import bilateral
-from graspfx.grasp.kernels import complement, release, settle
 
 
 def attached(S: Any) -> int:

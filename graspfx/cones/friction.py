@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.grasp.cone import (
+from graspfx.cones.cone import (
     STICK,
     eliminate,
     equations_of_modes,

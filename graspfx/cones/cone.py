@@ -1,4 +1,4 @@
-"""The return map of a friction cone, and the equations whose zero puts every finger's force in its own."""
+"""A friction cone's frame and return map, and the equations whose zero puts every finger's force in its own."""
 
 from __future__ import annotations
 
@@ -8,6 +8,21 @@ from typing import Any
 FREE, STICK, SLIDE = 0, 1, 2
 NIL = 1e-30  # of the internal gain: a mode that differs by less is like all others
 SMALL = 1e-13  # of a square's largest row: keeps Newton's matrix regular where nothing touches
+
+
+def contact_frame(S: Any, normal: int, d: int, o: int) -> None:
+    """Writes d orthonormal directions at o: the unit normal, then the tangents."""
+    x, y, z = S[normal], S[normal + 1], S[normal + 2]
+    S[o], S[o + 1], S[o + 2] = x, y, z
+    if d == 2:
+        S[o + 3], S[o + 4], S[o + 5] = -y, x, 0.0
+    if d == 3:
+        # Duff et al. (2017): a basis without a branch that loses digits
+        sign = 1.0 if z >= 0.0 else -1.0
+        a = -1.0 / (sign + z)
+        b = x * y * a
+        S[o + 3], S[o + 4], S[o + 5] = 1.0 + sign * x * x * a, sign * b, -sign * x
+        S[o + 6], S[o + 7], S[o + 8] = b, sign + y * y * a, -y
 
 
 def modes_offset(o: int, n: int, d: int, count: int) -> int:
