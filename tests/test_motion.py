@@ -67,8 +67,8 @@ def exact_levels(t):
 
 
 def test_levels_and_their_rate_at_forty_digits():
-    # The polynomial's terms add up to 10 + 15 + 6: half an ulp of each is 31 eps/2 of a step of 30 mm, 1e-16 m; the rate
-    # is at most 15/8 of 30 mm in 0.3 s, 0.19 m/s: some rounding errors of that.
+    # The polynomial's terms add up to 10 + 15 + 6: half an ulp of each is 31 eps/2 of a step of 30 mm, 1e-16 m; the
+    # rate is at most 15/8 of 30 mm in 0.3 s, 0.19 m/s: some rounding errors of that.
     motion = Levels(STEPS)
     with mpmath.workdps(40):
         for t in np.random.default_rng(14).uniform(0.0, 3.5, 60).tolist():
