@@ -132,7 +132,9 @@ def _list(chosen: Namespace) -> int:
 
     for group in ("scenes", "devices", "hands", "dynamics"):
         found = names(group)
-        width = max(map(len, found), default=0)
+        if not found:
+            continue
+        width = max(map(len, found))
         print(group, *(f"  {name:<{width}}  {origin}" for name, origin in found.items()), sep="\n")
     return DONE
 

@@ -66,9 +66,6 @@ def hands(given: dict[str, Any], inward: Any = None) -> list[Any]:
     return [hold(scene, None, each, start, normals) for each in holdings(scene)]
 
 
-# Tables to hands --------------------------------------------------------------------------------------------------
-
-
 def test_a_squeeze_goes_along_the_normals_to_the_centre_or_where_it_is_told() -> None:
     start = RING + np.array([0.01, 0.0, 0.0])
     inward = np.eye(3)
@@ -148,6 +145,15 @@ def test_in_the_plane_a_turn_is_about_z() -> None:
         np.testing.assert_allclose(hand.target(1.0)[0], -RING[:, :2], atol=1e-16)
 
 
+def test_tables_may_hold_arrays() -> None:
+    turn = {"kind": "reach", "angle": np.float64(0.3), "axis": np.array([1.0, 0.0, 0.0]), "duration": 1.0}
+    lists = table(
+        closing=np.eye(3).tolist(), share=[1.0, 2.0, 3.0], squeeze=0.01, turn=turn | {"axis": [1.0, 0.0, 0.0]}
+    )
+    arrays = table(closing=np.eye(3), share=np.array([1.0, 2.0, 3.0]), squeeze=np.float64(0.01), turn=turn)
+    assert gx.Scene(**arrays) == gx.Scene(**lists)
+
+
 def test_two_hands_and_a_finger_without_one() -> None:
     made = table()
     made["hand"].append({"name": "left", "arm": SPRING, "grip": SPRING})
@@ -161,8 +167,6 @@ def test_two_hands_and_a_finger_without_one() -> None:
     ]
     assert not hands(made)[1].stiffness.any()
 
-
-# Faults -----------------------------------------------------------------------------------------------------------
 
 REACH = {"kind": "reach", "angle": 1.0, "duration": 1.0}
 OVER = [{"to": 0.01, "begin": 0.5, "duration": 0.5}, {"to": 0.0, "begin": 0.9, "duration": 0.5}]
@@ -229,6 +233,26 @@ def test_a_hand_on_two_objects_says_what_it_turns_about() -> None:
     assert found.startswith("finger.2.object: ")
 
 
+def test_steps_that_meet_but_for_rounding_do_not_overlap() -> None:
+    steps = [{"to": 0.01, "begin": 0.1, "duration": 0.2}, {"to": 0.0, "begin": 0.3, "duration": 0.5}]
+    assert 0.1 + 0.2 > 0.3
+    assert hands(table(squeeze=steps))[0].target(0.3)[0] == pytest.approx(RING * (0.023 / 0.033), abs=1e-16)
+
+
+@pytest.mark.parametrize("make", [table, own])
+def test_without_a_shape_there_are_no_normals_to_close_along(make: Any) -> None:
+    made = make(2, squeeze=0.01)
+    made["coupling"]["contact"] = "attached"
+    del made["object"]["shape"]
+    made["object"]["inertia"] = 1e-4
+    [found] = faults(made)
+    hand = made["hand"][0] if make is table else made["finger"][0]["hand"]
+    at = "hand.0" if make is table else "finger.0.hand"
+    assert found == f"{at}.closing: a direction is required: 'object' has no shape, so it has no normals to close along"
+    hand["closing"] = "centre" if make is table else [1.0, 0.0]
+    assert faults(made) == []
+
+
 def test_a_finger_in_the_middle_has_no_direction_to_the_centre() -> None:
     made = table(closing="centre")
     made["finger"][0]["start"] = [0.0, 0.0, 0.0]
@@ -236,8 +260,6 @@ def test_a_finger_in_the_middle_has_no_direction_to_the_centre() -> None:
     [found] = faults(made)
     assert found.startswith("hand.0.closing: a finger starts in the fingers' mean")
 
-
-# Hands of a plug-in's own -----------------------------------------------------------------------------------------
 
 SWAY = """
 import numpy as np
@@ -349,9 +371,6 @@ def test_a_hand_that_no_one_offers() -> None:
     assert found.startswith("hand.0.kind: given 'nowhere.py', expected the path of a file")
 
 
-# Runs -------------------------------------------------------------------------------------------------------------
-
-
 def pick_and_place(**changes: Any) -> dict[str, Any]:
     """Close on the ball, lift it, turn it by 1 rad on the way, put it down 40 mm further, let go."""
     made = table(
@@ -435,6 +454,19 @@ def test_a_run_in_space_turns_with_its_scene() -> None:
         expected = np.array(getattr(plain, name))
         rotated = R.apply(expected.reshape(-1, 3)).reshape(expected.shape)
         np.testing.assert_allclose(getattr(turned, name), rotated, atol=1e-9)
+
+
+def test_two_link_arms_turn_what_they_hold() -> None:
+    """The paper's cube between two arms, turned by 0.3 rad: the fingertips' line turns too, within 20 mrad."""
+    turn = {"kind": "reach", "angle": 0.3, "begin": 1.0, "duration": 1.0}
+    table = gx.load("paper-waving-turning").to_dict()
+    for finger in table["finger"]:
+        finger["hand"] = finger["hand"] | {"turn": turn, "motion": {"kind": "rest"}, "stiffness": 200.0, "damping": 4.0}
+    rec = gx.run(gx.Scene(**table), duration=3.0)
+    assert not rec.faults and rec.touching[-1].all()
+    along = rec.true_position[-1, 1] - rec.true_position[-1, 0]
+    assert np.arctan2(along[1], along[0]) == pytest.approx(0.3, abs=0.02)
+    assert rec.objects["object"].orientation[-1] == pytest.approx(0.3, abs=0.02)
 
 
 def test_encoders_in_space_read_the_nearest_multiple() -> None:

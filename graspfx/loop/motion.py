@@ -18,6 +18,7 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
+ROUNDING = 1e-12  # relative; of times that were meant to be the same
 
 
 class Motion(Protocol):
@@ -192,7 +193,7 @@ class Levels:
         if table.ndim != 2 or table.shape[1] != 3 or len(table) < 1 or not np.isfinite(table).all():
             raise InputError("steps", steps, "rows (N, 3) of finite numbers: a level, its beginning and duration [s]")
         begin, duration = table[:, 1], table[:, 2]
-        if (duration < 0.0).any() or (begin[1:] < (begin + duration)[:-1]).any():
+        if (duration < 0.0).any() or any(map(overlap, begin, duration, begin[1:])):
             raise InputError("steps", steps, "durations of zero or more, and no step before the end of the one before")
         self._levels: list[float] = [0.0, *table[:, 0].tolist()]
         self._begin: list[float] = begin.tolist()
@@ -209,6 +210,12 @@ class Levels:
         s, ds = minimum_jerk(t / self._duration[k])
         change = level - before
         return np.array([before + s * change]), np.array([ds / self._duration[k] * change])
+
+
+def overlap(begin: float, duration: float, following: float) -> bool:
+    """Whether what begins `following` does so before this is over, by more than the rounding of 0.1 + 0.2."""
+    end = begin + duration
+    return following < end - ROUNDING * max(abs(begin), abs(end))
 
 
 class Sum:

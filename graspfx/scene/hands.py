@@ -17,6 +17,7 @@ from graspfx.scene.fields import (
     Positive,
     Table,
     Vector,
+    Vectors,
     by_kind,
     number_or_list,
 )
@@ -67,7 +68,7 @@ class Path(Table):
     kind: Literal["path"]
     file: str | None = Field(default=None, description="relative to the scene's file")
     times: Vector | None = Field(default=None, description="rising [s]")
-    positions: tuple[Vector, ...] | None = Field(default=None, description="one (d,) per time [m]")
+    positions: Vectors | None = Field(default=None, description="one (d,) per time [m]")
 
 
 MOTIONS = ("rest", "sine", "reach", "path")
@@ -181,7 +182,7 @@ class SharedHand(Moving):
     arm: Spring
     grip: Spring
     closing: Annotated[
-        Annotated[Literal["normal", "centre"], Tag("<word>")] | Annotated[tuple[Vector, ...], Tag("<list>")], _by_form
+        Annotated[Literal["normal", "centre"], Tag("<word>")] | Annotated[Vectors, Tag("<list>")], _by_form
     ] = Field(
         default="normal",
         description="directions of the squeeze: each contact's normal at first, the mean of the fingers' starts, or "

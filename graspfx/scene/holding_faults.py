@@ -21,6 +21,8 @@ from graspfx.scene.lengths import Found, Location, length_faults, numbers
 from graspfx.scene.parts import Object, SceneTable
 from graspfx.scene.settings import reason, signature_faults
 
+NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
+
 
 def own_hand_faults(scene: SceneTable, i: int, folder: Path | None) -> Iterator[Found]:
     """Faults of the hand that finger i has for itself."""
@@ -36,6 +38,7 @@ def own_hand_faults(scene: SceneTable, i: int, folder: Path | None) -> Iterator[
         _spring(scene, at, hand),
         _moving(scene, at, hand, [i], folder),
         _own_closing(scene, at, hand),
+        _normals(scene, at, hand, [i]),
     )
 
 
@@ -50,6 +53,7 @@ def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, folder: Path 
         *(_half(scene, (*at, half), hand, half) for half in ("arm", "grip")),
         _moving(scene, at, hand, fingers, folder),
         _closing(scene, at, hand, fingers),
+        _normals(scene, at, hand, fingers),
         _share(at, hand, fingers),
     )
 
@@ -86,9 +90,6 @@ def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, A
         return
     for k, each in enumerate(listed(value)):
         yield ((*at, k) if isinstance(value, tuple) else at), each
-
-
-# Motions ----------------------------------------------------------------------------------------------------------
 
 
 def _motion(scene: SceneTable, at: Location, meant: Any, folder: Path | None) -> Iterator[Found]:
@@ -141,9 +142,6 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path 
             return
 
 
-# Turns ------------------------------------------------------------------------------------------------------------
-
-
 def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) -> Iterator[Found]:
     d = scene.dimensions
     if d == 1:
@@ -164,9 +162,6 @@ def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Found]:
         yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {shown(turn.axis)}"
 
 
-# The squeeze ------------------------------------------------------------------------------------------------------
-
-
 def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
     squeeze = hand.squeeze
     if isinstance(squeeze, int | float):
@@ -177,12 +172,22 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
     if not steps:
         yield (*at, "squeeze"), "expected a number, or one step at least"
     for k in range(1, len(steps)):
-        ended = steps[k - 1].begin + steps[k - 1].duration
-        if steps[k].begin < ended:
+        before = steps[k - 1]
+        if motion.overlap(before.begin, before.duration, steps[k].begin):
             yield (
                 (*at, "squeeze", k, "begin"),
-                f"expected {ended:.6g} or more, when the step before it ends; given {shown(steps[k].begin)}",
+                f"expected {before.begin + before.duration:.6g} or more, when the step before it ends; "
+                f"given {shown(steps[k].begin)}",
             )
+
+
+def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Found]:
+    bare = [thing.name for thing in _touched(scene, fingers) if thing.shape is None]
+    if bare and hand.closing == "normal" and hand.squeeze != 0.0:
+        yield (
+            (*at, "closing"),
+            f"a direction is required: {bare[0]!r} has no shape, so it has no normals to close along",
+        )
 
 
 def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Found]:
@@ -201,7 +206,8 @@ def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequenc
                 yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {shown(list(direction))}"
     elif closing == "centre":
         start = np.array([scene.finger[i].start for i in fingers], dtype=float)
-        if len(start) and not (start - start.mean(axis=0)).any(axis=1).all():
+        arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
+        if arms.min() <= NEAR * np.abs(start).max(initial=0.0):
             yield (*at, "closing"), "a finger starts in the fingers' mean, from where no direction leads to it"
 
 
@@ -209,9 +215,6 @@ def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[F
     share = hand.share
     if fingers and isinstance(share, tuple) and len(share) != len(fingers):
         yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {shown(list(share))}"
-
-
-# Hands of a plug-in's own ------------------------------------------------------------------------------------------
 
 
 def _made(
