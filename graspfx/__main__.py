@@ -56,7 +56,7 @@ def parser() -> ArgumentParser:
     check.set_defaults(command=_check)
     _add_scene(check)
 
-    listing = commands.add_parser("list", help="name the scenes, devices and dynamics at hand")
+    listing = commands.add_parser("list", help="name the scenes, devices, hands and dynamics there are")
     listing.set_defaults(command=_list)
 
     schema = commands.add_parser("schema", help="print the JSON schema of a scene")
@@ -130,9 +130,11 @@ def _check(chosen: Namespace) -> int:
 def _list(chosen: Namespace) -> int:
     from graspfx.plugins import names
 
-    for group in ("scenes", "devices", "dynamics"):
+    for group in ("scenes", "devices", "hands", "dynamics"):
         found = names(group)
-        width = max(map(len, found), default=0)
+        if not found:
+            continue
+        width = max(map(len, found))
         print(group, *(f"  {name:<{width}}  {origin}" for name, origin in found.items()), sep="\n")
     return DONE
 

@@ -1,4 +1,4 @@
-"""Devices, scenes and dynamics by name: a file's path, the shelf, or an entry point of another distribution."""
+"""Devices, hands, scenes and dynamics by name: a file's path, the shelf, or an entry point of another distribution."""
 
 from __future__ import annotations
 
@@ -16,11 +16,19 @@ from typing import Literal
 
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 
-Group = Literal["devices", "scenes", "dynamics"]
+Group = Literal["devices", "hands", "scenes", "dynamics"]
 
-SUFFIXES: dict[Group, tuple[str, ...]] = {"devices": (".py",), "scenes": (".toml", ".py"), "dynamics": (".py",)}
-SINGULAR: dict[Group, str] = {"devices": "device", "scenes": "scene", "dynamics": "dynamics"}
-BUILT_IN = {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet"}
+SUFFIXES: dict[Group, tuple[str, ...]] = {
+    "devices": (".py",),
+    "hands": (".py",),
+    "scenes": (".toml", ".py"),
+    "dynamics": (".py",),
+}
+SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
+BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
+    "hands": {},
+    "dynamics": {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet"},
+}
 
 
 class PluginError(GraspFXError):
@@ -145,8 +153,8 @@ def _table(group: Group) -> dict[str, list[Plugin]]:
 
 
 def _shelved(group: Group) -> Iterator[tuple[str, Plugin]]:
-    if group == "dynamics":
-        for name, module in BUILT_IN.items():
+    if group in BUILT_IN:
+        for name, module in BUILT_IN[group].items():
             yield name, Plugin(origin=f"GraspFX ({module})", module=module)
         return
     for path in sorted(shelf(group).iterdir()):

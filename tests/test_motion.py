@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
 from graspfx.errors import InputError
-from graspfx.loop.motion import Path, Reach, Rest, Sine, direction, minimum_jerk
+from graspfx.loop.motion import Levels, Path, Reach, Rest, Sine, Sum, direction, minimum_jerk
 
 TIMES = np.array([0.0, 0.4, 1.0, 1.5, 2.5])
 POINTS = np.array([[0.0, 0.0], [0.01, -0.02], [0.03, -0.02], [0.02, 0.01], [0.05, 0.02]])
@@ -18,6 +19,8 @@ MOTIONS = {
     "sine with ramp": Sine(0.05, 0.5, [3.0, 4.0], 0.2, 1.0),
     "reach": Reach([0.1, -0.2, 0.05], 0.3, 1.2),
     "path": Path(TIMES, POINTS),
+    "levels": Levels([[0.01, 0.3, 0.9], [-0.02, 1.2, 0.3], [0.0, 1.5, 1.0]]),
+    "sum": Sum([Reach([0.0, 0.1], 0.3, 1.2), Rest(), Sine(0.05, 0.5, [1.0, 1.0], 0.2, 0.8), Path(TIMES, POINTS)]),
 }
 
 
@@ -47,6 +50,61 @@ def test_minimum_jerk_step():
     assert minimum_jerk(-3.0) == (0.0, 0.0)
     assert minimum_jerk(1.0) == minimum_jerk(7.0) == (1.0, 0.0)
     assert s.deriv(2)(0.0) == s.deriv(2)(1.0) == 0.0
+
+
+STEPS = [(0.01, 0.3, 0.9), (-0.02, 1.2, 0.3), (0.005, 2.0, 1.0)]  # the second begins as the first ends
+
+
+def exact_levels(t):
+    """The levels of STEPS at 40 digits."""
+    x = mpmath.mpf(0)
+    for to, begin, duration in STEPS:
+        s = (t - mpmath.mpf(begin)) / mpmath.mpf(duration)
+        if s > 0:
+            s = min(s, mpmath.mpf(1))
+            x += (mpmath.mpf(to) - x) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    return x
+
+
+def test_levels_and_their_rate_at_forty_digits():
+    # The polynomial's terms add up to 10 + 15 + 6: half an ulp of each is 31 eps/2 of a step of 30 mm, 1e-16 m; the
+    # rate is at most 15/8 of 30 mm in 0.3 s, 0.19 m/s: some rounding errors of that.
+    motion = Levels(STEPS)
+    with mpmath.workdps(40):
+        for t in np.random.default_rng(14).uniform(0.0, 3.5, 60).tolist():
+            x, v = motion.at(t)
+            assert abs(x[0] - float(exact_levels(mpmath.mpf(t)))) < 1e-16
+            assert abs(v[0] - float(mpmath.diff(exact_levels, mpmath.mpf(t)))) < 2e-15
+
+
+def test_levels_hold_exactly_and_join_without_a_jump_of_acceleration():
+    # At a join the one-sided second difference of O(h^2) is 11/12 h^2 of the fourth derivative, at most
+    # 360 |dx|/duration^4 = 1333 m/s^4: 1.2e-5 m/s^2 at h = 0.1 ms, and rounding 1e-9. A parabola has |dx|/duration^2.
+    motion, h = Levels(STEPS), 1e-4
+    held = [float(motion.at(t)[0][0]) for t in (-1.0, 0.3, 1.2, 1.5, 1.9, 3.0, 99.0)]
+    assert held == [0.0, 0.0, 0.01, -0.02, -0.02, 0.005, 0.005]
+    for _, begin, duration in STEPS:
+        for join in (begin, begin + duration):
+            for side in (-h, h):
+                x, v = sampled(motion, [join + k * side for k in range(4)])
+                assert abs(v[0, 0]) < 1e-14
+                assert abs(2 * x[0] - 5 * x[1] + 4 * x[2] - x[3])[0] / h**2 < 2e-5
+    assert (motion.end, motion.last) == (3.0, 0.005)
+
+
+def test_a_level_may_jump():
+    motion = Levels([[0.01, 0.5, 0.0], [0.02, 0.5, 1.0]])
+    np.testing.assert_array_equal(motion.at(0.4999), [[0.0], [0.0]])
+    np.testing.assert_array_equal(motion.at(0.5), [[0.01], [0.0]])
+    np.testing.assert_allclose(motion.at(1.0), [[0.015], [0.01 * 1.875]], rtol=1e-14)
+
+
+def test_a_sum_of_reaches_goes_there_and_back():
+    motion = Sum([Reach([0.0, 0.2], 0.0, 1.0), Reach([0.1, 0.0], 0.5, 1.0), Reach([-0.1, -0.2], 3.0, 1.0)])
+    assert motion.dimensions == 2
+    np.testing.assert_allclose(motion.at(2.0), [[0.1, 0.2], [0.0, 0.0]], atol=1e-17)
+    np.testing.assert_allclose(motion.at(4.0), np.zeros((2, 2)), atol=1e-17)
+    assert Sum([Rest()]).dimensions is None
 
 
 def test_rest():
@@ -170,6 +228,13 @@ def test_direction():
         (lambda: Reach([[1.0]]), "displacement"),
         (lambda: Reach([np.nan]), "displacement"),
         (lambda: Reach([1.0], 0.0, 0.0), "duration"),
+        (lambda: Levels([]), "steps"),
+        (lambda: Levels([[1.0, 0.0]]), "steps"),
+        (lambda: Levels([[1.0, 0.0, np.nan]]), "steps"),
+        (lambda: Levels([[1.0, 0.0, -0.1]]), "steps.*zero or more"),
+        (lambda: Levels([[1.0, 0.0, 1.0], [2.0, 0.9, 1.0]]), "steps.*before the end of the one before"),
+        (lambda: Sum([]), "motions.*one motion"),
+        (lambda: Sum([Reach([1.0]), Reach([1.0, 2.0])]), "motions.*same number"),
         (lambda: Path([0.0], [[1.0]]), "times"),
         (lambda: Path([0.0, np.nan], [1.0, 2.0]), "times"),
         (lambda: Path([0.0, 0.0], [1.0, 2.0]), "times"),

@@ -63,7 +63,14 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
     ({}, "impedance", True, "one projection of one vector"),
     ({"coupling__reaction": "contact"}, "reaction", True, "contact point"),
     ({}, "read", True, "2 x simulated"),
-    ({}, "hand", True, "holds 2 of 2 fingers; motion: rest"),
+    ({}, "hand", True, "2 of 2 fingers held; finger0, finger1 by themselves (motion: rest)"),
+    ({"finger__1__hand__squeeze": 0.002}, "hand", True, "finger0 by itself (motion: rest); finger1 by itself"),
+    (
+        {"finger__*__hand__turn": [{"kind": "reach", "angle": 1.0, "duration": 1.0}]},
+        "hand",
+        True,
+        "(motion: rest; turn: reach)",
+    ),
 ]
 
 

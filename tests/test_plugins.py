@@ -42,7 +42,7 @@ def acme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (info / "entry_points.txt").write_text(
         "[graspfx.devices]\nthumb = acme_haptics.thumb\nbomb = acme_haptics.bomb\n"
         "[graspfx.scenes]\nstack = acme_haptics.stack\ntower = acme_haptics.tower\nlost = acme_haptics.lost\n"
-        "[graspfx.dynamics]\nsoft = acme_haptics.thumb\n"
+        "[graspfx.dynamics]\nsoft = acme_haptics.thumb\n[graspfx.hands]\nglove = acme_haptics.thumb\n"
     )
     monkeypatch.syspath_prepend(str(site))
     yield package
@@ -112,6 +112,8 @@ def test_an_entry_point_of_another_distribution(acme: Path) -> None:
     assert plugins.names("devices")["thumb"] == "acme-haptics 1.2 (acme_haptics.thumb)"
     assert plugins.load("devices", "thumb").MARK == "acme"
     assert plugins.load("dynamics", "soft").MARK == "acme"
+    assert plugins.names("hands") == {"glove": "acme-haptics 1.2 (acme_haptics.thumb)"}
+    assert plugins.load("hands", "glove").MARK == "acme"
 
 
 def test_an_entry_point_may_be_a_scene_in_toml_or_python(acme: Path) -> None:
@@ -125,7 +127,7 @@ def test_listing_imports_no_plugin(acme: Path) -> None:
     code = (
         f"import sys; sys.path[:0] = [{str(ROOT)!r}, {str(acme.parent)!r}]\n"
         "from graspfx import plugins\n"
-        "listed = {group: plugins.names(group) for group in ('devices', 'scenes', 'dynamics')}\n"
+        "listed = {group: plugins.names(group) for group in ('devices', 'hands', 'scenes', 'dynamics')}\n"
         "assert 'bomb' in listed['devices'] and {'native', 'bullet'} <= listed['dynamics'].keys()\n"
         "print(*sorted(n for n in sys.modules if n.startswith(('graspfx', 'acme', 'numpy', 'pybullet'))))\n"
     )

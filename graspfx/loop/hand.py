@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.loop import plant
-from graspfx.loop.motion import Motion, Rest, floats, minimum_jerk
+from graspfx.loop.motion import Levels, Motion, Rest, floats
+from graspfx.loop.turn import Turn
 
 FloatArray = NDArray[np.float64]
 
@@ -18,20 +20,26 @@ GAIN = "one finite number of zero or more, or one per axis (d,)"
 
 
 class Hand:
-    """Force on the fingertips K (r - p) + B (r' - v) per axis, r = rest + motion(t) + squeeze s inward.
+    """Force on the fingertips K (r - p) + B (r' - v) per axis, with the intended positions
 
-    s is the minimum-jerk step of t / squeeze_ramp. With no motion and no squeeze this is a plain spring and damper to
-    `rest`; with zero gains it is no hand at all.
+        r_i(t) = c + R(t) (rest_i + s(t) share_i u_i - c) + x(t)
+
+    x the motion, R the turns about c, one after another, s the squeeze and u_i the unit vector along `inward`: one
+    number s closes all fingers, a synergy, and its directions turn with the hand. With nothing that moves this is a
+    plain spring and damper to `rest`; with zero gains it is no hand at all.
 
     Args:
         rest: (n, d), where the fingers rest [m].
         stiffness: K [N/m]: a number or one per axis (d,), the same for each finger by itself; or matrices (d, n, n),
             symmetric and positive semidefinite, over the fingers for each axis.
         damping: B [N s/m], in the same forms.
-        motion: of all fingers together.
-        squeeze: how far each finger's target goes along `inward` [m].
+        motion: x, of all fingers together; the centres of the turns go along with it.
+        squeeze: s, how far each finger's target goes along `inward` [m]: a number, taken up by one minimum-jerk step
+            over `squeeze_ramp` from time zero, or a motion of one dimension, as `graspfx.loop.motion.Levels` is.
         inward: (n, d) directions of the squeeze, of any length; a row of zeros is a finger that stays out of it.
-        squeeze_ramp: time over which the squeeze comes in, from time zero [s].
+        squeeze_ramp: [s].
+        share: of the squeeze, a number or one per finger (n,).
+        turns: R and c; each turns what the ones before it give, about an axis that stays.
     """
 
     def __init__(
@@ -40,9 +48,11 @@ class Hand:
         stiffness: ArrayLike,
         damping: ArrayLike = 0.0,
         motion: Motion | None = None,
-        squeeze: float = 0.0,
+        squeeze: float | Motion = 0.0,
         inward: ArrayLike | None = None,
         squeeze_ramp: float = 0.5,
+        share: ArrayLike = 1.0,
+        turns: Sequence[Turn] = (),
     ) -> None:
         r = _rest(rest)
         n, d = r.shape
@@ -52,15 +62,16 @@ class Hand:
         self._motion: Motion = Rest() if motion is None else motion
         if self._motion.dimensions not in (None, d):
             raise InputError("motion", self._motion.dimensions, f"a motion in {d} dimensions, as rest has")
-        if not np.isfinite(squeeze):
-            raise InputError("squeeze", squeeze, "a finite distance [m]")
-        if not (np.isfinite(squeeze_ramp) and squeeze_ramp >= 0.0):
-            raise InputError("squeeze_ramp", squeeze_ramp, "a finite time of zero or more [s]")
-        self._squeeze = squeeze * _directions(inward, squeeze, n, d)
-        self._ramp = float(squeeze_ramp)
+        self._turns = tuple(turns)
+        if any(turn.dimensions != d for turn in turns):
+            raise InputError("turns", [turn.dimensions for turn in turns], f"turns in {d} dimensions, as rest has")
+        self._squeeze = _squeeze(squeeze, squeeze_ramp)
+        self._along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
         self._still = _frozen(np.zeros((n, d)))
-        self._settled = _frozen(r + self._squeeze)
-        self._resting = isinstance(self._motion, Rest)
+        levels = self._squeeze if isinstance(self._squeeze, Levels) else None
+        self._closed = levels.end if levels is not None else math.inf  # from then on the squeeze is constant
+        self._settled = _frozen(r + levels.last * self._along) if levels is not None else r
+        self._resting = isinstance(self._motion, Rest) and not turns
 
     @classmethod
     def arm_and_grip(
@@ -70,16 +81,19 @@ class Hand:
         arm: tuple[ArrayLike, ArrayLike],
         grip: tuple[ArrayLike, ArrayLike],
         motion: Motion | None = None,
-        squeeze: float = 0.0,
+        squeeze: float | Motion = 0.0,
         inward: ArrayLike | None = None,
         squeeze_ramp: float = 0.5,
+        share: ArrayLike = 1.0,
+        turns: Sequence[Turn] = (),
     ) -> Hand:
         """A hand whose arm moves the fingers' mean and whose grip moves them against each other.
 
             K = k_arm 11'/n + k_grip (I - 11'/n), B alike, on each axis
 
         so that on the mean x_e the fingers' forces add up to n (k_arm x_e + b_arm x_e'), Z+ of Kawai and Yoshikawa,
-        fig. 9, and on the deviations x_i each finger feels k_grip and b_grip, their Z- (eqs. 13-19).
+        fig. 9, and on the deviations x_i each finger feels k_grip and b_grip, their Z- (eqs. 13-19). A rotation of the
+        fingers about their mean is part of the deviations: the grip holds it.
 
         Args:
             arm: stiffness [N/m] and damping [N s/m] per finger, each a number or one per axis.
@@ -93,7 +107,7 @@ class Hand:
             external = _per_axis(f"arm {name}", k_arm, d)
             internal = _per_axis(f"grip {name}", k_grip, d)
             gains.append(external[:, None, None] * mean + internal[:, None, None] * apart)
-        return cls(rest, gains[0], gains[1], motion, squeeze, inward, squeeze_ramp)
+        return cls(rest, gains[0], gains[1], motion, squeeze, inward, squeeze_ramp, share, turns)
 
     @property
     def stiffness(self) -> FloatArray:
@@ -107,14 +121,17 @@ class Hand:
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
-        squeezing = time < self._ramp
-        if self._resting and not squeezing:
-            return self._settled, self._still
-        x, v = self._motion.at(time)
-        if not squeezing:
-            return self._settled + x, self._still + v
-        s, ds = minimum_jerk(time / self._ramp)
-        return self._rest + s * self._squeeze + x, (ds / self._ramp) * self._squeeze + v
+        if time >= self._closed:
+            r, v = self._settled, self._still
+        else:
+            s, ds = self._squeeze.at(time)
+            r, v = self._rest + s * self._along, ds * self._along
+        if self._resting:
+            return r, v
+        for turn in self._turns:
+            r, v = turn.turned(time, r, v)
+        x, dx = self._motion.at(time)
+        return r + x, v + dx
 
 
 class JoinedHands:
@@ -168,9 +185,28 @@ def _rest(rest: ArrayLike) -> FloatArray:
     return r
 
 
-def _directions(inward: ArrayLike | None, squeeze: float, n: int, d: int) -> FloatArray:
+def _squeeze(squeeze: float | Motion, ramp: float) -> Motion:
+    if not isinstance(squeeze, int | float | np.integer | np.floating):
+        if getattr(squeeze, "dimensions", None) != 1:
+            raise InputError("squeeze", squeeze, "a distance [m], or a motion of one dimension")
+        return squeeze
+    if not np.isfinite(squeeze):
+        raise InputError("squeeze", squeeze, "a finite distance [m]")
+    if not (np.isfinite(ramp) and ramp >= 0.0):
+        raise InputError("squeeze_ramp", ramp, "a finite time of zero or more [s]")
+    return Levels([[squeeze, 0.0, ramp]])
+
+
+def _shares(share: ArrayLike, n: int) -> FloatArray:
+    k = floats("share", share)
+    if k.shape not in ((), (n,)) or not np.isfinite(k).all():
+        raise InputError("share", share, f"one finite number, or one per finger ({n},)")
+    return np.broadcast_to(k, (n,))
+
+
+def _directions(inward: ArrayLike | None, squeeze: float | Motion, n: int, d: int) -> FloatArray:
     if inward is None:
-        if squeeze != 0.0:
+        if not isinstance(squeeze, int | float | np.integer | np.floating) or squeeze != 0.0:
             raise InputError("inward", inward, f"directions ({n}, {d}) for the squeeze")
         return np.zeros((n, d))
     u = floats("inward", inward)

@@ -1,9 +1,10 @@
-"""Intended motions of a hand: rest, a sine, a minimum-jerk reach, a recorded path."""
+"""Intended motions of a hand: rest, a sine, a minimum-jerk reach, a recorded path, levels, and sums of them."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from csv import reader
 from os import PathLike
 from pathlib import Path as FilePath
@@ -17,10 +18,11 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
+ROUNDING = 1e-12  # relative; of times that were meant to be the same
 
 
 class Motion(Protocol):
-    """An offset from where the hand rests, as a function of time."""
+    """An offset from where the hand rests, as a function of time; with d = 1 also an angle [rad] or a squeeze [m]."""
 
     @property
     def dimensions(self) -> int | None:
@@ -172,6 +174,71 @@ class Path:
         s = time - self._times[k]
         c3, c2, c1, c0 = self._c[k]
         return ((c3 * s + c2) * s + c1) * s + c0, (3.0 * c3 * s + 2.0 * c2) * s + c1
+
+
+class Levels:
+    """From level to level by minimum-jerk steps, each held until the next begins; zero before the first. d = 1.
+
+        x(t) = x_k-1 + s((t - begin_k) / duration_k) (x_k - x_k-1)    from begin_k on
+
+    Args:
+        steps: (N, 3), each x_k, begin_k [s] and duration_k [s]; none begins before the one before it has ended. A
+            duration of zero is a jump, which has no velocity.
+    """
+
+    dimensions = 1
+
+    def __init__(self, steps: ArrayLike) -> None:
+        table = floats("steps", steps)
+        if table.ndim != 2 or table.shape[1] != 3 or len(table) < 1 or not np.isfinite(table).all():
+            raise InputError("steps", steps, "rows (N, 3) of finite numbers: a level, its beginning and duration [s]")
+        begin, duration = table[:, 1], table[:, 2]
+        if (duration < 0.0).any() or any(map(overlap, begin, duration, begin[1:])):
+            raise InputError("steps", steps, "durations of zero or more, and no step before the end of the one before")
+        self._levels: list[float] = [0.0, *table[:, 0].tolist()]
+        self._begin: list[float] = begin.tolist()
+        self._duration: list[float] = duration.tolist()
+        self.end = self._begin[-1] + self._duration[-1]  # [s]; from here on nothing moves
+        self.last = self._levels[-1]
+
+    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
+        k = bisect_right(self._begin, time) - 1
+        before, level = self._levels[max(k, 0)], self._levels[k + 1]
+        t = time - self._begin[k]
+        if k < 0 or t >= self._duration[k]:
+            return np.array([level]), np.zeros(1)
+        s, ds = minimum_jerk(t / self._duration[k])
+        change = level - before
+        return np.array([before + s * change]), np.array([ds / self._duration[k] * change])
+
+
+def overlap(begin: float, duration: float, following: float) -> bool:
+    """Whether what begins `following` does so before this is over, by more than the rounding of 0.1 + 0.2."""
+    end = begin + duration
+    return following < end - ROUNDING * max(abs(begin), abs(end))
+
+
+class Sum:
+    """Motions that add up.
+
+    Args:
+        motions: one at least, all of the same number of dimensions.
+    """
+
+    def __init__(self, motions: Sequence[Motion]) -> None:
+        known = {motion.dimensions for motion in motions} - {None}
+        if not motions or len(known) > 1:
+            given = [motion.dimensions for motion in motions]
+            raise InputError("motions", given, "one motion at least, all of the same number of dimensions")
+        self._motions = tuple(motions)
+        self.dimensions: int | None = known.pop() if known else None
+
+    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
+        x, v = self._motions[0].at(time)
+        for motion in self._motions[1:]:
+            dx, dv = motion.at(time)
+            x, v = x + dx, v + dv
+        return x, v
 
 
 def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path as FilePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +12,13 @@ from graspfx import plugins
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import DeviceError
 from graspfx.grasp.impedance import Coupling, Impedance
-from graspfx.loop import motion as motions
 from graspfx.loop.device import SimulatedDevice
-from graspfx.loop.hand import Hand, join
+from graspfx.loop.hand import join
 from graspfx.loop.layout import Layout
 from graspfx.loop.servo import Body, Held, Moved, Servo, Station
 from graspfx.scene.bodies import fill, make_shape
 from graspfx.scene.fields import Gains
-from graspfx.scene.hands import Hand as HandTable
-from graspfx.scene.hands import Motion, SharedHand
+from graspfx.scene.holding import Holding, hold, holdings
 from graspfx.scene.model import Scene
 from graspfx.scene.wiring import Wire, wires
 
@@ -124,16 +121,16 @@ def _own(gain: Gains, fingers: NDArray[np.intp]) -> float | FloatArray:
 
 def _moved(scene: Scene, wired: Sequence[Wire], start: FloatArray, inward: FloatArray) -> Iterator[Moved]:
     """The plants of the simulated devices: one for all devices that hands join to one another."""
-    groups = _hand_groups(scene)
-    for members in _components(scene, wired, groups):
+    groups = holdings(scene)
+    for members in _components(wired, groups):
         simulated = [wired[i] for i in members]
         fingers = np.concatenate([wire.fingers for wire in simulated])
         devices = [wire.device for wire in simulated]
         hands, order = [], []
         for group in groups:
-            if group[0] in fingers:
-                hands.append(_hand(scene, group, start, inward))
-                order += group
+            if group.fingers[0] in fingers:
+                hands.append(hold(scene, scene.source.folder, group, start, inward))
+                order += group.fingers
         first = devices[0]
         assert isinstance(first, SimulatedDevice)
         plant = type(first).plant(devices)
@@ -145,16 +142,7 @@ def _moved(scene: Scene, wired: Sequence[Wire], start: FloatArray, inward: Float
         yield Moved(plant, hand, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
 
 
-def _hand_groups(scene: Scene) -> list[list[int]]:
-    """The fingers of every hand; a finger without one stands alone."""
-    groups: dict[str, list[int]] = {}
-    for i, finger in enumerate(scene.finger):
-        key = f"hand {finger.hand}" if isinstance(finger.hand, str) else f"finger {i}"
-        groups.setdefault(key, []).append(i)
-    return list(groups.values())
-
-
-def _components(scene: Scene, wired: Sequence[Wire], groups: Sequence[Sequence[int]]) -> Iterator[list[int]]:
+def _components(wired: Sequence[Wire], groups: Sequence[Holding]) -> Iterator[list[int]]:
     """Sets of simulated devices that share a hand, directly or through others."""
     of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.fingers if f >= 0}
     left = {i for i, wire in enumerate(wired) if isinstance(wire.device, SimulatedDevice)}
@@ -163,50 +151,7 @@ def _components(scene: Scene, wired: Sequence[Wire], groups: Sequence[Sequence[i
         for member in members:  # grows while it is walked
             left.discard(member)
             for group in groups:
-                near = {of_finger[f] for f in group}
+                near = {of_finger[f] for f in group.fingers}
                 if member in near:
                     members += sorted((near & left) - set(members))
         yield members
-
-
-def _hand(scene: Scene, group: Sequence[int], start: FloatArray, inward: FloatArray) -> Hand:
-    table = scene.finger[group[0]].hand
-    if table is None:
-        return Hand(start[group], 0.0)
-    if isinstance(table, HandTable):
-        rest = start[group] if table.rest is None else np.array([table.rest])
-        return Hand(
-            rest,
-            table.stiffness,
-            table.damping,
-            make_motion(scene, table.motion),
-            table.squeeze,
-            inward[group],
-            table.squeeze_ramp,
-        )
-    shared: SharedHand = next(hand for hand in scene.hand if hand.name == table)
-    return Hand.arm_and_grip(
-        start[group],
-        arm=(shared.arm.stiffness, shared.arm.damping),
-        grip=(shared.grip.stiffness, shared.grip.damping),
-        motion=make_motion(scene, shared.motion),
-        squeeze=shared.squeeze,
-        inward=inward[group],
-        squeeze_ramp=shared.squeeze_ramp,
-    )
-
-
-def make_motion(scene: Scene, table: Motion) -> motions.Motion:
-    """The intended motion that a table describes."""
-    if table.kind == "rest":
-        return motions.Rest()
-    if table.kind == "sine":
-        axis = "xyz".index(table.axis) if isinstance(table.axis, str) else table.axis
-        along = np.eye(scene.dimensions)[axis]
-        return motions.Sine(table.amplitude, table.frequency, along, table.begin, table.ramp)
-    if table.kind == "reach":
-        return motions.Reach(table.displacement, table.begin, table.duration)
-    if table.file is not None:
-        return motions.Path.read((scene.source.folder or FilePath()) / table.file)
-    assert table.times is not None and table.positions is not None
-    return motions.Path(table.times, table.positions)

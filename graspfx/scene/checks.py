@@ -12,14 +12,13 @@ import numpy as np
 
 from graspfx import plugins
 from graspfx.errors import InputError, UnknownNameError, closest, shown
-from graspfx.loop import motion
 from graspfx.loop.device import Device
 from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.kernels import SIZE
 from graspfx.scene import bodies
 from graspfx.scene.fields import NotValid
-from graspfx.scene.hands import Path as RecordedPath
-from graspfx.scene.hands import Reach, Sine
+from graspfx.scene.holding_faults import own_hand_faults, shared_hand_faults
+from graspfx.scene.lengths import length_faults as _length
 from graspfx.scene.parts import WIDTHS, SceneTable
 from graspfx.scene.settings import reason, setting_faults
 from graspfx.scene.wiring import wiring_faults
@@ -30,7 +29,6 @@ Found = tuple[Location, str]
 VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # of d numbers
 UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
 NAMED = {"object": "name", "device": "label", "hand": "name"}
-AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def cross_faults(scene: SceneTable, folder: Path | None) -> list[Found]:
@@ -61,14 +59,12 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:
             yield _reference(scene, ("finger", i, field), finger, field)
-        yield _own_hand(scene, ("finger", i, "hand"), finger, folder)
+        yield own_hand_faults(scene, i, folder)
         yield _own_device(scene, ("finger", i, "device"), finger, folder, connected)
     for i, device in enumerate(_items(scene, "device")):
         yield setting_faults(scene, ("device", i), device, folder, connected)
     for i, hand in enumerate(_items(scene, "hand")):
-        yield _motion(scene, ("hand", i, "motion"), hand, folder)
-        for half in ("arm", "grip"):
-            yield _spring(scene, ("hand", i, half), hand, half)
+        yield shared_hand_faults(scene, ("hand", i), hand, folder)
     yield _channels(scene)
     yield wiring_faults(scene, connected)
     for table in ("device", "hand"):
@@ -93,16 +89,6 @@ def _enough(scene: SceneTable) -> Iterator[Found]:
     for table in ("object", "finger"):
         if getattr(scene, table) == ():
             yield (table,), "expected at least one"
-
-
-def _length(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Found]:
-    value = getattr(part, field)
-    if value is not None and len(value) != scene.dimensions:
-        yield (*at, field), f"expected {_numbers(scene.dimensions)}; given {shown(list(value))}"
-
-
-def _numbers(count: int) -> str:
-    return "1 number (dimensions = 1)" if count == 1 else f"{count} numbers (dimensions = {count})"
 
 
 def _unique(scene: SceneTable, table: str) -> Iterator[Found]:
@@ -263,68 +249,11 @@ def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iter
         yield at, f"no [[{table}]] has the {NAMED[table]} {name!r}{hint}"
 
 
-def _own_hand(scene: SceneTable, at: Location, finger: Any, folder: Path | None) -> Iterator[Found]:
-    hand = finger.hand
-    if hand is None or isinstance(hand, str):
-        return
-    for check in (
-        _length(scene, at, hand, "rest"),
-        _spring(scene, at, finger, "hand"),
-        _motion(scene, (*at, "motion"), hand, folder),
-    ):
-        with suppress(NotValid):
-            yield from check
-
-
 def _own_device(
     scene: SceneTable, at: Location, finger: Any, folder: Path | None, connected: dict[Location, Device]
 ) -> Iterator[Found]:
     if not isinstance(finger.device, str):
         yield from setting_faults(scene, at, finger.device, folder, connected)
-
-
-def _spring(scene: SceneTable, at: Location, owner: Any, field: str) -> Iterator[Found]:
-    spring = getattr(owner, field)
-    for quantity in ("stiffness", "damping"):
-        if isinstance(getattr(spring, quantity), tuple):
-            yield from _length(scene, at, spring, quantity)
-
-
-def _motion(scene: SceneTable, at: Location, hand: Any, folder: Path | None) -> Iterator[Found]:
-    meant = hand.motion
-    if isinstance(meant, Sine) and AXES.get(str(meant.axis), meant.axis) not in range(scene.dimensions):
-        yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {shown(meant.axis)}"
-    elif isinstance(meant, Reach):
-        yield from _length(scene, at, meant, "displacement")
-    elif isinstance(meant, RecordedPath):
-        yield from _recorded(scene, at, meant, folder)
-
-
-def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path | None) -> Iterator[Found]:
-    times, positions = path.times, path.positions
-    if path.file is not None:
-        if times is not None or positions is not None:
-            yield (*at, "file"), "expected either a file or times and positions, not both"
-            return
-        try:
-            recorded = motion.Path.read((folder or Path()) / Path(path.file).expanduser())
-        except InputError as error:
-            yield (*at, "file"), reason(error)
-            return
-        if recorded.dimensions != scene.dimensions:
-            yield (*at, "file"), f"expected {_numbers(scene.dimensions)} after the time; given {recorded.dimensions}"
-        return
-    if times is None or positions is None:
-        yield at, "expected a file, or times and positions"
-        return
-    if len(times) < 2 or min(np.diff(times)) <= 0.0:
-        yield (*at, "times"), "expected at least two times, rising"
-    if len(times) != len(positions):
-        yield (*at, "positions"), f"expected one for each of the {len(times)} times; given {len(positions)}"
-    for i, position in enumerate(positions):
-        if len(position) != scene.dimensions:
-            yield (*at, "positions", i), f"expected {_numbers(scene.dimensions)}; given {shown(list(position))}"
-            return
 
 
 def _channels(scene: SceneTable) -> Iterator[Found]:

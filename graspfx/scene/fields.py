@@ -85,6 +85,7 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True, ge=0)]
 Switch = Annotated[bool, Field(strict=True)]
 Vector = Annotated[tuple[Number, ...], BeforeValidator(_listed)]
+Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_listed)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
 number_or_list = Discriminator(
     lambda value: "<list>" if isinstance(value, list | tuple) or getattr(value, "ndim", None) else "<number>"

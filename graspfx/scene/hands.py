@@ -2,15 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import shown
-from graspfx.scene.fields import Name, NotNegative, Number, Positive, Table, Vector, by_kind, number_or_list
+from graspfx.scene.fields import (
+    Name,
+    NotNegative,
+    Number,
+    NumberOrVector,
+    Positive,
+    Table,
+    Vector,
+    Vectors,
+    by_kind,
+    number_or_list,
+)
 
-Axis = Literal[0, 1, 2, "x", "y", "z"]
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def _form(value: Any) -> str:
+    """What a field that takes a word or number, a list or a table was given."""
+    if isinstance(value, Mapping | Table):
+        return "<table>"
+    return "<list>" if isinstance(value, list | tuple) or getattr(value, "ndim", None) else "<word>"
+
+
+_by_form = Discriminator(_form)
+Axis = Annotated[Annotated[Literal[0, 1, 2, "x", "y", "z"], Tag("<word>")] | Annotated[Vector, Tag("<list>")], _by_form]
 
 
 class Rest(Table):
@@ -20,12 +43,12 @@ class Rest(Table):
 
 
 class Sine(Table):
-    """r(t) = rest + A(t) sin(2 pi f (t - begin)) along one axis from `begin` on; A grows smoothly over `ramp`."""
+    """r(t) = rest + A(t) sin(2 pi f (t - begin)) along a direction from `begin` on; A grows smoothly over `ramp`."""
 
     kind: Literal["sine"]
     amplitude: Number = Field(description="A [m]")
     frequency: Positive = Field(description="f [Hz]")
-    axis: Axis = Field(default=0, description="0, 1, 2 or x, y, z")
+    axis: Axis = Field(default=0, description="0, 1, 2 or x, y, z, or a direction (d,) of any length")
     begin: Number = Field(default=0.0, description="[s]")
     ramp: NotNegative = Field(default=0.0, description="[s]")
 
@@ -45,7 +68,7 @@ class Path(Table):
     kind: Literal["path"]
     file: str | None = Field(default=None, description="relative to the scene's file")
     times: Vector | None = Field(default=None, description="rising [s]")
-    positions: tuple[Vector, ...] | None = Field(default=None, description="one (d,) per time [m]")
+    positions: Vectors | None = Field(default=None, description="one (d,) per time [m]")
 
 
 MOTIONS = ("rest", "sine", "reach", "path")
@@ -57,6 +80,54 @@ Motion = Annotated[
     | Annotated[Path, Tag("<path>")],
     _motion_by_kind,
     _check_motion,
+]
+by_table_or_list = Discriminator(lambda value: "<list>" if isinstance(value, list | tuple) else "<table>")
+Motions = Annotated[Annotated[Motion, Tag("<table>")] | Annotated[tuple[Motion, ...], Tag("<list>")], by_table_or_list]
+
+
+class Turning(Table):
+    """Where a turn goes: about z in the plane, about an axis in space."""
+
+    axis: Axis | None = Field(default=None, description="x, y, z, 0, 1, 2 or a direction of any length; space only")
+    centre: Vector | None = Field(
+        default=None, description="a point of the axis, (d,) [m]; where the object's centre is at first if not given"
+    )
+    begin: Number = Field(default=0.0, description="[s]")
+
+
+class TurnSine(Turning):
+    """An angle A(t) sin(2 pi f (t - begin)) from `begin` on; A grows smoothly over `ramp`."""
+
+    kind: Literal["sine"]
+    amplitude: Number = Field(description="A [rad]")
+    frequency: Positive = Field(description="f [Hz]")
+    ramp: NotNegative = Field(default=0.0, description="[s]")
+
+
+class TurnReach(Turning):
+    """A minimum-jerk turn by `angle` that begins at `begin` and lasts `duration`."""
+
+    kind: Literal["reach"]
+    angle: Number = Field(description="[rad]")
+    duration: Positive = Field(description="[s]")
+
+
+_check_turn, _turn_by_kind = by_kind(("sine", "reach"), what="turn")
+Turn = Annotated[Annotated[TurnSine, Tag("<sine>")] | Annotated[TurnReach, Tag("<reach>")], _turn_by_kind, _check_turn]
+Turns = Annotated[Annotated[Turn, Tag("<table>")] | Annotated[tuple[Turn, ...], Tag("<list>")], by_table_or_list]
+
+
+class Step(Table):
+    """A minimum-jerk step of the squeeze to a level."""
+
+    to: Number = Field(description="the squeeze after it [m]; less than zero is open")
+    begin: Number = Field(description="[s]")
+    duration: Positive = Field(description="[s]")
+
+
+Squeeze = Annotated[
+    Annotated[Number, Tag("<word>")] | Annotated[Step, Tag("<table>")] | Annotated[tuple[Step, ...], Tag("<list>")],
+    _by_form,
 ]
 
 
@@ -79,7 +150,19 @@ class Spring(Table):
     damping: PerAxis = Field(default=0.0, description="[N s/m], or one per axis")
 
 
-class Hand(Table):
+class Moving(Table):
+    """What hands of every kind do in time."""
+
+    motion: Motions = Field(default=Rest(kind="rest"), description="one, or a list of motions that add up")
+    turn: Turns | None = Field(default=None, description="one, or a list of turns made one after another")
+    squeeze: Squeeze = Field(
+        default=0.0,
+        description="how far r lies inside, towards the object [m]: a number, taken up over squeeze_ramp, or steps",
+    )
+    squeeze_ramp: NotNegative = Field(default=0.5, description="time in which a number is taken up [s]")
+
+
+class OwnHand(Moving):
     """What holds one fingertip: K (r - p) + B (r' - p')."""
 
     stiffness: PerAxis = Field(description="K [N/m], or one per axis")
@@ -87,21 +170,64 @@ class Hand(Table):
     rest: Vector | None = Field(
         default=None, description="r without motion, (d,) [m]; where the finger starts if not given"
     )
-    motion: Motion = Rest(kind="rest")
-    squeeze: Number = Field(default=0.0, description="how far r lies inside, towards the object [m]")
-    squeeze_ramp: NotNegative = Field(default=0.5, description="time in which the squeeze is taken up [s]")
+    closing: Annotated[Annotated[Literal["normal"], Tag("<word>")] | Annotated[Vector, Tag("<list>")], _by_form] = (
+        Field(default="normal", description="direction of the squeeze: the contact's normal at first, or (d,)")
+    )
 
 
-class SharedHand(Table):
+class SharedHand(Moving):
     """What holds several fingertips together: an arm that carries their mean, a grip that closes on it."""
 
     name: Name
     arm: Spring
     grip: Spring
-    motion: Motion = Rest(kind="rest")
-    squeeze: Number = Field(default=0.0, description="how far each r lies inside, towards the object [m]")
-    squeeze_ramp: NotNegative = Field(default=0.5, description="[s]")
+    closing: Annotated[
+        Annotated[Literal["normal", "centre"], Tag("<word>")] | Annotated[Vectors, Tag("<list>")], _by_form
+    ] = Field(
+        default="normal",
+        description="directions of the squeeze: each contact's normal at first, the mean of the fingers' starts, or "
+        "one (d,) per finger",
+    )
+    share: NumberOrVector = Field(default=1.0, description="of the squeeze, or one per finger")
 
 
-by_name = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<table>")
-HandOrName = Annotated[Annotated[str, Tag("<name>")] | Annotated[Hand, Tag("<table>")], by_name]
+class MadeHand(Table):
+    """A hand from a Python file or another distribution, and its settings: whatever its `hold` takes."""
+
+    model_config = ConfigDict(extra="allow")
+
+    kind: str = Field(description="the path of a .py file, or a name that `graspfx list` gives")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The table's other keys."""
+        return dict(self.model_extra or {})
+
+
+class SharedMadeHand(MadeHand):
+    """One that holds several fingertips, which name it."""
+
+    name: Name
+
+
+def _hand_form(value: Any) -> str:
+    if isinstance(value, str):
+        return "<name>"
+    made = "kind" in value if isinstance(value, Mapping) else isinstance(value, MadeHand)
+    return "<made>" if made else "<table>"
+
+
+HandOrName = Annotated[
+    Annotated[str, Tag("<name>")] | Annotated[OwnHand, Tag("<table>")] | Annotated[MadeHand, Tag("<made>")],
+    Discriminator(_hand_form),
+]
+AnySharedHand = Annotated[
+    Annotated[SharedHand, Tag("<table>")] | Annotated[SharedMadeHand, Tag("<made>")], Discriminator(_hand_form)
+]
+
+
+def listed(value: Any) -> tuple[Any, ...]:
+    """The tables of a field that takes one or a list of them."""
+    if value is None:
+        return ()
+    return value if isinstance(value, tuple) else (value,)

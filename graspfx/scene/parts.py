@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, Tag
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import shown
@@ -22,7 +22,7 @@ from graspfx.scene.fields import (
     Vector,
     by_kind,
 )
-from graspfx.scene.hands import HandOrName, SharedHand, by_name
+from graspfx.scene.hands import AnySharedHand, HandOrName
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w, the freedoms of an object
 
@@ -176,7 +176,8 @@ class SharedDevice(Device):
     label: Name
 
 
-DeviceOrName = Annotated[Annotated[str, Tag("<name>")] | Annotated[Device, Tag("<table>")], by_name]
+_by_name = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<table>")
+DeviceOrName = Annotated[Annotated[str, Tag("<name>")] | Annotated[Device, Tag("<table>")], _by_name]
 
 
 class Finger(Table):
@@ -211,7 +212,7 @@ class SceneTable(Table):
     coupling: Coupling
     finger: tuple[Finger, ...]
     device: tuple[SharedDevice, ...] = ()
-    hand: tuple[SharedHand, ...] = ()
+    hand: tuple[AnySharedHand, ...] = ()
 
     @property
     def finger_names(self) -> tuple[str, ...]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from graspfx.scene.parts import Device, Finger, Object, SceneTable
+from graspfx.scene.hands import Moving, listed
+from graspfx.scene.holding import descriptions, holdings
+from graspfx.scene.parts import Device, Object, SceneTable
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ def _rows(scene: SceneTable) -> Iterator[Row]:
 def packages(scene: SceneTable) -> list[str]:
     """What the framework imports for a run of the scene, figures and tables aside."""
     found = ["numpy", "pydantic (scene)", "h5py (recording)"]
-    hands = [finger.hand for finger in scene.finger] + list(scene.hand)
-    if any(getattr(getattr(hand, "motion", None), "kind", "") == "path" for hand in hands):
+    tables = [holding.table for holding in holdings(scene)]
+    if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
         found.append("scipy (recorded path)")
     if any(thing.dynamics == "bullet" for thing in scene.object):
         found.append("pybullet (dynamics)")
@@ -154,15 +155,7 @@ def _hand(scene: SceneTable) -> Row:
     held = [finger for finger in scene.finger if finger.hand is not None]
     if not held:
         return "hand", False, "no finger names one"
-    kinds = sorted({_motion(scene, finger) for finger in held})
-    return "hand", True, f"holds {len(held)} of {len(scene.finger)} fingers; motion: {', '.join(kinds)}"
-
-
-def _motion(scene: SceneTable, finger: Finger) -> str:
-    named: dict[str, Any] = {hand.name: hand for hand in scene.hand}
-    hand: Any = named[finger.hand] if isinstance(finger.hand, str) else finger.hand
-    kind: str = hand.motion.kind
-    return kind
+    return "hand", True, f"{len(held)} of {len(scene.finger)} fingers held; {'; '.join(descriptions(scene))}"
 
 
 def _named(scene: SceneTable, thing: Object, step: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -36,7 +37,10 @@ def setting_faults(
     if not callable(getattr(driver, "connect", None)):
         yield (*at, "name"), f"the driver {table.name!r} has no function connect(**settings)"
         return
-    faults = list(_against_signature(scene, at, table, inspect.signature(driver.connect).parameters))
+    parameters, settings = inspect.signature(driver.connect).parameters, table.settings
+    faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
+    if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
+        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"))
     yield from faults
     if not faults:
         yield from _connection(scene, at, table, driver, connected)
@@ -67,24 +71,26 @@ def _connection(
             yield (*at, "name"), f"connect() of {table.name!r} gives no device: {shown(device)} has no Features"
 
 
-def _against_signature(
-    scene: SceneTable, at: Location, device: Device, parameters: Mapping[str, inspect.Parameter]
+def signature_faults(
+    at: Location,
+    name: str,
+    settings: Mapping[str, Any],
+    parameters: Mapping[str, inspect.Parameter],
+    automatic: AbstractSet[str],
 ) -> Iterator[Found]:
-    settings = device.settings
+    """Settings that a plug-in of this name does not take, and those that it needs; it is given the automatic ones."""
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {shown(value)}"
-    named = {name for name, each in parameters.items() if each.kind is not OPEN_ENDED}
+    named = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
     unknown = [key for key in settings if key not in named] if len(named) == len(parameters) else []
     meant = {key: closest(key, named) for key in unknown}
     for key, close in meant.items():
-        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(named - {AUTOMATIC}))})"
-        yield (*at, key), f"unknown setting of {device.name!r}{hint}"
-    for name in sorted(named - {AUTOMATIC} - settings.keys() - set(meant.values())):
-        if parameters[name].default is inspect.Parameter.empty:
-            yield (*at, name), f"required by {device.name!r}, but not given"
-    if AUTOMATIC in settings and AUTOMATIC in named and settings[AUTOMATIC] != scene.dimensions:
-        yield (*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"
+        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(named - automatic))})"
+        yield (*at, key), f"unknown setting of {name!r}{hint}"
+    for key in sorted(named - automatic - settings.keys() - set(meant.values())):
+        if parameters[key].default is inspect.Parameter.empty:
+            yield (*at, key), f"required by {name!r}, but not given"
 
 
 def _finite(value: Any) -> bool:
