@@ -102,17 +102,24 @@ def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
     if S[at.STICK] != 0.0 and S[r + at.TOUCHING] != 0.0:
         S[r + at.GAP] = S[m] * (S[c] - gx) + S[m + 1] * (S[c + 1] - gy) + S[m + 2] * (S[c + 2] - gz)
     else:
-        face, cx, cy, cz, nx, ny, nz, gap = closest(
-            int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
-            gx, gy, gz, int(S[r + at.FACE]), S[c], S[c + 1], S[c + 2],
-        )  # fmt: skip
-        S[c], S[c + 1], S[c + 2] = cx, cy, cz
-        S[m], S[m + 1], S[m + 2] = nx, ny, nz
-        S[r + at.FACE] = face
-        S[r + at.GAP] = gap
-        contact_frame(S, m, d, r + at.FRAME)
+        place_contact(S, r, d, gx, gy, gz)
     if S[at.FADE] != 0.0:
         S[r + at.WEIGHT] = 1.0 - smoothstep(S[r + at.GAP], S[at.NEAR], S[at.FAR])
+
+
+def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
+    """Contact point, normal, contact frame, face and gap of the finger in row r if it were at g, object's frame."""
+    c = r + at.CONTACT
+    m = r + at.NORMAL
+    face, cx, cy, cz, nx, ny, nz, gap = closest(
+        int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
+        gx, gy, gz, int(S[r + at.FACE]), S[c], S[c + 1], S[c + 2],
+    )  # fmt: skip
+    S[c], S[c + 1], S[c + 2] = cx, cy, cz
+    S[m], S[m + 1], S[m + 2] = nx, ny, nz
+    S[r + at.FACE] = face
+    S[r + at.GAP] = gap
+    contact_frame(S, m, d, r + at.FRAME)
 
 
 def refactor(S: Any) -> None:
