@@ -8,7 +8,9 @@ from graspfx.cones.cone import contact_frame
 from graspfx.coupling import block as at
 from graspfx.grasp.kernels import rigid_modes, smoothstep
 from graspfx.objects import kernels as body
-from graspfx.objects.proxy import closest
+from graspfx.objects import walk
+from graspfx.objects.proxy import MESH, closest
+from graspfx.objects.walk import mesh_contact
 
 NOT_FINITE = 1  # a finger's motion is NaN or infinite
 UNRESOLVED = 2  # the projection did not settle
@@ -19,6 +21,10 @@ LARGEST = 1e300  # NaN compares false with it
 
 def approach(S: Any) -> int:
     """Contact point, displacement, rate and weight of every finger; returns 0, NOT_FINITE or LOST.
+
+    A ball fingertip is its centre p, which touches the shape grown by the radius: c is the point of that surface where
+    the centre would be if the ball just touched. The reaction at the fingertip acts at the centre, that at the contact
+    at c, so that a ball has the energy balance of a point.
 
     With the reaction at the fingertip the rate is e' = p' - v - w x (p - x), else e' = p' - v - w x (c - x), so that
     damping never creates energy.
@@ -111,14 +117,21 @@ def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> No
     """Contact point, normal, contact frame, face and gap of the finger in row r if it were at g, object's frame."""
     c = r + at.CONTACT
     m = r + at.NORMAL
-    face, cx, cy, cz, nx, ny, nz, gap = closest(
-        int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
-        gx, gy, gz, int(S[r + at.FACE]), S[c], S[c + 1], S[c + 2],
-    )  # fmt: skip
-    S[c], S[c + 1], S[c + 2] = cx, cy, cz
+    radius = S[r + at.RADIUS]
+    if S[at.SHAPE] == MESH:
+        o = int(S[at.WALKS]) + walk.STATE * ((r - at.ROW) // at.STRIDE)
+        cx, cy, cz, nx, ny, nz, gap = mesh_contact(S, int(S[at.MESH]), S, o, gx, gy, gz)
+        face = int(S[o + walk.FACE])
+    else:
+        face, cx, cy, cz, nx, ny, nz, gap = closest(
+            int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
+            gx, gy, gz, int(S[r + at.FACE]),
+            S[c] + radius * S[m], S[c + 1] + radius * S[m + 1], S[c + 2] + radius * S[m + 2],
+        )  # fmt: skip
+    S[c], S[c + 1], S[c + 2] = cx - radius * nx, cy - radius * ny, cz - radius * nz
     S[m], S[m + 1], S[m + 2] = nx, ny, nz
     S[r + at.FACE] = face
-    S[r + at.GAP] = gap
+    S[r + at.GAP] = gap - radius
     contact_frame(S, m, d, r + at.FRAME)
 
 

@@ -8,12 +8,13 @@ from functools import cached_property
 from importlib import import_module
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspfx.errors import InputError, MissingPackageError
+from graspfx.objects import proxy
 from graspfx.objects.shape import Contacts
 from graspfx.objects.tree import FloatArray, IntArray, flatten, half_edges
 from graspfx.objects.walk import REACH, STATE, mesh_contact
@@ -60,6 +61,13 @@ class Mesh:
     faces: IntArray
     shell: bool = False
     notes: tuple[str, ...] = ()
+    kind: ClassVar[int] = proxy.MESH
+    endless: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[float, float, float]:
+        """None: all that there is to know of a mesh is in `data`."""
+        return 0.0, 0.0, 0.0
 
     def dimensions_ok(self, d: int) -> bool:
         """A mesh is in space."""
