@@ -8,7 +8,8 @@ from graspfx.cones.cone import contact_frame
 from graspfx.coupling import block as at
 from graspfx.grasp.kernels import rigid_modes, smoothstep
 from graspfx.objects import kernels as body
-from graspfx.objects import walk
+from graspfx.objects import ball, walk
+from graspfx.objects.ball import ball_contact
 from graspfx.objects.proxy import MESH, closest
 from graspfx.objects.walk import mesh_contact
 
@@ -119,8 +120,11 @@ def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> No
     m = r + at.NORMAL
     radius = S[r + at.RADIUS]
     if S[at.SHAPE] == MESH:
-        o = int(S[at.WALKS]) + walk.STATE * ((r - at.ROW) // at.STRIDE)
-        cx, cy, cz, nx, ny, nz, gap = mesh_contact(S, int(S[at.MESH]), S, o, gx, gy, gz)
+        o = int(S[at.WALKS]) + ball.STATE * ((r - at.ROW) // at.STRIDE)
+        if radius > 0.0:
+            cx, cy, cz, nx, ny, nz, gap = ball_contact(S, int(S[at.MESH]), S, o, radius, gx, gy, gz)
+        else:
+            cx, cy, cz, nx, ny, nz, gap = mesh_contact(S, int(S[at.MESH]), S, o, gx, gy, gz)
         face = int(S[o + walk.FACE])
     else:
         face, cx, cy, cz, nx, ny, nz, gap = closest(
@@ -128,10 +132,11 @@ def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> No
             gx, gy, gz, int(S[r + at.FACE]),
             S[c] + radius * S[m], S[c + 1] + radius * S[m + 1], S[c + 2] + radius * S[m + 2],
         )  # fmt: skip
+        gap -= radius
     S[c], S[c + 1], S[c + 2] = cx - radius * nx, cy - radius * ny, cz - radius * nz
     S[m], S[m + 1], S[m + 2] = nx, ny, nz
     S[r + at.FACE] = face
-    S[r + at.GAP] = gap - radius
+    S[r + at.GAP] = gap
     contact_frame(S, m, d, r + at.FRAME)
 
 

@@ -17,7 +17,7 @@ from graspfx.grasp.impedance import Coupling
 from graspfx.grasp.matrix import Grasp
 from graspfx.grasp.split import Split
 from graspfx.objects import kernels as body
-from graspfx.objects import walk
+from graspfx.objects import ball, walk
 
 FloatArray = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class GraspedObject:
         self.matrices = any(gain is None for gain in scalars)
         end = at.size(n, d, matrices=self.matrices)
         data = None if shape is None else shape.data
-        self.block = np.zeros(end if data is None else end + n * walk.STATE + data.size)
+        self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
@@ -136,10 +136,10 @@ class GraspedObject:
         rows[:, at.RADIUS] = _radii(radius, n)
         self._walks: FloatArray | None = None
         if data is not None:
-            S[at.WALKS], S[at.MESH] = end, end + n * walk.STATE
-            self._walks = S[end : end + n * walk.STATE].reshape(n, walk.STATE)
+            S[at.WALKS], S[at.MESH] = end, end + n * ball.STATE
+            self._walks = S[end : end + n * ball.STATE].reshape(n, ball.STATE)
             self._walks[:, walk.REACH] = S[at.FAR] + rows[:, at.RADIUS] if S[at.FADE] else np.inf
-            S[end + n * walk.STATE :] = data
+            S[end + n * ball.STATE :] = data
         self.body_state = S[at.BODY : at.BODY + body.SIZE]
         self.finger_position = rows[:, at.POSITION : at.POSITION + d]
         self.finger_velocity = rows[:, at.VELOCITY : at.VELOCITY + d]
