@@ -7,8 +7,8 @@ from typing import Any
 from graspfx.cones.cone import contact_frame
 from graspfx.coupling import block as at
 from graspfx.grasp.kernels import rigid_modes, smoothstep
-from graspfx.objects import kernels as body
 from graspfx.objects import ball, walk
+from graspfx.objects import kernels as body
 from graspfx.objects.ball import ball_contact
 from graspfx.objects.proxy import MESH, closest
 from graspfx.objects.walk import mesh_contact

@@ -202,7 +202,7 @@ class Recording:
 
     @property
     def contact_position(self) -> FloatArray:
-        """(N, n, d) [m]."""
+        """c of e = p - c, on the surface; of a ball, of which p is the centre, a radius before it; (N, n, d) [m]."""
         return self.array("contact_position")
 
     @property

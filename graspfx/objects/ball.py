@@ -1,8 +1,9 @@
 """Where a ball touches a triangle mesh: its centre's proxy stays a radius away from every triangle near it.
 
-The proxy q is where the centre would be if the ball could not sink in: the point nearest to the centre g that q can move
-to while it keeps off the surface (Ruspini, Kolarov and Khatib, 1997, for a ball). Every step is a convex problem. c_j
-being the point of triangle j nearest to q, and n_j the direction from there to q, the triangle lies behind c_j, so that
+The proxy q is where the centre would be if the ball could not sink in: the point nearest to the centre g that q can
+move to while it keeps off the surface (a god-object, Zilles and Salisbury, 1995, with a size: Ruspini, Kolarov and
+Khatib, 1997). Every step is a convex problem. c_j being the point of triangle j nearest to q, and n_j the direction
+from there to q, the triangle lies behind c_j, so that
 
     min |x - g|   where   n_j . (x - c_j) >= radius   for all triangles within reach
 
@@ -18,7 +19,8 @@ import math
 from typing import Any
 
 from graspfx.objects import tree, walk
-from graspfx.objects.walk import FREE, HELD, NEW, ROUNDING, box_distance, nearest, nearest_on_face, row
+from graspfx.objects.walk import FREE, HELD, NEW, ROUNDING, box_distance, mesh_contact, nearest, nearest_on_face, row
+from graspfx.objects.walk import walk as descend
 
 PLANES = walk.STATE  # up to four of what holds the proxy
 PLANE = 6  # n_j, n_j . c_j + radius, and the triangle and feature that it comes from
@@ -59,7 +61,7 @@ def begin(
     M: Any, m: int, S: Any, o: int, radius: float, gx: float, gy: float, gz: float
 ) -> tuple[float, float, float, float, float, float, float]:
     """A ball that has not been there before: held by the side that its centre is nearest to."""
-    cx, cy, cz, nx, ny, nz, gap = walk.mesh_contact(M, m, S, o, gx, gy, gz)
+    cx, cy, cz, nx, ny, nz, gap = mesh_contact(M, m, S, o, gx, gy, gz)
     q = o + walk.LAST
     if gap >= radius:
         S[q], S[q + 1], S[q + 2] = gx, gy, gz
@@ -75,10 +77,10 @@ def free_contact(
     M: Any, m: int, S: Any, o: int, radius: float, gx: float, gy: float, gz: float
 ) -> tuple[float, float, float, float, float, float, float]:
     """The nearest point of a ball that is off the surface."""
-    face, _, square, cx, cy, cz = walk.walk(M, m, int(S[o + walk.FACE]), gx, gy, gz)
+    face, _, square, cx, cy, cz = descend(M, m, int(S[o + walk.FACE]), gx, gy, gz)
     nearer = nearest(M, m, gx, gy, gz, square)
     if nearer >= 0:
-        face, _, square, cx, cy, cz = walk.walk(M, m, nearer, gx, gy, gz)
+        face, _, square, cx, cy, cz = descend(M, m, nearer, gx, gy, gz)
     away = max(math.sqrt(square), 1e-300)
     nx, ny, nz = (cx - gx) / away, (cy - gy) / away, (cz - gz) / away
     p, n = o + walk.POINT, o + walk.INWARD
