@@ -160,8 +160,9 @@ def test_a_shell_is_touched_from_its_front_only() -> None:
     down = np.linspace([0.01, 0.0, 0.02], [0.01, 0.0, -0.01], 100)
     e, _, held = Ball(M).along(down)
     assert held[-1] and np.linalg.norm(e[-1]) > 0.013
-    e, _, held = Ball(M).along(down[::-1])
-    assert not held[-1]
+    e, gaps, held = Ball(M).along(down[::-1])
+    assert not held[-1] and (gaps[~held] >= 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(e[~held], axis=1), gaps[~held], atol=1e-15)  # no displacement, no force
     assert np.abs(e[held]).max(initial=0.0) < 1e-3  # once it is off, it may touch again as it leaves
 
 

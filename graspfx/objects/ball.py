@@ -89,6 +89,8 @@ def free_contact(
     S[o + walk.FACE] = face
     S[o + walk.SAFE] = away
     S[o + walk.MODE] = FREE
+    if away < radius:  # by rounding, or half through a shell from behind: no displacement either
+        cx, cy, cz = gx + radius * nx, gy + radius * ny, gz + radius * nz
     return cx, cy, cz, nx, ny, nz, max(away - radius, 0.0)
 
 
@@ -101,7 +103,7 @@ def settle(
     for _ in range(STEPS):
         far = length(gx - S[q], gy - S[q + 1], gz - S[q + 2])
         held, x, y, z = project(M, m, S, o, radius, radius + min(far, step), scale, gx, gy, gz)
-        if held < 0:  # no way out of where it began
+        if held < 0:  # no way out of where it began, or none found: it stays where it is clear
             break
         ux, uy, uz = x - S[q], y - S[q + 1], z - S[q + 2]
         moved = length(ux, uy, uz)
@@ -131,9 +133,7 @@ def settle(
         k = o + PLANES
         S[n], S[n + 1], S[n + 2] = -S[k], -S[k + 1], -S[k + 2]
     nx, ny, nz = S[n], S[n + 1], S[n + 2]
-    if (
-        held == 0
-    ):  # nothing is in its way, but the way is longer than one sample: it goes on with the next, without force
+    if held == 0:  # nothing is in its way, which is longer than one sample: it goes on with the next, without force
         return gx + radius * nx, gy + radius * ny, gz + radius * nz, nx, ny, nz, 0.0
     gap = min(nx * (S[q] - gx) + ny * (S[q + 1] - gy) + nz * (S[q + 2] - gz), 0.0)
     cx, cy, cz = S[q] + radius * nx, S[q + 1] + radius * ny, S[q + 2] + radius * nz
@@ -159,7 +159,7 @@ def project(
         held, x, y, z = hold(S, o + PLANES, held, gx, gy, gz, slack)
         if held < 0:
             break
-    return held, x, y, z
+    return -1, gx, gy, gz
 
 
 def most_violated(
