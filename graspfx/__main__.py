@@ -90,9 +90,12 @@ def _add_scene(command: ArgumentParser) -> None:
 
 def _run(chosen: Namespace) -> int:
     from graspfx.scene.load import load
+    from graspfx.scene.meshes import mesh_notes
     from graspfx.scene.run import run
 
     scene = load(chosen.scene, dict(chosen.overrides))
+    for note in mesh_notes(scene.object, scene.source.folder):
+        print(f"note: {note}", file=sys.stderr)
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
     written, picture = [folder / "recording.h5"], folder / "figure.png"
     if not chosen.no_figure:

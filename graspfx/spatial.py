@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 LARGEST = 1e300  # NaN compares false with it
@@ -61,6 +62,23 @@ def quaternion_matrix(S: Any, o: int, x: float, y: float, z: float, w: float) ->
     S[o], S[o + 1], S[o + 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
     S[o + 3], S[o + 4], S[o + 5] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
     S[o + 6], S[o + 7], S[o + 8] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
+
+
+def quaternion(R: Sequence[float]) -> tuple[float, float, float, float]:
+    """The unit quaternion of a rotation matrix, nine entries row by row, w >= 0 (Shepperd, 1978: no digits lost)."""
+    a, b, c, d, e, f, g, h, i = R
+    squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # of 2 x, 2 y, 2 z, 2 w
+    largest = max(squares)
+    if largest == squares[3]:
+        q = (h - f, c - g, d - b, largest)
+    elif largest == squares[0]:
+        q = (largest, b + d, c + g, h - f)
+    elif largest == squares[1]:
+        q = (b + d, largest, f + h, c - g)
+    else:
+        q = (c + g, f + h, largest, d - b)
+    sign = -1.0 if q[3] < 0.0 else 1.0
+    return normalised(sign * q[0], sign * q[1], sign * q[2], sign * q[3])
 
 
 def angle_matrix(S: Any, o: int, angle: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from types import FunctionType
 from typing import Any
 
@@ -51,15 +52,15 @@ def advanced(plant: FusedPlant, efforts: FloatArray, hand: Hand, T: float) -> Fl
 
 def compiled(kernel: Any) -> Kernel:
     """The kernel and the functions that it calls, compiled by numba; skips the test without it."""
-    numba = pytest.importorskip("numba")
-    made: dict[FunctionType, Any] = {}
-
-    def twin(function: FunctionType) -> Any:
-        if function not in made:
-            named = {name: function.__globals__.get(name) for name in function.__code__.co_names}
-            calls = {name: twin(called) for name, called in named.items() if isinstance(called, FunctionType)}
-            made[function] = numba.njit(FunctionType(function.__code__, function.__globals__ | calls))
-        return made[function]
-
-    compiled_kernel: Kernel = twin(kernel)
+    pytest.importorskip("numba")
+    compiled_kernel: Kernel = _twin(kernel)
     return compiled_kernel
+
+
+@cache  # kernels call one another: each is compiled once for all tests
+def _twin(function: FunctionType) -> Any:
+    import numba
+
+    named = {name: function.__globals__.get(name) for name in function.__code__.co_names}
+    calls = {name: _twin(called) for name, called in named.items() if isinstance(called, FunctionType)}
+    return numba.njit(FunctionType(function.__code__, function.__globals__ | calls))

@@ -7,8 +7,11 @@ from typing import Any
 from graspfx.cones.cone import contact_frame
 from graspfx.coupling import block as at
 from graspfx.grasp.kernels import rigid_modes, smoothstep
+from graspfx.objects import ball, walk
 from graspfx.objects import kernels as body
-from graspfx.objects.proxy import closest
+from graspfx.objects.ball import ball_contact
+from graspfx.objects.proxy import MESH, closest
+from graspfx.objects.walk import mesh_contact
 
 NOT_FINITE = 1  # a finger's motion is NaN or infinite
 UNRESOLVED = 2  # the projection did not settle
@@ -19,6 +22,10 @@ LARGEST = 1e300  # NaN compares false with it
 
 def approach(S: Any) -> int:
     """Contact point, displacement, rate and weight of every finger; returns 0, NOT_FINITE or LOST.
+
+    A ball fingertip is its centre p, which touches the shape grown by the radius: c is the point of that surface where
+    the centre would be if the ball just touched. The reaction at the fingertip acts at the centre, that at the contact
+    at c, so that a ball has the energy balance of a point.
 
     With the reaction at the fingertip the rate is e' = p' - v - w x (p - x), else e' = p' - v - w x (c - x), so that
     damping never creates energy.
@@ -102,17 +109,35 @@ def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
     if S[at.STICK] != 0.0 and S[r + at.TOUCHING] != 0.0:
         S[r + at.GAP] = S[m] * (S[c] - gx) + S[m + 1] * (S[c + 1] - gy) + S[m + 2] * (S[c + 2] - gz)
     else:
-        face, cx, cy, cz, nx, ny, nz, gap = closest(
-            int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
-            gx, gy, gz, int(S[r + at.FACE]), S[c], S[c + 1], S[c + 2],
-        )  # fmt: skip
-        S[c], S[c + 1], S[c + 2] = cx, cy, cz
-        S[m], S[m + 1], S[m + 2] = nx, ny, nz
-        S[r + at.FACE] = face
-        S[r + at.GAP] = gap
-        contact_frame(S, m, d, r + at.FRAME)
+        place_contact(S, r, d, gx, gy, gz)
     if S[at.FADE] != 0.0:
         S[r + at.WEIGHT] = 1.0 - smoothstep(S[r + at.GAP], S[at.NEAR], S[at.FAR])
+
+
+def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
+    """Contact point, normal, contact frame, face and gap of the finger in row r if it were at g, object's frame."""
+    c = r + at.CONTACT
+    m = r + at.NORMAL
+    radius = S[r + at.RADIUS]
+    if S[at.SHAPE] == MESH:
+        o = int(S[at.WALKS]) + ball.STATE * ((r - at.ROW) // at.STRIDE)
+        if radius > 0.0:
+            cx, cy, cz, nx, ny, nz, gap = ball_contact(S, int(S[at.MESH]), S, o, radius, gx, gy, gz)
+        else:
+            cx, cy, cz, nx, ny, nz, gap = mesh_contact(S, int(S[at.MESH]), S, o, gx, gy, gz)
+        face = int(S[o + walk.FACE])
+    else:
+        face, cx, cy, cz, nx, ny, nz, gap = closest(
+            int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
+            gx, gy, gz, int(S[r + at.FACE]),
+            S[c] + radius * S[m], S[c + 1] + radius * S[m + 1], S[c + 2] + radius * S[m + 2],
+        )  # fmt: skip
+        gap -= radius
+    S[c], S[c + 1], S[c + 2] = cx - radius * nx, cy - radius * ny, cz - radius * nz
+    S[m], S[m + 1], S[m + 2] = nx, ny, nz
+    S[r + at.FACE] = face
+    S[r + at.GAP] = gap
+    contact_frame(S, m, d, r + at.FRAME)
 
 
 def refactor(S: Any) -> None:

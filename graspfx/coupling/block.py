@@ -24,6 +24,7 @@ IMPLICIT = 16  # forces and the object's displacement come from one system
 ARM_LOW, ARM_HIGH = 17, 18  # rms arms between which a rotation joins the external space [m]
 SHAPE = 19  # kind; parameters in the next three
 PARAMETERS = 20
+MESH, WALKS = 20, 21  # of a mesh instead: offsets of its array and of the first finger's state on it, `ball.STATE` each
 SHIFTS, TURNS = 23, 24  # free translations and rotations
 MIXED = 25  # only some translations or some rotations are free: the modes turn with the object
 COUNT = 26  # modes in use
@@ -37,7 +38,7 @@ ROW = BODY + body.SIZE  # the first finger
 # A finger's row, offsets from its start. Vectors have three entries; frame O is the object's, W the world's.
 POSITION = 0  # p, W [m]
 VELOCITY = 3  # p', W [m/s]
-CONTACT = 6  # c, O [m]
+CONTACT = 6  # c, O: on the surface, which for a ball fingertip is grown by its radius [m]
 NORMAL = 9  # into the object, O
 FACE = 12  # active face of a box, -1 not known
 GAP = 13  # positive outside [m]
@@ -51,7 +52,8 @@ FRAME = 28  # normal and tangents, O, 3 x 3
 LOCAL = 37  # force, O [N]
 SPLIT_CONTACT = 40  # c and weight that the modes were made from
 SPLIT_WEIGHT = 43
-STRIDE = 44
+RADIUS = 44  # of a ball fingertip, 0 for a point [m]
+STRIDE = 45
 
 
 def modes(n: int) -> int:

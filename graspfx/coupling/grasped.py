@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, NOT_FINITE, UNRESOLVED, approach
@@ -16,6 +16,7 @@ from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling
 from graspfx.grasp.matrix import Grasp
 from graspfx.grasp.split import Split
+from graspfx.objects import ball, walk
 from graspfx.objects import kernels as body
 
 FloatArray = NDArray[np.float64]
@@ -24,13 +25,16 @@ WEIGHT_FLOOR = 1e-12  # a metric has to be positive; the cone takes what is left
 
 
 class Shape(Protocol):
-    """What the coupling needs of a shape: the number and the parameters of its closest-point kernel."""
+    """What the coupling needs of a shape: the number, the parameters and the data of its closest-point kernel."""
 
     @property
     def kind(self) -> int: ...
 
     @property
     def parameters(self) -> tuple[float, float, float]: ...
+
+    @property
+    def data(self) -> FloatArray | None: ...
 
 
 @dataclass(frozen=True)
@@ -66,9 +70,10 @@ class GraspedObject:
         rules: how fingers touch.
         shape: None only with attached contacts, which then are at the object's centre.
         fill_body: writes the object's parameters and initial state into its part of the block.
+        radius: of the balls that the fingertips are, one or (n,) [m]; zero is a point.
 
     Raises:
-        InputError: unilateral contact without a shape or with a stiffness of zero.
+        InputError: unilateral contact without a shape or with a stiffness of zero; a radius that is no length.
     """
 
     def __init__(
@@ -81,6 +86,7 @@ class GraspedObject:
         fill_body: Callable[[FloatArray], None],
         *,
         shape: Shape | None = None,
+        radius: ArrayLike = 0.0,
     ) -> None:
         n, d = fingers, dimensions
         self.fingers, self.dimensions, self.law = n, d, law
@@ -90,7 +96,9 @@ class GraspedObject:
             for gain in (part.stiffness, part.damping)
         ]
         self.matrices = any(gain is None for gain in scalars)
-        self.block = np.zeros(at.size(n, d, matrices=self.matrices))
+        end = at.size(n, d, matrices=self.matrices)
+        data = None if shape is None else shape.data
+        self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
@@ -125,6 +133,13 @@ class GraspedObject:
         if shape is not None:
             S[at.SHAPE] = shape.kind
             S[at.PARAMETERS : at.PARAMETERS + 3] = shape.parameters
+        rows[:, at.RADIUS] = _radii(radius, n)
+        self._walks: FloatArray | None = None
+        if data is not None:
+            S[at.WALKS], S[at.MESH] = end, end + n * ball.STATE
+            self._walks = S[end : end + n * ball.STATE].reshape(n, ball.STATE)
+            self._walks[:, walk.REACH] = S[at.FAR] + rows[:, at.RADIUS] if S[at.FADE] else np.inf
+            S[end + n * ball.STATE :] = data
         self.body_state = S[at.BODY : at.BODY + body.SIZE]
         self.finger_position = rows[:, at.POSITION : at.POSITION + d]
         self.finger_velocity = rows[:, at.VELOCITY : at.VELOCITY + d]
@@ -168,6 +183,8 @@ class GraspedObject:
         if not self._shaped:
             return
         self.finger_position[:] = position
+        if self._walks is not None:
+            self._walks[:, walk.MODE] = walk.NEW
         attached, touching = self.block[at.ATTACHED], self.touching.copy()
         self.block[at.ATTACHED] = self.touching[:] = 0.0
         approach(self._S)
@@ -244,6 +261,13 @@ class GraspedObject:
         o, m = at.dense(n, d), n * d
         self.block[o : o + m * m] = (turn.T @ self.law.stiffness(split) @ turn).ravel()
         self.block[o + m * m : o + 2 * m * m] = (turn.T @ self.law.damping(split) @ turn).ravel()
+
+
+def _radii(given: ArrayLike, n: int) -> FloatArray:
+    radii = np.asarray(given, dtype=float)
+    if radii.shape not in ((), (n,)) or not (np.isfinite(radii) & (radii >= 0.0)).all():
+        raise InputError("radius", given, f"a finite length, zero or more, or {n} of them [m]")
+    return np.broadcast_to(radii, (n,))
 
 
 def _least(gain: float | FloatArray) -> float:

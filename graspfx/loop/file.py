@@ -234,9 +234,9 @@ def _layout(file: Any) -> Layout:
 
 
 def _header(file: Any) -> Header:
-    given: dict[str, Any] = {key: file.attrs[key] for key in Header.__dataclass_fields__}
-    for key in ("scene_table", "overrides", "versions", "machine"):
-        given[key] = json.loads(given[key])
+    given: dict[str, Any] = {key: file.attrs[key] for key in Header.__dataclass_fields__ if key in file.attrs}
+    for key in ("scene_table", "overrides", "versions", "machine", "frames"):
+        given[key] = json.loads(given.get(key, "{}"))  # frames came later than the format
     given["period"] = float(given["period"])
     return Header(**given)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -23,6 +23,8 @@ class Header:
         created: UTC, ISO 8601.
         versions: of what the run stands on.
         machine: platform, processor, python.
+        frames: by object with a mesh, the pose of the mesh file's frame in the recorded one, which is at the centre of
+            mass along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
     """
 
     period: float
@@ -34,6 +36,7 @@ class Header:
     created: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     machine: Mapping[str, str] = field(default_factory=dict)
+    frames: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
 class RunFault(NamedTuple):

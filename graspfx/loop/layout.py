@@ -69,7 +69,7 @@ class Layout:
         axis, turn, wrench = ("axis", d), ("turn", 3), ("component", WIDTHS[d])
         yield "finger_position", (n, axis), "m", "as the device reports it"
         yield "finger_velocity", (n, axis), "m/s", "as the device reports or estimates it"
-        yield "contact_position", (n, axis), "m", "on the object's surface"
+        yield "contact_position", (n, axis), "m", "c of e = p - c: on the surface, of a ball a radius before it"
         yield "finger_force", (n, axis), "N", "of the finger on the object"
         if self.moments:
             yield "finger_moment", (n, turn), "N m", "of the finger on the object"

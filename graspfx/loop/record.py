@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from graspfx.errors import RecordingError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
+from graspfx.spatial import product, rotate
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -201,7 +202,7 @@ class Recording:
 
     @property
     def contact_position(self) -> FloatArray:
-        """(N, n, d) [m]."""
+        """c of e = p - c, on the surface; of a ball, of which p is the centre, a radius before it; (N, n, d) [m]."""
         return self.array("contact_position")
 
     @property
@@ -248,6 +249,22 @@ class Recording:
                 wrench=self.array(at + "wrench"),
             )
         return MappingProxyType(motions)
+
+    def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
+        """Where the frame is in which the scene describes an object's shape: position (N, d) [m] and orientation.
+
+        Of a mesh it is its file's frame, which draws it at any tick; the recorded one is at the centre of mass, along
+        the principal axes. Of any other shape both are the same.
+        """
+        motion = self.objects[name]
+        frame = self.header.frames.get(name)
+        if frame is None or motion.orientation is None:
+            return motion.position, motion.orientation
+        x, y, z, w = motion.orientation.T
+        a, b, c, d = frame["orientation"]
+        # the formulas are elementwise: a column of ticks goes through them as a number does
+        offset = np.stack(np.broadcast_arrays(*rotate(x, y, z, w, *frame["position"])), axis=1)
+        return motion.position + offset, np.stack(product(x, y, z, w, a, b, c, d), axis=1)
 
     @property
     def object_position(self) -> FloatArray:

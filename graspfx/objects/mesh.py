@@ -8,15 +8,17 @@ from functools import cached_property
 from importlib import import_module
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspfx.errors import InputError, MissingPackageError
+from graspfx.objects import proxy
+from graspfx.objects.ball import STATE, ball_contact
 from graspfx.objects.shape import Contacts
 from graspfx.objects.tree import FloatArray, IntArray, flatten, half_edges
-from graspfx.objects.walk import REACH, STATE, mesh_contact
+from graspfx.objects.walk import REACH, mesh_contact
 from graspfx.objects.winding import wound
 
 SMALLEST, LARGEST = 1e-3, 10.0  # sizes beyond which a unit is more likely wrong than right [m]
@@ -60,6 +62,13 @@ class Mesh:
     faces: IntArray
     shell: bool = False
     notes: tuple[str, ...] = ()
+    kind: ClassVar[int] = proxy.MESH
+    endless: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[float, float, float]:
+        """None: all that there is to know of a mesh is in `data`."""
+        return 0.0, 0.0, 0.0
 
     def dimensions_ok(self, d: int) -> bool:
         """A mesh is in space."""
@@ -70,10 +79,11 @@ class Mesh:
         """What `walk.mesh_contact` reads, one flat array."""
         return flatten(self.vertices, self.faces, closed=not self.shell)
 
-    def contact(self, points: ArrayLike, state: FloatArray | None = None) -> Contacts:
+    def contact(self, points: ArrayLike, state: FloatArray | None = None, *, radius: float = 0.0) -> Contacts:
         """Contact points of fingers at `points` (n, 3), in the mesh's frame; `state` (n, STATE) is theirs from before.
 
-        `state` is brought up to date. Without it every finger is new and its contact point is the nearest one.
+        `state` is brought up to date. Without it every finger is new and its contact point is the nearest one. Of balls
+        of that `radius` [m] the points are their centres.
         """
         p = np.asarray(points, dtype=float)
         if p.ndim != 2 or p.shape[1] != 3 or not np.isfinite(p).all():
@@ -81,8 +91,14 @@ class Mesh:
         S = new_fingers(len(p)) if state is None else state
         if S.shape != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
             raise InputError("state", state, f"what new_fingers({len(p)}) gives")
+        if not 0.0 <= radius < np.inf:
+            raise InputError("radius", radius, "a finite length, zero or more [m]")
         M, row = memoryview(self.data), memoryview(S.reshape(-1))
-        found = np.array([mesh_contact(M, 0, row, i * STATE, *p[i].tolist()) for i in range(len(p))]).reshape(-1, 7)
+        if radius > 0.0:
+            each = [ball_contact(M, 0, row, i * STATE, radius, *p[i].tolist()) for i in range(len(p))]
+        else:
+            each = [mesh_contact(M, 0, row, i * STATE, *p[i].tolist()) for i in range(len(p))]
+        found = np.array(each).reshape(-1, 7)
         return Contacts(S[:, 1].astype(np.intp), found[:, :3], found[:, 3:6], found[:, 6])
 
     def mass_properties(self, *, mass: float | None = None, density: float | None = None) -> MassProperties:

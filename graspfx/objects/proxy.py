@@ -7,6 +7,7 @@ from graspfx.objects.proxy_flat import on_box, on_half_space, on_plane
 from graspfx.objects.proxy_round import on_capsule, on_cylinder, on_sphere, on_stadium
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6
+MESH = 7  # not in closed form: `walk.mesh_contact`
 
 
 def closest(

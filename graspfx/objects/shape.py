@@ -41,6 +41,7 @@ class Shape(ABC):
 
     kind: ClassVar[int]
     endless: ClassVar[bool] = False  # then it has no mass properties
+    data: ClassVar[None] = None  # what the kernel reads beside the parameters; only a mesh has it
 
     @property
     @abstractmethod
@@ -58,6 +59,19 @@ class Shape(ABC):
     @abstractmethod
     def _moments(self, d: int) -> tuple[float, float, float]:
         """Principal moments over the mass [m^2]."""
+
+    @abstractmethod
+    def _volume(self) -> float:
+        """In space [m^3]."""
+
+    def volume(self) -> float:
+        """Of the solid in space [m^3].
+
+        Raises:
+            InputError: a shape that is not in space, or without end.
+        """
+        self._check(3)
+        return self._volume()
 
     def inertia(self, mass: float, d: int) -> FloatArray:
         """Principal moments of the solid about its centre, (3,) [kg m^2]; the plane has the third, a line none.
@@ -136,6 +150,9 @@ class Box(Shape):
     def faces(self, d: int) -> int:
         return 2 * d
 
+    def _volume(self) -> float:
+        return math.prod(self.size)
+
     def _moments(self, d: int) -> tuple[float, float, float]:
         a, b, c = (h * h / 3.0 for h in self.parameters)
         return b + c, c + a, a + b
@@ -164,6 +181,9 @@ class Sphere(Shape):
 
     def faces(self, d: int) -> int:
         return 2 if d == 1 else 1
+
+    def _volume(self) -> float:
+        return 4.0 / 3.0 * math.pi * self.radius**3
 
     def _moments(self, d: int) -> tuple[float, float, float]:
         moment = (0.4 if d == 3 else 0.5) * self.radius**2
@@ -195,6 +215,9 @@ class HalfSpace(Shape):
 
     def faces(self, d: int) -> int:
         return 1
+
+    def _volume(self) -> float:
+        raise InputError("shape", self, "one that has an end", "give the object's mass itself")
 
     def _moments(self, d: int) -> tuple[float, float, float]:
         raise InputError("shape", self, "one that has an end", "give the object's moments of inertia themselves")
@@ -244,6 +267,9 @@ class Capsule(Shape):
     def faces(self, d: int) -> int:
         return 2 if d == 2 else 1
 
+    def _volume(self) -> float:
+        return math.pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius)
+
     def _moments(self, d: int) -> tuple[float, float, float]:
         r, L = self.radius, self.length
         if d == 2:  # two halves of a disc, each with its centroid 4 r/(3 pi) beyond the rectangle's end
@@ -280,6 +306,9 @@ class Cylinder(Shape):
 
     def faces(self, d: int) -> int:
         return 3
+
+    def _volume(self) -> float:
+        return math.pi * self.radius**2 * self.length
 
     def _moments(self, d: int) -> tuple[float, float, float]:
         square = self.radius**2
@@ -319,6 +348,9 @@ class Ellipsoid(Shape):
 
     def faces(self, d: int) -> int:
         return 2
+
+    def _volume(self) -> float:
+        return 4.0 / 3.0 * math.pi * math.prod(self.semi_axes)
 
     def _moments(self, d: int) -> tuple[float, float, float]:
         share = 0.2 if d == 3 else 0.25

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.errors import InputError
 from graspfx.objects import shape as shapes
 from graspfx.objects.body import fill_body
+from graspfx.objects.mesh import Mesh
+from graspfx.scene.meshes import scene_mesh
 from graspfx.scene.parts import Object, SceneTable
 
 FloatArray = NDArray[np.float64]
@@ -26,42 +30,79 @@ SHAPES: dict[str, Callable[..., shapes.Shape]] = {
 }
 
 
-def make_shape(table: Object) -> shapes.Shape | None:
-    """The shape that a table describes: its keys are what the shape takes."""
-    if table.shape is None:
+def make_shape(table: Object, folder: Path | None) -> shapes.Shape | Mesh | None:
+    """The shape that a table describes, in the body's frame; `folder` is where the path of a mesh starts.
+
+    Raises:
+        InputError: naming the key of the shape's table that cannot be.
+        MissingPackageError: what reads a mesh's file is not installed.
+    """
+    found = scene_mesh(table, folder)
+    return found.mesh if found is not None else _primitive(table)
+
+
+def _primitive(table: Object) -> shapes.Shape | None:
+    """A shape in closed form: its table's keys are what it takes."""
+    if table.shape is None or table.shape.kind not in SHAPES:
         return None
     names = [name for name in type(table.shape).model_fields if name != "kind"]
     return SHAPES[table.shape.kind](**{name: getattr(table.shape, name) for name in names})
 
 
-def inertia(scene: SceneTable, table: Object) -> Inertia | None:
+def mass(table: Object, folder: Path | None) -> float:
+    """As the table gives it, or its density times the volume of its shape [kg].
+
+    Raises:
+        InputError: neither a mass nor a density with a volume.
+    """
+    if table.mass is not None:
+        return table.mass
+    solid = scene_mesh(table, folder) or _primitive(table)
+    if table.density is None or solid is None:
+        raise InputError("mass", None, "the object's mass [kg]")
+    return table.density * solid.volume()
+
+
+def inertia(scene: SceneTable, table: Object, folder: Path | None) -> Inertia | None:
     """Moments about the centre as the table gives them, else those of the solid shape [kg m^2]; None for neither."""
-    shape = make_shape(table)
-    if table.inertia is not None or shape is None or shape.endless or scene.dimensions == 1:
+    if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
-    moments: list[float] = shape.inertia(table.mass, scene.dimensions).tolist()
+    found = scene_mesh(table, folder)
+    if found is not None:
+        return found.moments(mass(table, folder))
+    shape = _primitive(table)
+    if shape is None or shape.endless:
+        return None
+    moments: list[float] = shape.inertia(mass(table, folder), scene.dimensions).tolist()
     return tuple(moments)
 
 
-def fill(scene: SceneTable, table: Object, state: FloatArray) -> None:
+def fill(scene: SceneTable, table: Object, state: FloatArray, folder: Path | None) -> None:
     """Writes parameters and first state into a body's block.
+
+    A table's pose is that of the frame in which its shape is described; the body of a mesh is at its centre of mass,
+    with its principal axes.
 
     Raises:
         InputError: naming the key that cannot be.
     """
+    position, orientation = table.position, table.orientation
+    found = scene_mesh(table, folder)
+    if found is not None and not isinstance(orientation, float):
+        position, orientation = found.body_pose(position, orientation)
     fill_body(
         state,
         dimensions=scene.dimensions,
-        mass=table.mass,
-        inertia=inertia(scene, table),
+        mass=mass(table, folder),
+        inertia=inertia(scene, table, folder),
         viscosity=table.viscosity,
         rotational_viscosity=table.rotational_viscosity or 0.0,
         # others have an integrator of their own; only the native implicit one is asked for its free motion
         integrator=table.integrator if table.dynamics == "native" else "semi-implicit",
         free=scene.free(table),
         gravity=scene.gravity,
-        position=table.position,
-        orientation=table.orientation,
+        position=position,
+        orientation=orientation,
         velocity=table.velocity,
         angular_velocity=table.angular_velocity,
     )

@@ -68,7 +68,7 @@ def make_layout(scene: Scene, *, simulated: bool) -> Layout:
 def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held:
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
-    shape = make_shape(table)
+    folder = scene.source.folder
     rules = scene.coupling
     grasped = GraspedObject(
         len(fingers),
@@ -82,10 +82,11 @@ def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held
             at_contact=rules.reaction == "contact",
             blend=rules.blend,
         ),
-        lambda state: fill(scene, table, state),
-        shape=shape,
+        lambda state: fill(scene, table, state, folder),
+        shape=make_shape(table, folder),
+        radius=[scene.finger[f].radius for f in fingers],
     )
-    create = plugins.load("dynamics", table.dynamics, scene.source.folder).create
+    create = plugins.load("dynamics", table.dynamics, folder).create
     body: Body = create(grasped.body_state)
     stack.callback(getattr(body, "close", _nothing))
     if grasped.implicit:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from graspfx import plugins
-from graspfx.errors import InputError, UnknownNameError, closest, shown
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
 from graspfx.loop.device import Device
 from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.kernels import SIZE
@@ -21,12 +21,12 @@ from graspfx.scene.holding_faults import own_hand_faults, shared_hand_faults
 from graspfx.scene.lengths import length_faults as _length
 from graspfx.scene.parts import WIDTHS, SceneTable
 from graspfx.scene.settings import reason, setting_faults
+from graspfx.scene.solids import mass_faults, shape_faults
 from graspfx.scene.wiring import wiring_faults
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]
 
-VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # of d numbers
 UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
 NAMED = {"object": "name", "device": "label", "hand": "name"}
 
@@ -51,9 +51,12 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
     for i, thing in enumerate(_items(scene, "object")):
         for field in ("position", "velocity"):
             yield _length(scene, ("object", i), thing, field)
-        for rule in (_shape, _free, _inertia, _turning, _orientation, _angular_velocity, _step):
+        yield shape_faults(scene, ("object", i), thing, folder)
+        yield mass_faults(scene, ("object", i), thing)
+        for rule in (_free, _inertia, _turning, _orientation, _angular_velocity):
             yield rule(scene, ("object", i), thing)
-        yield _body(scene, ("object", i), thing, faults)
+        yield _step(scene, ("object", i), thing, folder)
+        yield _body(scene, ("object", i), thing, folder, faults)
         yield _dynamics(("object", i), thing, folder)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
@@ -108,25 +111,6 @@ def _finger_names(scene: SceneTable) -> Iterator[Found]:
     for i, name in enumerate(names):
         if name in names[:i]:
             yield ("finger", i, "name"), f"{name!r} is taken; every finger needs a name of its own"
-
-
-def _shape(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
-    shape = thing.shape
-    if shape is None and scene.coupling.contact == "unilateral":
-        yield (*at, "shape"), "required for unilateral contact (coupling.contact = 'attached' needs none)"
-    if shape is None:
-        return
-    wrong = list(_length(scene, (*at, "shape"), shape, VECTORS[shape.kind])) if shape.kind in VECTORS else []
-    yield from wrong
-    if not wrong:
-        try:
-            made = bodies.make_shape(thing)
-            fits = made is None or made.dimensions_ok(scene.dimensions)
-        except InputError as error:
-            yield (*at, "shape", error.name), f"given {shown(error.given)}, expected {error.expected}"
-            return
-        if not fits:
-            yield (*at, "shape", "kind"), f"there is no {shape.kind} in {scene.dimensions} dimension(s)"
 
 
 def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
@@ -189,14 +173,15 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
         yield (*at, field), f"expected {in_space}; given {shown(value)}"
 
 
-def _step(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+def _step(scene: SceneTable, at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
-    if any(scene.free(thing)[: scene.dimensions]):
-        yield from _slowed(scene, at, thing, "viscosity", thing.viscosity, "mass", thing.mass)
-    if thing.rotational_viscosity is not None and _turns(scene, thing):
-        with suppress(InputError):  # a shape of another number of dimensions has its own fault
-            moments = np.atleast_1d(np.asarray(bodies.inertia(scene, thing) or 0.0, dtype=float))
+    with suppress(GraspFXError):  # a mass or a shape that cannot be has its own fault
+        if any(scene.free(thing)[: scene.dimensions]):
+            mass = bodies.mass(thing, folder)
+            yield from _slowed(scene, at, thing, "viscosity", thing.viscosity, "mass", mass)
+        if thing.rotational_viscosity is not None and _turns(scene, thing):
+            moments = np.atleast_1d(np.asarray(bodies.inertia(scene, thing, folder) or 0.0, dtype=float))
             least = float(moments[-1] if scene.dimensions == 2 else moments.min())
             if least > 0.0:
                 viscosity = thing.rotational_viscosity
@@ -215,12 +200,12 @@ def _slowed(
         )
 
 
-def _body(scene: SceneTable, at: Location, thing: Any, faults: list[Found]) -> Iterator[Found]:
+def _body(scene: SceneTable, at: Location, thing: Any, folder: Path | None, faults: list[Found]) -> Iterator[Found]:
     """What the body itself refuses, where nothing else has been found."""
     if any(found[: len(at)] == at or found == ("gravity",) for found, _ in faults):
         return
     try:
-        bodies.fill(scene, thing, np.zeros(SIZE))
+        bodies.fill(scene, thing, np.zeros(SIZE), folder)
     except InputError as error:
         yield (*at, error.name), reason(error)
 

@@ -41,11 +41,14 @@ def find_faults(data: Mapping[str, Any], folder: Path | None = None) -> list[Fau
         folder: where relative paths in the scene start.
     """
     try:
-        draft, found = SceneTable.model_validate(data), []
+        draft = SceneTable.model_validate(data)
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
         found = [*_field_faults(error, draft)]
-    return as_faults(data, found + cross_faults(draft, folder))
+        misspelt = _meant(error.errors(include_url=False), draft)
+        found += [each for each in cross_faults(draft, folder) if each[0] not in misspelt.values()]
+        return as_faults(data, found)
+    return as_faults(data, cross_faults(draft, folder))
 
 
 def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
@@ -55,15 +58,13 @@ def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list
 
 def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:
     errors = error.errors(include_url=False)
-    unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"]
-    meant = {at: closest(str(at[-1]), known_keys(draft, at[:-1])) for at in unknown}
-    misspelt = {(*at[:-1], name) for at, name in meant.items()}
+    meant = _meant(errors, draft)
     for each in errors:
         at = each["loc"]
-        if each["type"] == "missing" and at in misspelt:
-            continue  # one slip of the pen, one fault
+        if each["type"] == "missing" and at in meant.values():
+            continue
         if each["type"] == "extra_forbidden":
-            yield at, f"unknown key; did you mean {meant[at]!r}?" if meant[at] else "unknown key"
+            yield at, f"unknown key; did you mean {meant[at][-1]!r}?" if at in meant else "unknown key"
         elif each["type"] == "kind" and isinstance(each["input"], Mapping):
             yield (*at, "kind"), message(each)
         else:
@@ -88,6 +89,13 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
         else:
             data = data.get(part) if isinstance(data, Mapping) else None
     return tuple(key)
+
+
+def _meant(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
+    """For every key that is not known, the one that it comes close to: one slip of the pen is one fault."""
+    unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"]
+    close = {at: closest(str(at[-1]), known_keys(draft, at[:-1])) for at in unknown}
+    return {at: (*at[:-1], name) for at, name in close.items() if name is not None}
 
 
 def message(error: Any) -> str:

@@ -74,19 +74,20 @@ class Table(BaseModel):
             return super().__getattr__(name)
 
 
-def _listed(value: Any) -> Any:
+def listed(value: Any) -> Any:
     """Arrays as nested lists."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False), BeforeValidator(_listed)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), BeforeValidator(listed)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True, ge=0)]
 Switch = Annotated[bool, Field(strict=True)]
-Vector = Annotated[tuple[Number, ...], BeforeValidator(_listed)]
-Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_listed)]
-Pair = Annotated[tuple[Number, Number], BeforeValidator(_listed)]
+Vector = Annotated[tuple[Number, ...], BeforeValidator(listed)]
+Vectors = Annotated[tuple[Vector, ...], BeforeValidator(listed)]
+Pair = Annotated[tuple[Number, Number], BeforeValidator(listed)]
+Point = Annotated[tuple[Number, Number, Number], BeforeValidator(listed)]
 number_or_list = Discriminator(
     lambda value: "<list>" if isinstance(value, list | tuple) or getattr(value, "ndim", None) else "<number>"
 )
@@ -98,7 +99,7 @@ Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[
 
 def _gain(value: Any) -> Gains:
     """A gain in any of its forms; one fault, whichever form it fails."""
-    value = _listed(value)
+    value = listed(value)
     array = _numbers(value)
     square = array is not None and array.ndim in (2, 3) and array.shape[-1] == array.shape[-2]
     if array is None or array.size == 0 or not (array.ndim < 2 or square):
@@ -161,15 +162,27 @@ Gain = Annotated[
 ]
 
 
-def by_kind(known: tuple[str, ...], *, what: str) -> tuple[BeforeValidator, Discriminator]:
-    """What chooses among tables by their key `kind`: one fault about the kind, else the faults of the chosen table."""
+def by_kind(
+    known: tuple[str, ...], *, what: str, implied: Mapping[str, str] | None = None
+) -> tuple[BeforeValidator, Discriminator]:
+    """What chooses among tables by their key `kind`: one fault about the kind, else the faults of the chosen table.
+
+    A table without a kind that has one of the keys `implied` is of the kind that goes with it.
+    """
+
+    def kind_of(value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return getattr(value, "kind", None)
+        if "kind" in value:
+            return value["kind"]
+        return next((kind for key, kind in (implied or {}).items() if key in value), None)
 
     def check(value: Any) -> Any:
         if isinstance(value, Table) or value is None or value is INVALID:
             return value
         if not isinstance(value, Mapping):
             raise PydanticCustomError("kind", "expected a table; given {given}", {"given": shown(value)})
-        kind = value.get("kind")
+        kind = kind_of(value)
         if kind not in known:
             close = closest(kind, known) if isinstance(kind, str) else None
             hint = f"; did you mean {close!r}?" if close else ""
@@ -177,9 +190,4 @@ def by_kind(known: tuple[str, ...], *, what: str) -> tuple[BeforeValidator, Disc
             raise PydanticCustomError("kind", "unknown kind of {what} {given}{hint} (known: {known})", context)
         return value
 
-    return BeforeValidator(check), Discriminator(tag_of_kind)
-
-
-def tag_of_kind(value: Any) -> str:
-    kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
-    return f"<{kind}>"
+    return BeforeValidator(check), Discriminator(lambda value: f"<{kind_of(value)}>")

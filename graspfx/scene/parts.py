@@ -16,11 +16,13 @@ from graspfx.scene.fields import (
     NotNegative,
     NumberOrVector,
     Pair,
+    Point,
     Positive,
     Switch,
     Table,
     Vector,
     by_kind,
+    listed,
 )
 from graspfx.scene.hands import AnySharedHand, HandOrName
 
@@ -78,8 +80,25 @@ class Ellipsoid(Table):
     semi_axes: Annotated[tuple[Positive, ...], Field(description="along x, y, z, (d,) [m]")]
 
 
+class MeshShape(Table):
+    """A surface of triangles, in a file or in the scene itself; the object's pose is that of the file's frame."""
+
+    kind: Literal["mesh"] = "mesh"
+    mesh: str | None = Field(default=None, description="a file that trimesh reads, relative to the scene's")
+    vertices: Annotated[tuple[Point, ...], BeforeValidator(listed)] | None = Field(
+        default=None, description="instead of a file, (v, 3) [m]"
+    )
+    faces: Annotated[tuple[tuple[Count, Count, Count], ...], BeforeValidator(listed)] | None = Field(
+        default=None, description="(f, 3) numbers of vertices, counter-clockwise seen from outside"
+    )
+    scale: Positive = Field(default=1.0, description="0.001 for a file in millimetres")
+    shell: Switch = Field(default=False, description="the surface need not close; it is touched from its front only")
+
+
 _check_shape, _shape_by_kind = by_kind(
-    ("box", "sphere", "half-space", "plane", "capsule", "cylinder", "ellipsoid"), what="shape"
+    ("box", "sphere", "half-space", "plane", "capsule", "cylinder", "ellipsoid", "mesh"),
+    what="shape",
+    implied={"mesh": "mesh", "vertices": "mesh", "faces": "mesh"},
 )
 Shape = Annotated[
     Annotated[Box, Tag("<box>")]
@@ -88,7 +107,8 @@ Shape = Annotated[
     | Annotated[Plane, Tag("<plane>")]
     | Annotated[Capsule, Tag("<capsule>")]
     | Annotated[Cylinder, Tag("<cylinder>")]
-    | Annotated[Ellipsoid, Tag("<ellipsoid>")],
+    | Annotated[Ellipsoid, Tag("<ellipsoid>")]
+    | Annotated[MeshShape, Tag("<mesh>")],
     _shape_by_kind,
     _check_shape,
 ]
@@ -98,7 +118,8 @@ class Object(Table):
     """What the fingers touch: m a + b v = f_v (27), translation and rotation."""
 
     name: Name = "object"
-    mass: Positive = Field(description="m [kg]")
+    mass: Positive | None = Field(default=None, description="m [kg]; this or the density is required")
+    density: Positive | None = Field(default=None, description="[kg/m^3], in space, of a shape that has a volume")
     viscosity: NotNegative = Field(description="b [N s/m]")
     rotational_viscosity: NotNegative | None = Field(
         default=None, description="[N m s/rad]; required where a rotation is free"
@@ -110,7 +131,9 @@ class Object(Table):
     free: Annotated[tuple[Switch, ...], Field(description="which of the w freedoms move")] | None = None
     dynamics: str = Field(default="native", description="native, bullet or another that `graspfx list` names")
     integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = "exact"
-    position: Vector | None = Field(default=None, description="of the centre at first, (d,) [m]; the origin")
+    position: Vector | None = Field(
+        default=None, description="of the centre, or a mesh file's origin, at first, (d,) [m]; the origin"
+    )
     orientation: NumberOrVector | None = Field(
         default=None, description="plane: an angle [rad]; space: a quaternion x, y, z, w"
     )
@@ -188,6 +211,7 @@ class Finger(Table):
     channel: Count = Field(default=0, description="which finger of the device")
     hand: HandOrName | None = Field(default=None, description="a table, or the name of a [[hand]]")
     start: Vector = Field(description="(d,) [m]")
+    radius: NotNegative = Field(default=0.0, description="of the ball that the fingertip is; 0: a point [m]")
     object: Name | None = Field(default=None, description="the name of an [object]; the first if not given")
     model: Annotated[Literal["hard"], BeforeValidator(_model)] = "hard"
 

@@ -9,7 +9,9 @@ import numpy as np
 
 from graspfx.scene.hands import Moving, listed
 from graspfx.scene.holding import descriptions, holdings
-from graspfx.scene.parts import Device, Object, SceneTable
+from graspfx.scene.meshes import mesh_name, mesh_notes, scene_mesh
+from graspfx.scene.model import Scene
+from graspfx.scene.parts import Device, MeshShape, Object, SceneTable
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class PlanRow:
     why: str
 
 
-def plan(scene: SceneTable) -> list[PlanRow]:
+def plan(scene: Scene) -> list[PlanRow]:
     """The steps of one sample in their order, then the packages that the run imports."""
     return [PlanRow(step, runs, why) for step, runs, why in _rows(scene)]
 
@@ -29,12 +31,13 @@ def plan(scene: SceneTable) -> list[PlanRow]:
 Row = tuple[str, bool, str]
 
 
-def _rows(scene: SceneTable) -> Iterator[Row]:
+def _rows(scene: Scene) -> Iterator[Row]:
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:
         yield _named(scene, thing, "predict"), *_prediction(thing)
-    yield _contact_points(scene)
+    yield from _contact_points(scene)
+    yield _fingertips(scene)
     yield _weights(scene)
     yield from _split(scene)
     yield _impedance(scene)
@@ -55,6 +58,8 @@ def packages(scene: SceneTable) -> list[str]:
     tables = [holding.table for holding in holdings(scene)]
     if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
         found.append("scipy (recorded path)")
+    if any(isinstance(thing.shape, MeshShape) for thing in scene.object):
+        found.append("trimesh (mesh)")
     if any(thing.dynamics == "bullet" for thing in scene.object):
         found.append("pybullet (dynamics)")
     return found
@@ -85,11 +90,33 @@ def _prediction(thing: Object) -> tuple[bool, str]:
     return False, "forces follow from the object's present state (integrator = 'implicit' would solve both at once)"
 
 
-def _contact_points(scene: SceneTable) -> Row:
+def _contact_points(scene: Scene) -> Iterator[Row]:
     if scene.coupling.contact == "attached":
-        return "contact points", False, "attached: they are fixed in the object, and nothing lets go"
-    kinds = sorted({thing.shape.kind for thing in scene.object if thing.shape is not None})
-    return "contact points", True, f"closed form on {' and '.join(kinds)}, a proxy that stays on its face"
+        yield "contact points", False, "attached: they are fixed in the object, and nothing lets go"
+    else:
+        shapes = [thing.shape for thing in scene.object if thing.shape is not None]
+        kinds = sorted({shape.kind for shape in shapes if not isinstance(shape, MeshShape)})
+        if kinds:
+            yield "contact points", True, f"closed form on {' and '.join(kinds)}, a proxy that stays on its face"
+        for thing in scene.object:
+            made = scene_mesh(thing, scene.source.folder)
+            if made is not None:
+                faces = f"{len(made.mesh.faces):,} triangles"
+                yield (
+                    "contact points",
+                    True,
+                    f"adjacency walk on {mesh_name(thing)}, {faces}; a tree of boxes while free",
+                )
+    for note in mesh_notes(scene.object, scene.source.folder):
+        yield "mesh", True, note
+
+
+def _fingertips(scene: SceneTable) -> Row:
+    radii = [1e3 * finger.radius for finger in scene.finger if finger.radius > 0.0]
+    if not radii:
+        return "ball fingertips", False, "fingertips are points"
+    sizes = f"{min(radii):g} mm" if min(radii) == max(radii) else f"{min(radii):g} to {max(radii):g} mm"
+    return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: on the shape grown by it"
 
 
 def _weights(scene: SceneTable) -> Row:

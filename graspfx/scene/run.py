@@ -15,7 +15,9 @@ from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.scene.build import build, make_layout
+from graspfx.scene.meshes import frames
 from graspfx.scene.model import Scene
+from graspfx.scene.parts import MeshShape
 
 
 def run(
@@ -99,6 +101,11 @@ def _header(scene: Scene) -> Header:
         overrides=dict(source.overrides),
         title=scene.title,
         created=now(),
-        versions=versions("scipy", *(("pybullet",) if any(o.dynamics == "bullet" for o in scene.object) else ())),
+        versions=versions(
+            "scipy",
+            *(("pybullet",) if any(thing.dynamics == "bullet" for thing in scene.object) else ()),
+            *(("trimesh",) if any(isinstance(thing.shape, MeshShape) for thing in scene.object) else ()),
+        ),
         machine=machine(),
+        frames=frames(scene.object, source.folder),
     )

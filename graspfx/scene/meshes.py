@@ -1,0 +1,118 @@
+"""A scene's mesh: read once, weighed, and seen from its centre of mass along its principal axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspfx.errors import InputError
+from graspfx.objects.mesh import MassProperties, Mesh, load_mesh, make_mesh
+from graspfx.scene.parts import MeshShape, Object
+from graspfx.spatial import product, quaternion, rotate
+
+Numbers = tuple[float, ...]
+
+KEPT = 8  # meshes that are remembered, so that a check and a run read each file once
+
+
+@dataclass(frozen=True)
+class SceneMesh:
+    """A mesh as its body has it, and where the body is in the frame of the file.
+
+    Attributes:
+        mesh: in the body's frame.
+        unit: mass properties in the file's frame: of a density of 1 kg/m^3, of a shell of a mass of 1 kg.
+    """
+
+    mesh: Mesh
+    unit: MassProperties
+
+    def volume(self) -> float:
+        """[m^3].
+
+        Raises:
+            InputError: a shell has none.
+        """
+        if self.mesh.shell:
+            raise InputError("density", "a shell", "the object's mass", "a surface has no volume")
+        return self.unit.mass
+
+    def moments(self, mass: float) -> Numbers:
+        """Principal moments at that mass, (3,) [kg m^2]."""
+        return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
+
+    @property
+    def turn(self) -> tuple[float, float, float, float]:
+        """The body's axes in the file's frame, as a quaternion x, y, z, w."""
+        return quaternion(self.unit.axes.ravel().tolist())
+
+    def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
+        """Where the centre of mass and the principal axes are when the file's frame has that pose in the world."""
+        x, y, z = position or (0.0, 0.0, 0.0)
+        q = orientation or (0.0, 0.0, 0.0, 1.0)
+        u, v, w = rotate(q[0], q[1], q[2], q[3], *self.unit.centre.tolist())
+        return (x + u, y + v, z + w), product(q[0], q[1], q[2], q[3], *self.turn)
+
+    @property
+    def frame(self) -> Mapping[str, list[float]]:
+        """The pose of the file's frame in the body's: what a viewer needs to draw the file."""
+        x, y, z, w = self.turn
+        a, b, c = rotate(-x, -y, -z, w, *self.unit.centre.tolist())
+        return {"position": [-a, -b, -c], "orientation": [-x, -y, -z, w]}
+
+
+def scene_mesh(table: Object, folder: Path | None) -> SceneMesh | None:
+    """The mesh of an object; None if its shape is none.
+
+    Raises:
+        InputError: naming the key of the shape's table that cannot be.
+        MissingPackageError: what reads the file is not installed.
+    """
+    shape = table.shape
+    if not isinstance(shape, MeshShape):
+        return None
+    if shape.mesh is not None:
+        path = (folder or Path()) / Path(shape.mesh).expanduser()
+        if not path.is_file():
+            raise InputError("mesh", str(path), "the path of a file", "paths are relative to the scene's file")
+        status = path.stat()
+        return _read(str(path), (status.st_mtime_ns, status.st_size), shape.scale, shape.shell)
+    return _made(shape.vertices, shape.faces, shape.scale, shape.shell)
+
+
+def mesh_name(table: Object) -> str:
+    """What a mesh is called: its file's name."""
+    path = getattr(table.shape, "mesh", None)
+    return Path(path).name if path else f"mesh of {table.name}"
+
+
+def mesh_notes(objects: Sequence[Object], folder: Path | None) -> list[str]:
+    """What was repaired in the meshes of a scene and what looks wrong, a sentence each."""
+    found = [(thing, scene_mesh(thing, folder)) for thing in objects]
+    return [f"{mesh_name(thing)}: {note}" for thing, made in found if made is not None for note in made.mesh.notes]
+
+
+def frames(objects: Sequence[Object], folder: Path | None) -> dict[str, Mapping[str, list[float]]]:
+    """By object with a mesh, its `SceneMesh.frame`."""
+    found = [(thing.name, scene_mesh(thing, folder)) for thing in objects]
+    return {name: made.frame for name, made in found if made is not None}
+
+
+@lru_cache(KEPT)
+def _read(path: str, version: tuple[int, int], scale: float, shell: bool) -> SceneMesh:
+    return _weighed(load_mesh(path, scale=scale, shell=shell))
+
+
+@lru_cache(KEPT)
+def _made(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
+    return _weighed(make_mesh(np.array(vertices), np.array(faces), scale=scale, shell=shell, name="vertices"))
+
+
+def _weighed(mesh: Mesh) -> SceneMesh:
+    unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
+    return SceneMesh(mesh.seen_from(unit.centre, unit.axes), unit)
