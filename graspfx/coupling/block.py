@@ -36,7 +36,8 @@ LAW = 32  # that the elastic force of this sample satisfies: 0 Coulomb's, 1 the 
 RESIDUAL = 33  # of that law [N]
 PROBLEM = 34  # offset of the friction problem of the elastic force
 BRAKE = 35  # and of the damping force
-AXES = 36  # free directions in the object's frame, 6 x 3
+RAYS = 36  # without friction, and gains are numbers: forces along the normals
+AXES = 37  # free directions in the object's frame, 6 x 3
 BODY = AXES + 18
 
 ROW = BODY + body.SIZE  # the first finger

@@ -108,12 +108,14 @@ class GraspedObject:
         fill_body(state)
         implicit = state[body.INTEGRATOR] == body.IMPLICIT
         square = self.matrices or bool(implicit)
-        problem = problem_size(n, c, n * c if square else 6, square) if slips else 0
+        # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
+        rays = not (slips or rules.attached or rules.stick or square)
+        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
         self.block = np.zeros(at.size(n, c, matrices=self.matrices, problem=problem))
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
-        S[at.COORDINATES], S[at.FRICTION] = c, slips
+        S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
         S[at.PROBLEM] = at.problems(n, c, matrices=self.matrices)
         S[at.BRAKE] = S[at.PROBLEM] + problem
         S[at.EQUAL] = law.equal

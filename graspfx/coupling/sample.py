@@ -7,6 +7,7 @@ from typing import Any
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, LARGEST, LOST, approach, pose, refactor, turn_axes
 from graspfx.coupling.projection import attached, push, unilateral
+from graspfx.coupling.rays import press
 from graspfx.coupling.slip import rub
 from graspfx.objects import kernels as body
 
@@ -35,6 +36,8 @@ def respond(S: Any, again: bool) -> int:
         fault = attached(S)
     elif S[at.FRICTION] != 0.0:
         fault = rub(S)
+    elif S[at.RAYS] != 0.0:
+        fault = press(S)
     else:
         fault = unilateral(S, again)
     if fault == FINE:

@@ -40,7 +40,7 @@ def grip(S: Any) -> int:
     known, force, slip, unknowns = o + 3 * n, o + 3 * n + 2 * n * c, o + 3 * n + 3 * n * c, o + 3 * n + 5 * n * c
     square = S[at.IMPLICIT] != 0.0 or S[at.DENSE] != 0.0
     into_frames(S, at.DISPLACEMENT, known)
-    if S[at.IMPLICIT] == 0.0:
+    if S[at.IMPLICIT] == 0.0 and S[at.RAYS] == 0.0:
         bilateral(S, True, False)
         into_frames(S, at.LOCAL, force)
         if sticks(S, force):  # the answer as it is, and where the next one starts
@@ -104,12 +104,8 @@ def brake(S: Any) -> int:
     else:
         into_frames(S, at.LOCAL, start)
         into_frames(S, at.RATE, known)
-        bilateral(S, False, True)
-        into_frames(S, at.LOCAL, force)
-        for p in range(m):
-            S[force + p] += S[start + p]
         law = 0
-        if not (all_touch(S) and sticks(S, force)):
+        if not (S[at.RAYS] == 0.0 and all_touch(S) and stays(S, start, force)):
             if S[at.DENSE] != 0.0:
                 assemble(S, False)
                 raise_least(S, at.square(n), m)
@@ -119,6 +115,15 @@ def brake(S: Any) -> int:
                 law, _, _ = friction_force_modes(S, o, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], False)
     out_of_frames(S, force, at.LOCAL)
     return UNRESOLVED if law == NONE else 0
+
+
+def stays(S: Any, start: int, force: int) -> bool:
+    """Whether the elastic force at `start` and all the damping, which go to `force`, lie in the cones."""
+    bilateral(S, False, True)
+    into_frames(S, at.LOCAL, force)
+    for p in range(int(S[at.FINGERS]) * int(S[at.COORDINATES])):
+        S[force + p] += S[start + p]
+    return sticks(S, force)
 
 
 def friction_force_modes(S: Any, o: int, external: float, internal: float, coulomb: bool) -> tuple[int, float, int]:
