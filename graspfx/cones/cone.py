@@ -192,7 +192,7 @@ def equations_of_square(
         S[g + p] = S[f0 + p] + total
         S[t + p] = S[g + p] - c * (S[w + p] - S[e + p])
         value += (0.5 * total + S[f0 + p]) * (c * S[w + p] - total)
-        forces += c * c * (S[w + p] * S[w + p] + S[e + p] * S[e + p])
+        forces += c * c * (S[w + p] * S[w + p] + S[e + p] * S[e + p]) + S[f0 + p] * S[f0 + p]
     for i in range(n):
         turn_back(S, o, n, d, i, theta)
     for p in range(m):
