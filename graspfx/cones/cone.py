@@ -30,7 +30,7 @@ def modes_offset(o: int, n: int, d: int, count: int) -> int:
     return o + 3 * n + 5 * n * d + count * (count + 8)
 
 
-def turn_back(S: Any, o: int, n: int, d: int, i: int, theta: float) -> tuple[int, float, float, float]:
+def turn_back(S: Any, o: int, n: int, d: int, i: int, theta: float) -> tuple[int, float, float, float, float]:
     """y_i = R(t_i) with its status; where it slides, the tangential direction and |y_t| / |t_t| for the Jacobian."""
     m = n * d
     y, t = o + 3 * n + 2 * m + i * d, o + 3 * n + 4 * m + i * d
@@ -38,29 +38,30 @@ def turn_back(S: Any, o: int, n: int, d: int, i: int, theta: float) -> tuple[int
     normal = S[t]
     t1 = S[t + 1] if d > 1 else 0.0
     t2 = S[t + 2] if d > 2 else 0.0
-    tangent = math.sqrt(t1 * t1 + t2 * t2)
+    t3 = S[t + 3] if d > 3 else 0.0
+    tangent = math.sqrt(t1 * t1 + t2 * t2 + t3 * t3)
     held = S[o + 2 * n + i] < 0.0
     if held or normal + theta * mu * tangent <= 0.0:
         for a in range(d):
             S[y + a] = 0.0
         if not held:
             S[o + 2 * n + i] = FREE
-        return FREE, 0.0, 0.0, 0.0
+        return FREE, 0.0, 0.0, 0.0, 0.0
     if tangent <= mu * normal and mu > 0.0:
         for a in range(d):
             S[y + a] = S[t + a]
         S[o + 2 * n + i] = STICK
-        return STICK, 0.0, 0.0, 0.0
+        return STICK, 0.0, 0.0, 0.0, 0.0
     S[o + 2 * n + i] = SLIDE
     S[y] = (normal + theta * mu * tangent) / (1.0 + theta * mu * mu)
     if tangent == 0.0 or mu == 0.0:
         for a in range(1, d):
             S[y + a] = 0.0
-        return SLIDE, 0.0, 0.0, 0.0
+        return SLIDE, 0.0, 0.0, 0.0, 0.0
     bend = mu * S[y] / tangent
     for a in range(1, d):
         S[y + a] = bend * S[t + a]
-    return SLIDE, t1 / tangent, t2 / tangent, bend
+    return SLIDE, t1 / tangent, t2 / tangent, t3 / tangent, bend
 
 
 def equations_of_modes(
@@ -137,7 +138,7 @@ def jacobian_of_modes(
     for i in range(n):
         if S[o + i] == 0.0:
             continue
-        status, c1, c2, bend = turn_back(S, o, n, d, i, theta)
+        status, c1, c2, c3, bend = turn_back(S, o, n, d, i, theta)
         r = Q + i * d
         if (status == STICK) == soft:
             for k in range(count):
@@ -159,9 +160,19 @@ def jacobian_of_modes(
                 if d > 2:
                     along += c2 * S[q + 2]
                     across = c1 * S[q + 2] - c2 * S[q + 1]
+                if d > 3:
+                    along += c3 * S[q + 3]
+                    across = along
                 S[u + k], S[v + k], S[b + k] = S[q] + mu * along, share * (S[q] + theta * mu * along), across
             for k in range(count):
                 left, bent = sign * S[u + k], sign * bend * S[b + k]
+                if d > 3:  # two directions across: all tangents less the one along
+                    bent = -bent
+                    for j in range(count):
+                        more = 0.0
+                        for a in range(1, d):
+                            more += S[r + k * lead + a] * S[r + j * lead + a]
+                        S[H + k * count + j] += sign * bend * more
                 for j in range(count):
                     S[H + k * count + j] += left * S[v + j] + bent * S[b + j]
 
@@ -181,7 +192,7 @@ def equations_of_square(
         S[g + p] = S[f0 + p] + total
         S[t + p] = S[g + p] - c * (S[w + p] - S[e + p])
         value += (0.5 * total + S[f0 + p]) * (c * S[w + p] - total)
-        forces += c * c * (S[w + p] * S[w + p] + S[e + p] * S[e + p])
+        forces += c * c * (S[w + p] * S[w + p] + S[e + p] * S[e + p]) + S[f0 + p] * S[f0 + p]
     for i in range(n):
         turn_back(S, o, n, d, i, theta)
     for p in range(m):
@@ -196,7 +207,7 @@ def jacobian_of_square(S: Any, o: int, n: int, d: int, c: float, square: int, le
     m = n * d
     H = o + 3 * n + 5 * m + 8 * m
     for i in range(n):
-        status, c1, c2, bend = turn_back(S, o, n, d, i, theta)
+        status, c1, c2, c3, bend = turn_back(S, o, n, d, i, theta)
         r = i * d
         for a in range(r, r + d):
             for j in range(m):
@@ -208,20 +219,26 @@ def jacobian_of_square(S: Any, o: int, n: int, d: int, c: float, square: int, le
         share = 1.0 / (1.0 + theta * mu * mu)
         for j in range(m):
             normal = S[square + r * lead + j] - (c if j == r else 0.0)
-            along = across = 0.0
+            t1 = t2 = t3 = 0.0
             if d > 1:
                 t1 = S[square + (r + 1) * lead + j] - (c if j == r + 1 else 0.0)
-                along = c1 * t1
-                if d > 2:
-                    t2 = S[square + (r + 2) * lead + j] - (c if j == r + 2 else 0.0)
-                    along += c2 * t2
-                    across = bend * (c1 * t2 - c2 * t1)
+            if d > 2:
+                t2 = S[square + (r + 2) * lead + j] - (c if j == r + 2 else 0.0)
+            if d > 3:
+                t3 = S[square + (r + 3) * lead + j] - (c if j == r + 3 else 0.0)
+            along = c1 * t1 + c2 * t2 + c3 * t3
             normal = share * (normal + theta * mu * along)
             S[H + r * m + j] -= normal
-            if d > 1:
+            if d == 2:
+                S[H + (r + 1) * m + j] -= mu * c1 * normal
+            if d == 3:
+                across = bend * (c1 * t2 - c2 * t1)
                 S[H + (r + 1) * m + j] -= mu * c1 * normal - c2 * across
-            if d > 2:
                 S[H + (r + 2) * m + j] -= mu * c2 * normal + c1 * across
+            if d > 3:
+                S[H + (r + 1) * m + j] -= mu * c1 * normal + bend * (t1 - c1 * along)
+                S[H + (r + 2) * m + j] -= mu * c2 * normal + bend * (t2 - c2 * along)
+                S[H + (r + 3) * m + j] -= mu * c3 * normal + bend * (t3 - c3 * along)
 
 
 def eliminate(S: Any, square: int, vector: int, size: int) -> bool:

@@ -6,6 +6,9 @@ Associated (theta = 1): R projects on the cone; with f0 = 0 f minimises 1/2 (f -
 and there is one answer. Coulomb (theta = 0): f_n = max(t_n, 0), and f_t is scaled back to mu f_n; large mu may leave
 several answers.
 
+A finger has d coordinates: its normal, up to two tangents, and as the fourth the torsion of a soft finger in units of
+its patch length, for which the cone is the elliptic limit surface (Howe and Cutkosky 1996).
+
 A problem stands in one piece of the buffer from `o` on, m = n d, vectors contact by contact, the normal first:
 
     o            weight w_i per finger (not read for a square)
@@ -55,16 +58,22 @@ def problem_size(n: int, d: int, count: int, square: bool) -> int:
 def turn_modes(
     S: Any, rows: int, stride: int, frame: int, n: int, d: int, modes: int, count: int, out: int
 ) -> None:  # fmt: skip
-    """Rigid modes in the axes of the contacts' rows (1 + 3 n entries each) as contact coordinates (1 + n d each)."""
+    """Rigid modes in the axes of the contacts' rows as contact coordinates (1 + n d entries each).
+
+    A mode has 1 + 3 n entries, or 1 + 4 n where d is 4: the fourth is the torsion about the normal.
+    """
+    width = 4 if d > 3 else 3
     for k in range(count):
-        q = modes + k * (1 + 3 * n)
+        q = modes + k * (1 + width * n)
         to = out + k * (1 + n * d)
         S[to] = S[q]
         for i in range(n):
-            m = q + 1 + 3 * i
-            for a in range(d):
+            m = q + 1 + width * i
+            for a in range(min(d, 3)):
                 f = rows + i * stride + frame + 3 * a
                 S[to + 1 + i * d + a] = S[f] * S[m] + S[f + 1] * S[m + 1] + S[f + 2] * S[m + 2]
+            if d > 3:
+                S[to + 1 + i * d + 3] = S[m + 3]
 
 
 def friction_force(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from graspfx.cones.cone import contact_frame
+from graspfx.cones.cone import SLIDE, contact_frame
 from graspfx.coupling import block as at
 from graspfx.grasp.kernels import rigid_modes, smoothstep
 from graspfx.objects import ball, walk
@@ -18,6 +19,7 @@ UNRESOLVED = 2  # the projection did not settle
 LOST = 3  # the object's motion or a force is not finite
 AGAIN = 4  # a contact point has moved: the split and the forces are asked for once more
 LARGEST = 1e300  # NaN compares false with it
+QUARTER = 2.0  # 4 cos^2 of half the angle, of a quarter turn
 
 
 def approach(S: Any) -> int:
@@ -83,6 +85,55 @@ def displace(S: Any, r: int, gx: float, gy: float, gz: float) -> None:
         S[r + at.RATE] = S[R] * ux + S[R + 3] * uy + S[R + 6] * uz
         S[r + at.RATE + 1] = S[R + 1] * ux + S[R + 4] * uy + S[R + 7] * uz
         S[r + at.RATE + 2] = S[R + 2] * ux + S[R + 5] * uy + S[R + 8] * uz
+    if S[at.COORDINATES] > 3.0:
+        twist(S, r)
+
+
+def twist(S: Any, r: int) -> None:
+    """Torsion of the finger in row r, rho theta, its rate, and the direction in which it acts on the object.
+
+    A fingertip does not turn: theta is minus the angle about the normal n of the object's rotation since its anchor, in
+    swing and twist: 2 atan2(v . n, w) of the quaternion (v, w). It changes by minus a . (turn), a = [w^2 n + w n x v +
+    (v . n) v] / (w^2 + (v . n)^2): torsion that acts along a is conservative; a = n as the paper's forces act at c.
+    """
+    if S[r + at.TOUCHING] == 0.0:
+        set_anchor(S, r, S[r + at.RETAINED + 3])
+    _, R, _, w = pose(S)
+    A = r + at.ANCHOR
+    x = y = z = 0.0
+    W = 1.0  # 4 w^2, and x, y, z = 4 w v, from the matrix of the rotation
+    for k in range(0, 9, 3):
+        x += S[A + k + 2] * S[R + k + 1] - S[A + k + 1] * S[R + k + 2]
+        y += S[A + k] * S[R + k + 2] - S[A + k + 2] * S[R + k]
+        z += S[A + k + 1] * S[R + k] - S[A + k] * S[R + k + 1]
+        W += S[A + k] * S[R + k] + S[A + k + 1] * S[R + k + 1] + S[A + k + 2] * S[R + k + 2]
+    nx, ny, nz = S[r + at.NORMAL], S[r + at.NORMAL + 1], S[r + at.NORMAL + 2]
+    P = x * nx + y * ny + z * nz
+    rho = S[r + at.PATCH]
+    S[r + at.DISPLACEMENT + 3] = S[r + at.KEPT] - 2.0 * rho * math.atan2(P, W)
+    ax, ay, az = nx, ny, nz
+    length = W * W + P * P
+    if S[at.AT_CONTACT] == 0.0 and length > 0.0:
+        ax = (W * W * nx + W * (ny * z - nz * y) + P * x) / length
+        ay = (W * W * ny + W * (nz * x - nx * z) + P * y) / length
+        az = (W * W * nz + W * (nx * y - ny * x) + P * z) / length
+    S[r + at.TWIST_AXIS], S[r + at.TWIST_AXIS + 1], S[r + at.TWIST_AXIS + 2] = ax, ay, az
+    if S[at.DAMPED] != 0.0:
+        wx, wy, wz = S[w], S[w + 1], S[w + 2]
+        rate = ax * (S[R] * wx + S[R + 3] * wy + S[R + 6] * wz)
+        rate += ay * (S[R + 1] * wx + S[R + 4] * wy + S[R + 7] * wz)
+        rate += az * (S[R + 2] * wx + S[R + 5] * wy + S[R + 8] * wz)
+        S[r + at.RATE + 3] = -rho * rate
+    if W < QUARTER:  # long before half a turn, where the angle would jump
+        set_anchor(S, r, S[r + at.DISPLACEMENT + 3])
+
+
+def set_anchor(S: Any, r: int, kept: float) -> None:
+    """From here on the torsion of the finger in row r counts from the object's rotation now, where it is `kept`."""
+    R = pose(S)[1]
+    for k in range(9):
+        S[r + at.ANCHOR + k] = S[R + k]
+    S[r + at.KEPT] = kept
 
 
 def pose(S: Any) -> tuple[int, int, int, int]:
@@ -103,15 +154,36 @@ def pose(S: Any) -> tuple[int, int, int, int]:
 
 
 def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
-    """Contact point, normal, gap and weight of the finger in row r, which is at g in the object's frame."""
+    """Contact point, normal, gap and weight of the finger in row r, which is at g in the object's frame.
+
+    With a coefficient the contact slips until the displacement left is what the last force goes with, e + s along the
+    surface: that of a sliding finger before this sample's motion, that of a free one, which follows, after it.
+    """
     c = r + at.CONTACT
     m = r + at.NORMAL
-    if S[at.STICK] != 0.0 and S[r + at.TOUCHING] != 0.0:
+    touching = S[r + at.TOUCHING] != 0.0
+    slips = S[r + at.COEFFICIENT] > 0.0
+    if touching and slips and S[r + at.STATUS] == SLIDE:
+        e = r + at.DISPLACEMENT
+        hx, hy, hz = along_surface(S, r)
+        place_contact(S, r, d, S[c] + S[e] - hx, S[c + 1] + S[e + 1] - hy, S[c + 2] + S[e + 2] - hz)
+    if touching and (slips or S[at.STICK] != 0.0):
         S[r + at.GAP] = S[m] * (S[c] - gx) + S[m + 1] * (S[c + 1] - gy) + S[m + 2] * (S[c + 2] - gz)
+    elif slips:
+        hx, hy, hz = along_surface(S, r)
+        place_contact(S, r, d, gx - hx, gy - hy, gz - hz)
     else:
         place_contact(S, r, d, gx, gy, gz)
     if S[at.FADE] != 0.0:
-        S[r + at.WEIGHT] = 1.0 - smoothstep(S[r + at.GAP], S[at.NEAR], S[at.FAR])
+        S[r + at.WEIGHT] = S[r + at.SHARE] * (1.0 - smoothstep(S[r + at.GAP], S[at.NEAR], S[at.FAR]))
+
+
+def along_surface(S: Any, r: int) -> tuple[float, float, float]:
+    """The displacement that the finger in row r retains, without its part along the normal."""
+    m, h = r + at.NORMAL, r + at.RETAINED
+    x, y, z = S[m], S[m + 1], S[m + 2]
+    deep = x * S[h] + y * S[h + 1] + z * S[h + 2]
+    return S[h] - deep * x, S[h + 1] - deep * y, S[h + 2] - deep * z
 
 
 def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
@@ -145,20 +217,25 @@ def refactor(S: Any) -> None:
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     known = S[at.SPLIT_KNOWN] != 0.0 and S[at.MIXED] == 0.0
+    soft = S[at.COORDINATES] > 3.0
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         same = S[r + at.WEIGHT] == S[r + at.SPLIT_WEIGHT]
         for a in range(d):
             same = same and S[r + at.CONTACT + a] == S[r + at.SPLIT_CONTACT + a]
+            if soft:
+                same = same and S[r + at.NORMAL + a] == S[r + at.SPLIT_NORMAL + a]
         if not same:
             known = False
             S[r + at.SPLIT_WEIGHT] = S[r + at.WEIGHT]
             for a in range(d):
                 S[r + at.SPLIT_CONTACT + a] = S[r + at.CONTACT + a]
+                S[r + at.SPLIT_NORMAL + a] = S[r + at.NORMAL + a]
     if not known:
         S[at.COUNT] = rigid_modes(
             S, at.ROW, at.STRIDE, at.CONTACT, at.WEIGHT, n, d,
             at.AXES, int(S[at.SHIFTS]), int(S[at.TURNS]), S[at.ARM_LOW], S[at.ARM_HIGH], at.modes(n),
+            at.NORMAL, at.PATCH if soft else -1,
         )  # fmt: skip
         S[at.SPLIT_KNOWN] = 1.0
 

@@ -12,26 +12,26 @@ from graspfx.grasp.kernels import gain_matrix
 def assemble(S: Any, elastic: bool) -> int:
     """K with K e, or D with D e', in contact frames as a square and a vector; returns how many rows."""
     n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    m = n * d
+    c = int(S[at.COORDINATES])
+    m = n * c
     A = at.square(n)
     for p in range(m * m):
         S[A + p] = 0.0
     bilateral(S, elastic, not elastic)
-    into_frames(S, at.LOCAL, at.vector(n, d))
+    into_frames(S, at.LOCAL, at.vector(n, c))
     if elastic:
         add_gains(S, A, m, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], 1.0, 0.0)
     else:
         add_gains(S, A, m, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], 0.0, 1.0)
     for p in range(m):
-        S[at.diagonal(n, d) + p] = S[A + p * m + p]
+        S[at.diagonal(n, c) + p] = S[A + p * m + p]
     return m
 
 
 def add_gains(S: Any, out: int, size: int, external: float, internal: float, elastic: float, damping: float) -> None:
     """Adds a gain matrix in contact frames to a square at `out`: scalar gains, or elastic K + damping D."""
     n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
+    d = int(S[at.COORDINATES])  # matrices are for points only, where it is d
     if S[at.DENSE] == 0.0:
         count = 0 if S[at.EQUAL] != 0.0 else int(S[at.COUNT])
         gain_matrix(
@@ -57,26 +57,32 @@ def add_gains(S: Any, out: int, size: int, external: float, internal: float, ela
 
 
 def into_frames(S: Any, what: int, q: int) -> None:
-    """A vector of every finger's row as contact coordinates (normal, tangents) at q."""
+    """A vector of every finger's row as contact coordinates (normal, tangents, torsion) at q."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
+    c = int(S[at.COORDINATES])
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         for a in range(d):
             total = 0.0
             for b in range(d):
                 total += S[r + at.FRAME + 3 * a + b] * S[r + what + b]
-            S[q + i * d + a] = total
+            S[q + i * c + a] = total
+        if c > d:
+            S[q + i * c + d] = S[r + what + d]
 
 
-def out_of_frames(S: Any, q: int) -> None:
-    """Contact coordinates at q as LOCAL forces."""
+def out_of_frames(S: Any, q: int, what: int) -> None:
+    """Contact coordinates at q as a vector of every finger's row."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
+    c = int(S[at.COORDINATES])
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         for b in range(d):
             total = 0.0
             for a in range(d):
-                total += S[r + at.FRAME + 3 * a + b] * S[q + i * d + a]
-            S[r + at.LOCAL + b] = total
+                total += S[r + at.FRAME + 3 * a + b] * S[q + i * c + a]
+            S[r + what + b] = total
+        if c > d:
+            S[r + what + d] = S[q + i * c + d]

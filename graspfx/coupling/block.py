@@ -31,7 +31,14 @@ COUNT = 26  # modes in use
 SPLIT_KNOWN = 27
 SHORTFALL = 28  # by how much NEAR was too small, at most over the run [m]
 SINGULAR = 29  # some direction has no damping while others have
-AXES = 30  # free directions in the object's frame, 6 x 3
+FRICTION = 30  # some finger has a coefficient: forces lie in cones, and contact points slip
+COORDINATES = 31  # contact coordinates per finger, c: d, or 4 in space where some finger is soft
+LAW = 32  # that the elastic force of this sample satisfies: 0 Coulomb's, 1 the associated one
+RESIDUAL = 33  # of that law [N]
+PROBLEM = 34  # offset of the friction problem of the elastic force
+BRAKE = 35  # and of the damping force
+RAYS = 36  # without friction, and gains are numbers: forces along the normals
+AXES = 37  # free directions in the object's frame, 6 x 3
 BODY = AXES + 18
 
 ROW = BODY + body.SIZE  # the first finger
@@ -44,75 +51,92 @@ FACE = 12  # active face of a box, -1 not known
 GAP = 13  # positive outside [m]
 WEIGHT = 14
 TOUCHING = 15
-DISPLACEMENT = 16  # e = p - c, O [m]
-RATE = 19  # e', O [m/s]
-FORCE = 22  # on the object, W [N]
-CONTACT_WORLD = 25  # c, W [m]
-FRAME = 28  # normal and tangents, O, 3 x 3
-LOCAL = 37  # force, O [N]
-SPLIT_CONTACT = 40  # c and weight that the modes were made from
-SPLIT_WEIGHT = 43
-RADIUS = 44  # of a ball fingertip, 0 for a point [m]
-STRIDE = 45
+# Displacements and forces have a fourth entry, the torsion of a soft finger in units of its patch length rho.
+DISPLACEMENT = 16  # e = p - c, O, and rho theta [m]
+RATE = 20  # e', O, and rho theta' [m/s]
+FORCE = 24  # on the object, W [N]
+CONTACT_WORLD = 27  # c, W [m]
+FRAME = 30  # normal and tangents, O, 3 x 3
+LOCAL = 39  # force, O, and torsion / rho [N]
+SPLIT_CONTACT = 43  # c and weight that the modes were made from
+SPLIT_WEIGHT = 46
+SHARE = 47  # of the metric: the device's mass over the mean, 1 for equal devices
+COEFFICIENT = 48  # mu
+STATUS = 49  # 0 free, 1 stick, 2 slide, where there is a coefficient
+RETAINED = 50  # e + s, what slipping and letting go leave of the displacement, O, four entries [m]
+PATCH = 54  # rho of a soft finger, 0 of a hard one [m]
+SPLIT_NORMAL = 55  # normal that the modes of soft fingers were made from
+ANCHOR = 58  # the object's rotation from which torsion counts, row by row
+KEPT = 67  # torsion at that rotation, rho theta [m]
+TWIST_AXIS = 68  # direction in which torsion acts on the object, O
+MOMENT = 71  # torsion on the object, W [N m]
+RADIUS = 74  # of a ball fingertip, 0 for a point [m]
+STRIDE = 75
 
 
 def modes(n: int) -> int:
-    """Offset of the rigid modes: up to six of 1 + 3 n entries."""
+    """Offset of the rigid modes: up to six of 1 + 3 n entries, or of 1 + 4 n with soft fingers."""
     return ROW + n * STRIDE
 
 
-def unknowns(n: int, d: int) -> int:
+def unknowns(n: int, c: int) -> int:
     """Rows of the square that is pivoted: contact coordinates, and the object's own under the implicit integrator."""
-    return n * d + 6
+    return n * c + 6
 
 
 def square(n: int) -> int:
     """Offset of the matrix that is pivoted, unknowns x unknowns."""
-    return modes(n) + 6 * (1 + 3 * n)
+    return modes(n) + 6 * (1 + 4 * n)
 
 
-def vector(n: int, d: int) -> int:
-    return square(n) + unknowns(n, d) ** 2
+def vector(n: int, c: int) -> int:
+    return square(n) + unknowns(n, c) ** 2
 
 
-def diagonal(n: int, d: int) -> int:
+def diagonal(n: int, c: int) -> int:
     """Offset of the matrix' diagonal before any pivot."""
-    return vector(n, d) + unknowns(n, d)
+    return vector(n, c) + unknowns(n, c)
 
 
-def known(n: int, d: int) -> int:
-    """Offset of what a projection starts from, n d entries in contact frames: displacement, or elastic force."""
-    return diagonal(n, d) + unknowns(n, d)
+def known(n: int, c: int) -> int:
+    """Offset of what a projection starts from, n c entries in contact frames: displacement, or elastic force."""
+    return diagonal(n, c) + unknowns(n, c)
 
 
-def marks(n: int, d: int) -> int:
+def marks(n: int, c: int) -> int:
     """Offset of one mark per contact coordinate."""
-    return known(n, d) + n * d
+    return known(n, c) + n * c
 
 
-def engaged(n: int, d: int) -> int:
+def engaged(n: int, c: int) -> int:
     """Offset of the state per finger: 1 engaged, 0 released, -1 left alone."""
-    return marks(n, d) + n * d
+    return marks(n, c) + n * c
 
 
-def scratch(n: int, d: int) -> int:
-    return engaged(n, d) + n
+def scratch(n: int, c: int) -> int:
+    return engaged(n, c) + n
 
 
-def part(n: int, d: int) -> int:
-    """Offset of K or D / T by itself under the implicit integrator, (n d) x (n d), in contact frames."""
-    return scratch(n, d) + 6
+def part(n: int, c: int) -> int:
+    """Offset of K or D / T by itself under the implicit integrator, (n c) x (n c), in contact frames."""
+    return scratch(n, c) + 6
 
 
-def rest(n: int, d: int) -> int:
-    """Offset of a vector of n d entries that goes with `part`."""
-    return part(n, d) + (n * d) ** 2
+def rest(n: int, c: int) -> int:
+    """Offset of a vector of n c entries that goes with `part`."""
+    return part(n, c) + (n * c) ** 2
 
 
-def dense(n: int, d: int) -> int:
-    """Offset of K, then D, (n d) x (n d) each, in the object's axes; present only when gains are matrices."""
-    return rest(n, d) + n * d
+def dense(n: int, c: int) -> int:
+    """Offset of K, then D, (n c) x (n c) each, in the object's axes; present only when gains are matrices."""
+    return rest(n, c) + n * c
 
 
-def size(n: int, d: int, *, matrices: bool) -> int:
-    return dense(n, d) + (2 * (n * d) ** 2 if matrices else 0)
+def problems(n: int, c: int, *, matrices: bool) -> int:
+    """Offset of what friction needs, where there is a coefficient: the elastic problem, then that of the damping."""
+    return dense(n, c) + (2 * (n * c) ** 2 if matrices else 0)
+
+
+def size(n: int, c: int, *, matrices: bool, problem: int = 0) -> int:
+    """Entries of the block; `problem` is the size of a friction problem."""
+    return problems(n, c, matrices=matrices) + 2 * problem

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.cones.friction import problem_size
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.sample import FINE, let_go, locate, resplit, respond, sample
@@ -43,7 +44,10 @@ class Rules:
 
     Attributes:
         attached: bilateral contact at points fixed in the object, no cone.
-        stick: a touching finger holds where it touched; else it slips freely.
+        stick: a touching finger holds where it touched; else it slips freely, unless `friction` says otherwise.
+        friction: a coefficient of friction, for all fingers or one for each.
+        patch: the lengths rho of the fingers' contact patches [m], for all or one for each; 0 is a hard finger. In space.
+        share: of each finger in the metric, its device's mass over the mean of all; equal if not given.
         fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
         at_contact: the reaction acts at the contact point, else at the fingertip.
         blend: rms arms (l1, l2) [m] between which a rotation joins the external space.
@@ -51,6 +55,9 @@ class Rules:
 
     attached: bool = False
     stick: bool = False
+    friction: float | Sequence[float] = 0.0
+    patch: float | Sequence[float] = 0.0
+    share: Sequence[float] | None = None
     fade: tuple[float, float] | None = (0.002, 0.01)
     at_contact: bool = False
     blend: tuple[float, float] = (0.00025, 0.001)
@@ -73,7 +80,8 @@ class GraspedObject:
         radius: of the balls that the fingertips are, one or (n,) [m]; zero is a point.
 
     Raises:
-        InputError: unilateral contact without a shape or with a stiffness of zero; a radius that is no length.
+        InputError: unilateral contact without a shape or with a stiffness of zero; a radius that is no length; soft
+            fingers outside of space, with matrix gains, without friction, or attached to no shape.
     """
 
     def __init__(
@@ -96,12 +104,28 @@ class GraspedObject:
             for gain in (part.stiffness, part.damping)
         ]
         self.matrices = any(gain is None for gain in scalars)
-        end = at.size(n, d, matrices=self.matrices)
+        mu, patch = np.broadcast_to(rules.friction, n), np.broadcast_to(rules.patch, n)
+        slips = bool(np.any(mu)) and not rules.attached
+        self.soft = bool(np.any(patch))
+        if self.soft:
+            self._require_soft(rules, mu)
+        c = self.coordinates = 4 if self.soft else d
+        state = np.zeros(body.SIZE)
+        fill_body(state)
+        implicit = state[body.INTEGRATOR] == body.IMPLICIT
+        square = self.matrices or bool(implicit)
+        # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
+        rays = not (slips or rules.attached or rules.stick or square)
+        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
+        end = at.size(n, c, matrices=self.matrices, problem=problem)
         data = None if shape is None else shape.data
         self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
+        S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
+        S[at.PROBLEM] = at.problems(n, c, matrices=self.matrices)
+        S[at.BRAKE] = S[at.PROBLEM] + problem
         S[at.EQUAL] = law.equal
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
@@ -120,14 +144,20 @@ class GraspedObject:
             S[at.FADE] = 1.0
             S[at.NEAR], S[at.FAR] = rules.fade
         S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend
-        fill_body(S[at.BODY : at.BODY + body.SIZE])
-        S[at.IMPLICIT] = S[at.BODY + body.INTEGRATOR] == body.IMPLICIT
+        S[at.BODY : at.BODY + body.SIZE] = state
+        S[at.IMPLICIT] = implicit
         self._free_directions()
         rows = self.rows = S[at.ROW : at.ROW + n * at.STRIDE].reshape(n, at.STRIDE)
-        rows[:, at.WEIGHT] = 1.0
+        rows[:, at.SHARE] = 1.0 if rules.share is None else rules.share
+        rows[:, at.WEIGHT] = rows[:, at.SHARE]
+        rows[:, at.COEFFICIENT] = mu if slips else 0.0
+        rows[:, at.PATCH] = patch
         rows[:, at.FACE] = -1.0
         rows[:, at.FRAME : at.FRAME + 9] = np.eye(3).ravel()
+        rows[:, at.ANCHOR : at.ANCHOR + 9] = S[at.BODY + body.ROTATION : at.BODY + body.ROTATION + 9]
         self._shaped = shape is not None
+        if self.soft and not self._shaped:
+            raise InputError("shape", None, "a shape", "soft fingers exert torsion about its normal")
         if shape is None and not rules.attached:
             raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
         if shape is not None:
@@ -145,6 +175,7 @@ class GraspedObject:
         self.finger_velocity = rows[:, at.VELOCITY : at.VELOCITY + d]
         self.contact_position = rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d]
         self.force = rows[:, at.FORCE : at.FORCE + d]
+        self.moment = rows[:, at.MOMENT : at.MOMENT + 3]
         self.touching = rows[:, at.TOUCHING]
         self.touching[:] = rules.attached
         self.where = self._entries()
@@ -224,14 +255,28 @@ class GraspedObject:
             "finger_velocity": rows[:, at.VELOCITY : at.VELOCITY + d],
             "contact_position": rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d],
             "finger_force": rows[:, at.FORCE : at.FORCE + d],
+            "finger_moment": rows[:, at.MOMENT : at.MOMENT + 3],
             "touching": rows[:, at.TOUCHING],
+            "status": rows[:, at.STATUS],
             "gap": rows[:, at.GAP],
             "position": np.arange(o + body.POSITION, o + body.POSITION + d),
             "velocity": np.arange(o + body.VELOCITY, o + body.VELOCITY + d),
             "orientation": np.array([o + a for a in angle], dtype=np.intp),
             "angular_velocity": np.array([o + body.ANGULAR_VELOCITY + a for a in turns], dtype=np.intp),
+            "law": np.array([at.LAW]),
+            "residual": np.array([at.RESIDUAL]),
             "wrench": np.array([o + body.FORCE + a for a in range(d)] + [o + body.MOMENT + a for a in turns]),
         }
+
+    def _require_soft(self, rules: Rules, mu: FloatArray) -> None:
+        if self.dimensions != 3:
+            raise InputError(
+                "patch", rules.patch, "soft fingers in space only", "elsewhere a soft finger is a hard one"
+            )
+        if self.matrices:
+            raise InputError("patch", rules.patch, "one number for each gain where fingers are soft")
+        if not (rules.attached or rules.stick or mu[np.broadcast_to(rules.patch, mu.shape) > 0.0].all()):
+            raise InputError("patch", rules.patch, "friction where a finger is soft", "without it there is no torsion")
 
     def _free_directions(self) -> None:
         S, d = self.block, self.dimensions

@@ -17,14 +17,15 @@ def assemble_implicitly(S: Any, elastic: bool, damping: bool, held: bool) -> int
 
     f = K (e - G'u) + D (e' - H'u / T), u = C (G K ... + H D ...), C the object's compliance; G has the moment arms of
     the contacts and H those of the points where the rate is taken. With `held`, K and D are those of the touching
-    fingers alone, all others released from each by itself: where a free finger is changes nothing. Returns the rows.
+    fingers alone, all others released from each by itself: where a free finger is changes nothing; and where there is a
+    coefficient, e is what slipping has left of it. Returns the rows.
     """
     n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    m = n * d
+    c = int(S[at.COORDINATES])
+    m = n * c
     u = int(S[at.SHIFTS]) + int(S[at.TURNS])
     size = m + u
-    A, q = at.square(n), at.vector(n, d)
+    A, q = at.square(n), at.vector(n, c)
     for p in range(size * size):
         S[A + p] = 0.0
     for p in range(size):
@@ -37,18 +38,19 @@ def assemble_implicitly(S: Any, elastic: bool, damping: bool, held: bool) -> int
     for p in range(m, size):
         pivot(S, A, size, q, size, p)
     for p in range(m):
-        S[at.diagonal(n, d) + p] = S[A + p * size + p]
+        S[at.diagonal(n, c) + p] = S[A + p * size + p]
     return size
 
 
 def add_part(S: Any, size: int, m: int, elastic: bool, held: bool) -> None:
     """Adds B = K with e, or B = D / T with T e': B, -B G', G B, -G B G', and the vectors B x and G B x."""
     n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
+    c = int(S[at.COORDINATES])
     T = S[at.PERIOD]
-    A, q, B, x = at.square(n), at.vector(n, d), at.part(n, d), at.known(n, d)
+    A, q, B, x = at.square(n), at.vector(n, c), at.part(n, c), at.known(n, c)
     fill_part(S, m, elastic, held)
-    into_frames(S, at.DISPLACEMENT if elastic else at.RATE, x)
+    kept = at.RETAINED if held and S[at.FRICTION] != 0.0 else at.DISPLACEMENT
+    into_frames(S, kept if elastic else at.RATE, x)
     unit = 1.0 if elastic else T
     at_tip = not elastic and S[at.AT_CONTACT] == 0.0
     shifts = int(S[at.SHIFTS])
@@ -62,21 +64,21 @@ def add_part(S: Any, size: int, m: int, elastic: bool, held: bool) -> None:
         for p in range(m):
             along = across = 0.0
             for k in range(m):
-                g = lever(S, u, shifts, k, d, at_tip)
+                g = lever(S, u, shifts, k, c, at_tip)
                 along += S[B + p * m + k] * g
                 across += g * S[B + k * m + p]
             S[A + p * size + m + u] -= along
             S[A + (m + u) * size + p] += across
             S[q + m + u] += unit * across * S[x + p]
             for v in range(size - m):
-                S[A + (m + u) * size + m + v] -= across * lever(S, v, shifts, p, d, at_tip)
+                S[A + (m + u) * size + m + v] -= across * lever(S, v, shifts, p, c, at_tip)
 
 
 def fill_part(S: Any, m: int, elastic: bool, held: bool) -> None:
     """K or D / T in contact frames, m x m; with `held`, condensed to what touches, zero rows and columns elsewhere."""
     n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    B, q, marks, diagonal = at.part(n, d), at.rest(n, d), at.marks(n, d), at.diagonal(n, d)
+    c = int(S[at.COORDINATES])
+    B, q, marks, diagonal = at.part(n, c), at.rest(n, c), at.marks(n, c), at.diagonal(n, c)
     per = 1.0 / S[at.PERIOD]
     for p in range(m * m):
         S[B + p] = 0.0
@@ -90,18 +92,18 @@ def fill_part(S: Any, m: int, elastic: bool, held: bool) -> None:
         if not elastic and S[at.SINGULAR] != 0.0:
             S[B + p * m + p] *= 1.0 + LEAST
         S[diagonal + p] = S[B + p * m + p]
-        S[marks + p] = 0.0 if is_held(S, p, d) else 1.0
+        S[marks + p] = 0.0 if is_held(S, p, c) else 1.0
     release(S, B, m, q, m, m, marks, diagonal)
     for p in range(m):
         for k in range(m):
-            if not (is_held(S, p, d) and is_held(S, k, d)):
+            if not (is_held(S, p, c) and is_held(S, k, c)):
                 S[B + p * m + k] = 0.0
 
 
-def is_held(S: Any, p: int, d: int) -> bool:
-    """Whether contact coordinate p carries force: a touching finger's normal, and its tangents if it sticks."""
-    touching = S[at.ROW + (p // d) * at.STRIDE + at.TOUCHING] != 0.0
-    return touching and (p % d == 0 or S[at.STICK] != 0.0)
+def is_held(S: Any, p: int, c: int) -> bool:
+    """Whether contact coordinate p carries force: a touching finger's normal, and its tangents if it has friction."""
+    touching = S[at.ROW + (p // c) * at.STRIDE + at.TOUCHING] != 0.0
+    return touching and (p % c == 0 or S[at.STICK] != 0.0 or S[at.FRICTION] != 0.0)
 
 
 def add_inertia(S: Any, size: int, m: int) -> None:
@@ -121,11 +123,15 @@ def add_inertia(S: Any, size: int, m: int) -> None:
             S[A + (m + u) * size + m + v] -= total / (T * T)
 
 
-def lever(S: Any, u: int, shifts: int, k: int, d: int, at_tip: bool) -> float:
+def lever(S: Any, u: int, shifts: int, k: int, c: int, at_tip: bool) -> float:
     """One entry of G in contact frames: what force coordinate k does along the object's free direction u."""
-    r = at.ROW + (k // d) * at.STRIDE
-    f = r + at.FRAME + 3 * (k % d)
+    r = at.ROW + (k // c) * at.STRIDE
+    f = r + at.FRAME + 3 * (k % c)
     o = at.AXES + 3 * u
+    if k % c == 3:
+        f = r + at.TWIST_AXIS
+        turn = S[o] * S[f] + S[o + 1] * S[f + 1] + S[o + 2] * S[f + 2]
+        return float(S[r + at.PATCH] * turn) if u >= shifts else 0.0
     if u < shifts:
         return float(S[o] * S[f] + S[o + 1] * S[f + 1] + S[o + 2] * S[f + 2])
     x, y, z = S[r + at.CONTACT], S[r + at.CONTACT + 1], S[r + at.CONTACT + 2]

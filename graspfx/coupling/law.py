@@ -9,39 +9,47 @@ from graspfx.coupling import block as at
 
 
 def combine(S: Any, kep: float, ked: float, kip: float, kid: float) -> None:
-    """f = P (kep e + ked e') + (I - P) (kip e + kid e') (eq. 4), as kip e + kid e' and one projection of one vector."""
+    """f = P (kep e + ked e') + (I - P) (kip e + kid e') (eq. 4), as kip e + kid e' and one projection of one vector.
+
+    Where there is a coefficient, what each mode adds to the internal force stays in the scratch.
+    """
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
+    soft = S[at.COORDINATES] > 3.0
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         w = S[r + at.WEIGHT]
-        for a in range(d):
+        for a in range(4 if soft else d):
             f = kip * S[r + at.DISPLACEMENT + a]
             if kid != 0.0:
                 f += kid * S[r + at.RATE + a]
             S[r + at.LOCAL + a] = w * f
     if S[at.EQUAL] != 0.0:
         return
-    size = 1 + 3 * n
+    width = 4 if soft else 3
+    size = 1 + width * n
     ke, kd = kep - kip, ked - kid
+    keep = at.scratch(n, int(S[at.COORDINATES])) if S[at.FRICTION] != 0.0 else -1
     for k in range(int(S[at.COUNT])):
         q = at.modes(n) + k * size + 1
         z = 0.0
         for i in range(n):
             r = at.ROW + i * at.STRIDE
             inner = 0.0
-            for a in range(d):
+            for a in range(4 if soft else d):
                 g = ke * S[r + at.DISPLACEMENT + a]
                 if kd != 0.0:
                     g += kd * S[r + at.RATE + a]
-                inner += S[q + 3 * i + a] * g
+                inner += S[q + width * i + a] * g
             z += math.sqrt(S[r + at.WEIGHT]) * inner
         z *= S[q - 1]
+        if keep >= 0:
+            S[keep + k] = z
         for i in range(n):
             r = at.ROW + i * at.STRIDE
             share = z * math.sqrt(S[r + at.WEIGHT])
-            for a in range(d):
-                S[r + at.LOCAL + a] += share * S[q + 3 * i + a]
+            for a in range(4 if soft else d):
+                S[r + at.LOCAL + a] += share * S[q + width * i + a]
 
 
 def combine_matrices(S: Any, elastic: bool, damping: bool) -> None:
@@ -49,7 +57,7 @@ def combine_matrices(S: Any, elastic: bool, damping: bool) -> None:
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     m = n * d
-    K = at.dense(n, d)
+    K = at.dense(n, int(S[at.COORDINATES]))
     for i in range(n):
         for a in range(d):
             p = i * d + a

@@ -15,11 +15,10 @@ from graspfx.coupling.law import bilateral
 def attached(S: Any) -> int:
     """Bilateral contact: eq. (4) as it stands, for the object's new state under the implicit integrator."""
     n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
     damped = S[at.DAMPED] != 0.0
     if S[at.IMPLICIT] != 0.0:
         assemble_implicitly(S, True, damped, False)
-        out_of_frames(S, at.vector(n, d))
+        out_of_frames(S, at.vector(n, int(S[at.COORDINATES])), at.LOCAL)
     else:
         bilateral(S, True, damped)
     return 0
@@ -84,6 +83,8 @@ def separate(S: Any) -> None:
             if depth > 0.0:
                 e = S[r + at.DISPLACEMENT + a] if S[at.STICK] != 0.0 else depth * S[r + at.NORMAL + a]
             S[r + at.LOCAL + a] = S[r + at.WEIGHT] * k * e
+        if S[at.COORDINATES] > 3.0:
+            S[r + at.LOCAL + 3] = S[r + at.WEIGHT] * k * S[r + at.DISPLACEMENT + 3] if depth > 0.0 else 0.0
 
 
 def damp_alone(S: Any) -> None:
@@ -103,12 +104,15 @@ def damp_alone(S: Any) -> None:
             if S[at.STICK] != 0.0:
                 f += b * (S[r + at.RATE + a] - speed * S[r + at.NORMAL + a])
             S[r + at.LOCAL + a] += f
+        if S[at.COORDINATES] > 3.0:
+            S[r + at.LOCAL + 3] += b * S[r + at.RATE + 3]
 
 
 def project(S: Any) -> int:
     """The elastic force in the cones: released tangents without friction, whole fingers where the contact sticks."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
+    c = int(S[at.COORDINATES])
     stick = S[at.STICK] != 0.0
     if S[at.IMPLICIT] == 0.0 and (stick or d == 1):
         bilateral(S, True, False)
@@ -117,34 +121,34 @@ def project(S: Any) -> int:
             lowest = min(lowest, push(S, i, d))
         if lowest >= 0.0:
             return 0
-    A, q, e = at.square(n), at.vector(n, d), at.known(n, d)
-    state, marks, diagonal = at.engaged(n, d), at.marks(n, d), at.diagonal(n, d)
+    A, q, e = at.square(n), at.vector(n, c), at.known(n, c)
+    state, marks, diagonal = at.engaged(n, c), at.marks(n, c), at.diagonal(n, c)
     unresolved = 1
     for attempt in range(2):
         size = assemble_implicitly(S, True, False, False) if S[at.IMPLICIT] != 0.0 else assemble(S, True)
         into_frames(S, at.DISPLACEMENT, e)
-        scale = largest(S, q, n * d)
-        for p in range(n * d):
-            S[marks + p] = 1.0 if p % d and not stick else 0.0
+        scale = largest(S, q, n * c)
+        for p in range(n * c):
+            S[marks + p] = 1.0 if p % c and not stick else 0.0
         for i in range(n):
             S[state + i] = 1.0
-        release(S, A, size, q, size, n * d, marks, diagonal)
-        unresolved = complement(S, A, size, q, size, n, d, stick, attempt == 0, state, diagonal, scale)
+        release(S, A, size, q, size, n * c, marks, diagonal)
+        unresolved = complement(S, A, size, q, size, n, c, stick, attempt == 0, state, diagonal, scale)
         # a sticking finger is released whole, which is no cone: where going back and forth does not end, only let go
         if unresolved == 0 or not stick:
             break
-    settle(S, A, size, q, e, n, d, stick, state)
-    out_of_frames(S, q)
+    settle(S, A, size, q, e, n, c, stick, state)
+    out_of_frames(S, q, at.LOCAL)
     return UNRESOLVED * unresolved
 
 
 def damp(S: Any) -> int:
     """Adds the damping force, projected on the cones too: never active; (26)'s rate term when nothing is clamped."""
     n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
+    c = int(S[at.COORDINATES])
     implicit = S[at.IMPLICIT] != 0.0
-    A, q, f0 = at.square(n), at.vector(n, d), at.known(n, d)
-    state, marks, diagonal = at.engaged(n, d), at.marks(n, d), at.diagonal(n, d)
+    A, q, f0 = at.square(n), at.vector(n, c), at.known(n, c)
+    state, marks, diagonal = at.engaged(n, c), at.marks(n, c), at.diagonal(n, c)
     for i in range(n):
         S[state + i] = 1.0 if S[at.ROW + i * at.STRIDE + at.TOUCHING] != 0.0 else -1.0
     if implicit:
@@ -152,38 +156,40 @@ def damp(S: Any) -> int:
     else:
         into_frames(S, at.LOCAL, f0)
         size = assemble(S, False)
-        make_regular(S, n, d)
-        for p in range(n * d):
-            S[marks + p] = 0.0 if is_held(S, p, d) else 1.0
-        release(S, A, size, q, size, n * d, marks, diagonal)
-        for p in range(n * d):
-            if is_held(S, p, d):
+        make_regular(S, n, c)
+        for p in range(n * c):
+            S[marks + p] = 0.0 if is_held(S, p, c) else 1.0
+        release(S, A, size, q, size, n * c, marks, diagonal)
+        for p in range(n * c):
+            if is_held(S, p, c):
                 S[q + p] += S[f0 + p]
-    scale = largest(S, q, n * d)
-    unresolved = complement(S, A, size, q, size, n, d, False, True, state, diagonal, scale)
-    for p in range(n * d):
+    scale = largest(S, q, n * c)
+    unresolved = complement(S, A, size, q, size, n, c, False, True, state, diagonal, scale)
+    for p in range(n * c):
         # a clamped normal holds a rate, its tangents are still forces; what is not held carries nothing
-        if not is_held(S, p, d) or (p % d == 0 and S[state + p // d] == 0.0):
+        if not is_held(S, p, c) or (p % c == 0 and S[state + p // c] == 0.0):
             S[q + p] = 0.0
-        elif p % d == 0:
+        elif p % c == 0:
             S[q + p] = max(S[q + p], 0.0)
-    out_of_frames(S, q)
+    out_of_frames(S, q, at.LOCAL)
     return UNRESOLVED * unresolved
 
 
-def make_regular(S: Any, n: int, d: int) -> None:
+def make_regular(S: Any, n: int, c: int) -> None:
     """Where D is singular (ked or kid zero), raises it by 1e-8 of its diagonal, with the force that goes with that.
 
     The law stays passive, and no finger hangs on a pivot of rounding size.
     """
     if S[at.SINGULAR] == 0.0:
         return
-    for p in range(n * d):
-        more = LEAST * S[at.diagonal(n, d) + p]
-        S[at.square(n) + p * n * d + p] += more
-        r = at.ROW + (p // d) * at.STRIDE
-        for b in range(d):
-            S[at.vector(n, d) + p] += more * S[r + at.FRAME + 3 * (p % d) + b] * S[r + at.RATE + b]
+    for p in range(n * c):
+        more = LEAST * S[at.diagonal(n, c) + p]
+        S[at.square(n) + p * n * c + p] += more
+        r = at.ROW + (p // c) * at.STRIDE
+        rate = S[r + at.RATE + 3] if p % c == 3 else 0.0
+        for b in range(min(c, 3) if p % c < 3 else 0):
+            rate += S[r + at.FRAME + 3 * (p % c) + b] * S[r + at.RATE + b]
+        S[at.vector(n, c) + p] += more * rate
 
 
 def largest(S: Any, q: int, m: int) -> float:

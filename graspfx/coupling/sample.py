@@ -7,6 +7,8 @@ from typing import Any
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, LARGEST, LOST, approach, pose, refactor, turn_axes
 from graspfx.coupling.projection import attached, push, unilateral
+from graspfx.coupling.rays import press
+from graspfx.coupling.slip import rub
 from graspfx.objects import kernels as body
 
 FINE = 0
@@ -30,7 +32,14 @@ def resplit(S: Any) -> None:
 
 def respond(S: Any, again: bool) -> int:
     """The second part: forces on the object and its wrench. AGAIN, where `again` allows it, asks for the split anew."""
-    fault = attached(S) if S[at.ATTACHED] != 0.0 else unilateral(S, again)
+    if S[at.ATTACHED] != 0.0:
+        fault = attached(S)
+    elif S[at.FRICTION] != 0.0:
+        fault = rub(S)
+    elif S[at.RAYS] != 0.0:
+        fault = press(S)
+    else:
+        fault = unilateral(S, again)
     if fault == FINE:
         fault = react(S)
         if S[at.FADE] != 0.0:
@@ -73,6 +82,14 @@ def react(S: Any) -> int:
             mx += py * w - pz * v
             my += pz * u - px * w
             mz += px * v - py * u
+        if S[at.COORDINATES] > 3.0:
+            f, torsion = r + at.TWIST_AXIS, S[r + at.PATCH] * S[r + at.LOCAL + 3]
+            a, b, c = torsion * S[f], torsion * S[f + 1], torsion * S[f + 2]
+            u = S[R] * a + S[R + 1] * b + S[R + 2] * c
+            v = S[R + 3] * a + S[R + 4] * b + S[R + 5] * c
+            w = S[R + 6] * a + S[R + 7] * b + S[R + 8] * c
+            S[r + at.MOMENT], S[r + at.MOMENT + 1], S[r + at.MOMENT + 2] = u, v, w
+            mx, my, mz = mx + u, my + v, mz + w
     o = at.BODY + body.FORCE
     S[o], S[o + 1], S[o + 2] = fx, fy, fz
     o = at.BODY + body.MOMENT
@@ -85,9 +102,13 @@ def let_go(S: Any) -> None:
     for i in range(int(S[at.FINGERS])):
         r = at.ROW + i * at.STRIDE
         S[r + at.TOUCHING] = 0.0
+        S[r + at.STATUS] = 0.0
         for a in range(3):
             S[r + at.FORCE + a] = 0.0
+            S[r + at.MOMENT + a] = 0.0
+        for a in range(4):
             S[r + at.LOCAL + a] = 0.0
+            S[r + at.RETAINED + a] = 0.0
     for a in range(3):
         S[at.BODY + body.FORCE + a] = 0.0
         S[at.BODY + body.MOMENT + a] = 0.0

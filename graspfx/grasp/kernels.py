@@ -24,7 +24,7 @@ def smoothstep(x: float, low: float, high: float) -> float:
 
 def rigid_modes(
     S: Any, rows: int, stride: int, point: int, weight: int, n: int, d: int,
-    axes: int, shifts: int, turns: int, low: float, high: float, out: int,
+    axes: int, shifts: int, turns: int, low: float, high: float, out: int, normal: int = 0, patch: int = -1,
 ) -> int:  # fmt: skip
     """Orthonormal rigid motions of weighted contacts, q_k(i) = sqrt(w_i) (u_k + a_k x c_i) / norm, and their blend.
 
@@ -34,8 +34,12 @@ def rigid_modes(
     `axes` holds `shifts` unit directions of free translation, then `turns` unit axes of free rotation about the
     origin of the points, three entries each, all in the points' frame. Mode k is written at
     out + k (1 + 3 n): beta_k, then three entries per finger. Returns the number of modes.
+
+    With `patch` >= 0 a finger has a fourth entry, torsion about its normal in units of its patch length rho:
+    sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for one that exerts none.
     """
-    size = 1 + 3 * n
+    width = 4 if patch >= 0 else 3
+    size = 1 + width * n
     total = 0.0
     base = rows
     for i in range(n):
@@ -63,7 +67,9 @@ def rigid_modes(
         for i in range(n):
             w = math.sqrt(S[rows + i * stride + weight]) / root
             for a in range(3):
-                S[o + 1 + 3 * i + a] = w * S[axes + 3 * k + a]
+                S[o + 1 + width * i + a] = w * S[axes + 3 * k + a]
+            if width > 3:
+                S[o + 4 + width * i] = 0.0
 
     for k in range(turns):
         o = out + (shifts + k) * size
@@ -86,9 +92,12 @@ def rigid_modes(
             y = S[r + point + 1] - y0 - my
             z = S[r + point + 2] - z0 - mz
             fx, fy, fz = ay * z - az * y, az * x - ax * z, ax * y - ay * x
-            S[o + 1 + 3 * i] = w * (fx + tx)
-            S[o + 2 + 3 * i] = w * (fy + ty)
-            S[o + 3 + 3 * i] = w * (fz + tz)
+            S[o + 1 + width * i] = w * (fx + tx)
+            S[o + 2 + width * i] = w * (fy + ty)
+            S[o + 3 + width * i] = w * (fz + tz)
+            if width > 3:
+                m = r + normal
+                S[o + 4 + width * i] = w * S[r + patch] * (ax * S[m] + ay * S[m + 1] + az * S[m + 2])
     orthogonalise(S, out + shifts * size, turns, size)
 
     count = shifts
@@ -114,9 +123,10 @@ def gain_matrix(
 ) -> None:  # fmt: skip
     """Adds sqrt(W) [k_i I + (k_e - k_i) P] sqrt(W) in contact frames to the square at `out` (eq. 4, scalar gains).
 
-    The square has `lead` entries per row; `row` (6 entries) is scratch.
+    The square has `lead` entries per row; `row` (6 entries) is scratch. With d = 4 modes and frames have torsion too.
     """
-    size = 1 + 3 * n
+    width = 4 if d > 3 else 3
+    size = 1 + width * n
     for i in range(n):
         ri = rows + i * stride
         wi = math.sqrt(S[ri + weight])
@@ -125,8 +135,8 @@ def gain_matrix(
             S[out + p * lead + p] += internal * S[ri + weight]
             f = ri + frame + 3 * a
             for k in range(count):
-                m = modes + k * size + 1 + 3 * i
-                g = S[f] * S[m] + S[f + 1] * S[m + 1] + S[f + 2] * S[m + 2]
+                m = modes + k * size + 1 + width * i
+                g = S[m + 3] if a > 2 else S[f] * S[m] + S[f + 1] * S[m + 1] + S[f + 2] * S[m + 2]
                 S[row + k] = wi * (external - internal) * S[modes + k * size] * g
             for j in range(n):
                 rj = rows + j * stride
@@ -135,6 +145,7 @@ def gain_matrix(
                     h = rj + frame + 3 * b
                     total = 0.0
                     for k in range(count):
-                        m = modes + k * size + 1 + 3 * j
-                        total += S[row + k] * (S[h] * S[m] + S[h + 1] * S[m + 1] + S[h + 2] * S[m + 2])
+                        m = modes + k * size + 1 + width * j
+                        g = S[m + 3] if b > 2 else S[h] * S[m] + S[h + 1] * S[m + 1] + S[h + 2] * S[m + 2]
+                        total += S[row + k] * g
                     S[out + p * lead + j * d + b] += wj * total

@@ -26,6 +26,7 @@ FORMAT = "graspfx recording 1"
 CHUNK = 1024  # rows
 LONGEST = 512  # bytes of a fault's message: of fixed length, as single-writer files want it
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
+WHOLE = ("touching", "status", "law")  # columns of whole numbers
 SCALES = {
     "axis": ("x", "y", "z"),
     "turn": ("x", "y", "z"),
@@ -142,7 +143,7 @@ class FileSink:
         return scales
 
     def _make(self, column: Column, scales: Mapping[str, Any]) -> Any:
-        kind = np.int8 if column.name == "touching" else np.float64
+        kind = np.int8 if column.name.rpartition("/")[2] in WHOLE else np.float64
         shape = column.shape
         data = self._file.create_dataset(
             column.name, (0, *shape), kind, maxshape=(None, *shape), chunks=(CHUNK, *shape)
@@ -151,7 +152,7 @@ class FileSink:
             data.dims[i].attach_scale(scales[name])
         data.attrs["units"] = column.unit
         data.attrs["long_name"] = column.meaning
-        if kind is np.int8:
+        if column.name == "touching":
             data.attrs["dtype"] = "bool"  # as xarray marks it
         return data
 

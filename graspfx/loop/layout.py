@@ -35,6 +35,7 @@ class Layout:
         finger_objects: for each finger, the number of the object that it touches.
         gaps: whether fingers have a gap to the surface (not with attached contacts).
         moments: whether fingers exert moments.
+        slips: whether some finger has a coefficient of friction.
         simulated: whether true positions are known.
     """
 
@@ -44,6 +45,7 @@ class Layout:
     finger_objects: tuple[int, ...]
     gaps: bool = True
     moments: bool = False
+    slips: bool = False
     simulated: bool = True
 
     @cached_property
@@ -74,6 +76,8 @@ class Layout:
         if self.moments:
             yield "finger_moment", (n, turn), "N m", "of the finger on the object"
         yield "touching", (n,), "1", "whether the finger exerts a force"
+        if self.slips:
+            yield "status", (n,), "1", "0 free, 1 stick, 2 slide"
         if self.gaps:
             yield "gap", (n,), "m", "distance to the surface, negative inside"
         if self.simulated:
@@ -89,4 +93,7 @@ class Layout:
             if d == 3:
                 yield at + "orientation", (("quaternion", 4),), "1", "quaternion x, y, z, w"
                 yield at + "angular_velocity", (turn,), "rad/s", "in world axes"
+            if self.slips:
+                yield at + "law", (), "1", "that the elastic force satisfies: 0 Coulomb's, 1 the associated one"
+                yield at + "residual", (), "N", "of that law"
             yield at + "wrench", (wrench,), "N, N m", "of the fingers on the object, about its centre, in world axes"

@@ -147,6 +147,8 @@ class ObjectMotion:
         orientation: (N,) an angle [rad], (N, 4) a quaternion x y z w, or None on a line.
         angular_velocity: (N,) or (N, 3) [rad/s], or None on a line.
         wrench: (N, w), of the fingers on the object about its centre [N, N m].
+        law: (N,), that the elastic force satisfies, 0 Coulomb's and 1 the associated one; None without a coefficient.
+        residual: (N,), of that law [N]; None without a coefficient.
     """
 
     position: FloatArray
@@ -154,6 +156,8 @@ class ObjectMotion:
     orientation: FloatArray | None
     angular_velocity: FloatArray | None
     wrench: FloatArray
+    law: NDArray[np.int8] | None = None
+    residual: FloatArray | None = None
 
 
 class Recording:
@@ -184,6 +188,10 @@ class Recording:
     def optional(self, column: str) -> FloatArray | None:
         """A column, or None if the layout lacks it."""
         return self.array(column) if column in self.layout.columns else None
+
+    def _whole(self, column: str) -> NDArray[np.int8] | None:
+        found = self.optional(column)
+        return None if found is None else found.astype(np.int8)
 
     @cached_property
     def time(self) -> FloatArray:
@@ -220,6 +228,11 @@ class Recording:
         """(N, n)."""
         return np.not_equal(self.array("touching"), 0.0)
 
+    @cached_property
+    def status(self) -> NDArray[np.int8] | None:
+        """0 free, 1 stick, 2 slide, (N, n); None in a scene without a coefficient of friction."""
+        return self._whole("status")
+
     @property
     def gap(self) -> FloatArray | None:
         """Distance to the surface, negative inside, (N, n) [m]; None for attached contacts."""
@@ -247,6 +260,8 @@ class Recording:
                 orientation=self.optional(at + "orientation"),
                 angular_velocity=self.optional(at + "angular_velocity"),
                 wrench=self.array(at + "wrench"),
+                law=self._whole(at + "law"),
+                residual=self.optional(at + "residual"),
             )
         return MappingProxyType(motions)
 
@@ -328,6 +343,8 @@ class Recording:
             fade_shortfall=self.outcome.fade_shortfall,
             true_position=self.true_position,
             faults=len(self.faults),
+            law=[motion.law for motion in self.objects.values() if motion.law is not None],
+            residual=[motion.residual for motion in self.objects.values() if motion.residual is not None],
         )
 
     def save(self, path: str | PathLike[str]) -> None:

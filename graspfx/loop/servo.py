@@ -23,8 +23,8 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 READ = ("finger_position", "finger_velocity")
-COMPUTED = ("contact_position", "finger_force", "touching", "gap")
-OBJECT = ("position", "velocity", "orientation", "angular_velocity", "wrench")
+COMPUTED = ("contact_position", "finger_force", "finger_moment", "touching", "status", "gap")
+OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "residual", "wrench")
 
 
 class Body(Protocol):

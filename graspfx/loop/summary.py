@@ -33,6 +33,8 @@ def summarise(
     true_position: FloatArray | None = None,
     fade_shortfall: float = 0.0,
     faults: int = 0,
+    law: Sequence[NDArray[np.int8]] = (),
+    residual: Sequence[FloatArray] = (),
 ) -> dict[str, Any]:
     """A run in numbers, SI units; None for what this run does not have.
 
@@ -49,6 +51,9 @@ def summarise(
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
         fade_shortfall: by how much `coupling.fade` began too near for the forces, at most [m]; None if it did not.
+        associated: share of samples in which an object's forces satisfy the associated law instead of Coulomb's; None
+            without a coefficient of friction.
+        friction_residual: the largest of either law [N]; None without a coefficient.
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
         faults: how many.
 
@@ -65,6 +70,7 @@ def summarise(
         true_position: (N, n, d), of simulated fingertips [m].
         fade_shortfall: as in the recording's outcome [m].
         faults: how many there were.
+        law, residual: (N,) per object with a coefficient of friction, as recorded.
     """
     N, n, _ = finger_position.shape
     groups = [[i for i in range(n) if finger_objects[i] == k] for k in range(len(object_position))]
@@ -97,6 +103,8 @@ def summarise(
         "object_vibration": vibration(np.stack(object_position, axis=1), period),
         "port_energy": [float(device_energy[-1, i]) if N else None for i in range(n)],
         "fade_shortfall": fade_shortfall or None,
+        "associated": _mean(np.stack(law) == 1) if law else None,
+        "friction_residual": _peak(np.stack(residual)) if residual else None,
         "wall_time": wall_time,
         "ticks_per_second": N / wall_time if timed and wall_time else None,
         "tick_cost": wall_time / N * MICROSECONDS if timed and wall_time else None,

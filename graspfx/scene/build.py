@@ -36,8 +36,9 @@ def build(scene: Scene) -> Iterator[Servo]:
     scene.require_reach()
     start = np.array([finger.start for finger in scene.finger], dtype=float)
     with ExitStack() as stack:
-        objects = [_held(scene, i, start, stack) for i in range(len(scene.object))]
         wired = wires(scene, scene.source.folder)
+        masses = _masses(scene, wired)
+        objects = [_held(scene, i, start, masses, stack) for i in range(len(scene.object))]
         inward = np.zeros_like(start)
         for held in objects:
             inward[held.fingers] = held.grasped.inward()
@@ -58,6 +59,8 @@ def make_layout(scene: Scene, *, simulated: bool) -> Layout:
         objects=tuple(thing.name for thing in scene.object),
         finger_objects=scene.finger_objects,
         gaps=scene.coupling.contact == "unilateral",
+        moments=any(finger.model == "soft" for finger in scene.finger),
+        slips=any(scene.coefficients),
         simulated=simulated,
     )
 
@@ -65,7 +68,17 @@ def make_layout(scene: Scene, *, simulated: bool) -> Layout:
 # Objects ----------------------------------------------------------------------------------------------------------
 
 
-def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held:
+def _masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray | None:
+    """Of the device at each fingertip [kg], where the metric asks for them."""
+    if scene.coupling.metric != "mass":
+        return None
+    masses = np.zeros(len(scene.finger))
+    for wire in wired:
+        masses[wire.fingers[wire.fingers >= 0]] = wire.device.features.mass
+    return masses
+
+
+def _held(scene: Scene, index: int, start: FloatArray, masses: FloatArray | None, stack: ExitStack) -> Held:
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     folder = scene.source.folder
@@ -78,6 +91,9 @@ def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held
         Rules(
             attached=rules.contact == "attached",
             stick=rules.friction == "stick",
+            friction=tuple(scene.coefficients[i] for i in fingers),
+            patch=tuple(scene.finger[i].patch or 0.0 for i in fingers),
+            share=None if masses is None else masses[fingers] / masses[fingers].mean(),
             fade=rules.fade if rules.absent == "fade" else None,
             at_contact=rules.reaction == "contact",
             blend=rules.blend,

@@ -22,6 +22,7 @@ from graspfx.scene.lengths import length_faults as _length
 from graspfx.scene.parts import WIDTHS, SceneTable
 from graspfx.scene.settings import reason, setting_faults
 from graspfx.scene.solids import mass_faults, shape_faults
+from graspfx.scene.touching_faults import coefficient_faults, metric_faults, soft_faults
 from graspfx.scene.wiring import wiring_faults
 
 Location = tuple[str | int, ...]
@@ -63,6 +64,8 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         for field in NAMED:
             yield _reference(scene, ("finger", i, field), finger, field)
         yield own_hand_faults(scene, i, folder)
+        yield coefficient_faults(scene, ("finger", i, "friction"), finger)
+        yield soft_faults(scene, i, finger)
         yield _own_device(scene, ("finger", i, "device"), finger, folder, connected)
     for i, device in enumerate(_items(scene, "device")):
         yield setting_faults(scene, ("device", i), device, folder, connected)
@@ -70,6 +73,7 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         yield shared_hand_faults(scene, ("hand", i), hand, folder)
     yield _channels(scene)
     yield wiring_faults(scene, connected)
+    yield metric_faults(scene, connected)
     for table in ("device", "hand"):
         yield _unused(scene, table)
     for share in ("external", "internal"):

@@ -149,18 +149,18 @@ class Impedance(Table):
 
 
 def _friction(value: Any) -> Any:
-    if value == "stick" or (isinstance(value, int | float) and not isinstance(value, bool) and value == 0):
-        return value if value == "stick" else 0.0
-    if isinstance(value, int | float) and not isinstance(value, bool) and value > 0:
-        text = "a run takes 0 (slips freely) or 'stick' (holds where it touched), no coefficient; given {given}"
-    else:
-        text = "expected 0 or 'stick'; given {given}"
+    if value == "stick":
+        return value
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < float("inf"):
+        return float(value)
+    text = "expected 0 or 'stick' or a coefficient of more than 0; given {given}"
     raise PydanticCustomError("friction", text, {"given": shown(value)})
 
 
 def _model(value: Any) -> Any:
-    if value in ("frictionless", "soft", "full"):
-        raise PydanticCustomError("model", "a run takes 'hard' fingers only; given {given}", {"given": shown(value)})
+    if value in ("frictionless", "full"):
+        text = "expected 'hard' or 'soft': {given} is a contact for analysis (gx.Grasp), no finger of a run"
+        raise PydanticCustomError("model", text, {"given": shown(value)})
     return value
 
 
@@ -172,7 +172,12 @@ class Coupling(Table):
     internal: Impedance
     form: Literal["literal", "symmetric"] = "literal"
     reaction: Literal["fingertip", "contact"] = "fingertip"
-    friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = 0.0
+    friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
+        default=0.0, description="0 (slips freely), 'stick' (holds where it touched) or a coefficient of Coulomb's law"
+    )
+    metric: Literal["equal", "mass"] = Field(
+        default="equal", description="how fingers count in the split and the gains: the same, or by device mass"
+    )
     absent: Literal["fade", "follow"] = "fade"
     fade: Pair = Field(default=(0.002, 0.01), description="gaps between which a free finger leaves the split [m]")
     blend: Pair = Field(
@@ -213,7 +218,13 @@ class Finger(Table):
     start: Vector = Field(description="(d,) [m]")
     radius: NotNegative = Field(default=0.0, description="of the ball that the fingertip is; 0: a point [m]")
     object: Name | None = Field(default=None, description="the name of an [object]; the first if not given")
-    model: Annotated[Literal["hard"], BeforeValidator(_model)] = "hard"
+    model: Annotated[Literal["hard", "soft"], BeforeValidator(_model)] = Field(
+        default="hard", description="a soft finger exerts torsion about the contact's normal too; in space"
+    )
+    patch: Positive | None = Field(
+        default=None, description="rho of a soft finger: with friction mu its torsion is mu rho f_n at most [m]"
+    )
+    friction: NotNegative | None = Field(default=None, description="coefficient of its own; coupling.friction")
 
 
 def _no_switch(value: Any) -> Any:
@@ -248,6 +259,14 @@ class SceneTable(Table):
         """Which object each finger touches, by index."""
         numbers = {thing.name: i for i, thing in enumerate(self.object)}
         return tuple(numbers[finger.object] if finger.object else 0 for finger in self.finger)
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """Each finger's coefficient of friction; 0 where it slips freely or sticks."""
+        given = self.coupling.friction
+        if isinstance(given, str) or self.coupling.contact == "attached":
+            return (0.0,) * len(self.finger)
+        return tuple(given if finger.friction is None else finger.friction for finger in self.finger)
 
     def free(self, thing: Object) -> tuple[bool, ...]:
         """Which of an object's w freedoms move."""

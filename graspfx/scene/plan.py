@@ -40,8 +40,10 @@ def _rows(scene: Scene) -> Iterator[Row]:
     yield _fingertips(scene)
     yield _weights(scene)
     yield from _split(scene)
+    yield _metric(scene)
     yield _impedance(scene)
     yield _projection(scene)
+    yield _torsion(scene)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield "write", True, "the negative of each finger's force"
     for thing in scene.object:
@@ -156,8 +158,29 @@ def _impedance(scene: SceneTable) -> Row:
 def _projection(scene: SceneTable) -> Row:
     if scene.coupling.contact == "attached":
         return "letting go", False, "attached: the contact is bilateral, no cone"
+    if any(scene.coefficients):
+        given = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
+        why = (
+            f"fingers only push; friction mu = {given} by Coulomb's law, by the associated one where it does not settle"
+        )
+        return "letting go", True, f"{why}; the recording says which (law)"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
+
+
+def _metric(scene: SceneTable) -> Row:
+    if scene.coupling.metric == "equal":
+        return "metric", False, "equal: every finger counts the same in the split"
+    return "metric", True, "mass: a finger counts as its device's mass over the mean, in the split and in the gains"
+
+
+def _torsion(scene: SceneTable) -> Row:
+    count = sum(finger.model == "soft" for finger in scene.finger)
+    if not count:
+        return "torsion", False, "hard fingers exert forces only"
+    limit = ", at most mu rho f_n" if any(scene.coefficients) else ""
+    why = f"{count} soft of {len(scene.finger)} fingers: about the normal{limit}; it acts on the object"
+    return "torsion", True, f"{why}, and devices that display forces do not display it"
 
 
 def _body(scene: SceneTable, thing: Object) -> str:

@@ -28,6 +28,8 @@ ROWS: tuple[Row, ...] = (
     ("energy at each device port", "port_energy", "mJ", 1e3),
     ("share of time in touch, per finger", "touching", "%", 100.0),
     ("fade begins too near by, at most", "fade_shortfall", "mm", 1e3),
+    ("samples with the associated law", "associated", "%", 100.0),
+    ("friction law's largest residual", "friction_residual", "N", 1.0),
     ("ticks", "ticks", "", 1.0),
     ("wall time", "wall_time", "s", 1.0),
     ("ticks per second", "ticks_per_second", "1/s", 1.0),

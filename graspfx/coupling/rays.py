@@ -1,0 +1,70 @@
+"""Touching without friction where gains are numbers: forces along the normals, in as many unknowns as the modes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from graspfx.cones.cone import modes_offset
+from graspfx.cones.friction import UNRESOLVED as NONE
+from graspfx.cones.friction import friction_force, turn_modes
+from graspfx.coupling import block as at
+from graspfx.coupling.approach import UNRESOLVED
+from graspfx.coupling.law import bilateral
+from graspfx.coupling.slip import brake, grip, pose_problem
+
+
+def press(S: Any) -> int:
+    """The elastic force f = K (e + s) along the normals, then damping there; returns 0 or UNRESOLVED.
+
+    Tangents carry nothing, so that q_k'f asks for the modes' normal entries alone, as long as the internal gain is the
+    larger one: else the convex function has the tangents' part of the modes in it, and all coordinates are needed.
+    """
+    if S[at.EXTERNAL_STIFFNESS] <= S[at.INTERNAL_STIFFNESS]:
+        fault = along_normals(S, int(S[at.PROBLEM]), True)
+    else:
+        fault = grip(S)
+    if fault == 0 and S[at.DAMPED] != 0.0:
+        if S[at.EXTERNAL_DAMPING] <= S[at.INTERNAL_DAMPING]:
+            fault = along_normals(S, int(S[at.BRAKE]), False)
+        else:
+            fault = brake(S)
+    return fault
+
+
+def along_normals(S: Any, o: int, elastic: bool) -> int:
+    """The elastic force into LOCAL, or damping added to the one that is there."""
+    n = int(S[at.FINGERS])
+    d = int(S[at.DIMENSIONS])
+    if elastic and d == 1:
+        bilateral(S, True, False)
+        pulls = False
+        for i in range(n):
+            r = at.ROW + i * at.STRIDE
+            push = S[r + at.NORMAL] * S[r + at.LOCAL]
+            pulls = pulls or push < 0.0
+            S[r + at.TOUCHING] = 1.0 if push > 0.0 else 0.0
+        if not pulls:
+            return 0
+    external = S[at.EXTERNAL_STIFFNESS] if elastic else S[at.EXTERNAL_DAMPING]
+    internal = S[at.INTERNAL_STIFFNESS] if elastic else S[at.INTERNAL_DAMPING]
+    what = at.DISPLACEMENT if elastic else at.RATE
+    count = 0 if external == internal else int(S[at.COUNT])
+    pose_problem(S, o, not elastic)
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        x = f0 = 0.0
+        for a in range(d):
+            x += S[r + at.NORMAL + a] * S[r + what + a]
+            f0 += S[r + at.NORMAL + a] * S[r + at.LOCAL + a]
+        S[o + 3 * n + i] = x
+        S[o + 4 * n + i] = 0.0 if elastic else f0
+    turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, 1, at.modes(n), count, modes_offset(o, n, 1, count))
+    law, _, _ = friction_force(S, o, n, 1, count, external, internal, False, 0)
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        f = S[o + 5 * n + i]
+        for a in range(d):
+            S[r + at.LOCAL + a] = f * S[r + at.NORMAL + a]
+        if elastic:
+            S[r + at.TOUCHING] = 1.0 if f > 0.0 else 0.0
+    return UNRESOLVED if law == NONE else 0
