@@ -16,9 +16,10 @@ import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import place_contact
-from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects import kernels as body
+from graspfx.objects.body import fill_body
 from graspfx.objects.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
 from graspfx.scene.build import build
 from graspfx.scene.meshes import scene_mesh
@@ -248,6 +249,33 @@ def test_damping_of_balls_never_creates_energy(friction: Any, reaction: str) -> 
                 where = p if reaction == "fingertip" else b.contact_position
                 np.testing.assert_allclose(b.wrench[3:], np.cross(where, b.force).sum(axis=0), atol=1e-15)
         assert least > -1e-15
+
+
+@pytest.mark.parametrize("changes", [{"contact": "attached"}, {"absent": "fade", "friction": "stick"}])
+def test_the_implicit_integrator_takes_a_mesh_as_a_box(changes: dict[str, Any]) -> None:
+    """Two balls squeeze and shake it for 50 samples: the same motion to 1e-12 m, attached and unilateral."""
+    starts = [[-0.0285, 0.0, 0.001], [0.0285, 0.002, 0.0]]
+    recordings = []
+    for shape in ({"kind": "box", "size": [0.05, 0.04, 0.03]}, BLOCK):
+        tables = table(3, shape, starts, radius=0.004, gains=(30.0, 70.0), integrator="implicit")
+        tables["coupling"] |= changes
+        for finger in tables["finger"]:
+            finger["hand"] = {"stiffness": 300.0, "damping": 3.0, "squeeze": 0.002}
+        recordings.append(gx.run(gx.Scene(**tables)))
+    box, mesh = recordings
+    assert box.touching.all() and np.abs(box.finger_force).max() > 0.01
+    np.testing.assert_allclose(mesh.finger_force, box.finger_force, atol=1e-12)
+    np.testing.assert_allclose(mesh.object_position, box.object_position, atol=1e-12)
+
+
+@pytest.mark.parametrize("radius", [-0.001, np.inf, [0.001, 0.001, 0.001]])
+def test_a_coupling_takes_lengths_for_radii(radius: Any) -> None:
+    def fill(state: FloatArray) -> None:
+        fill_body(state, dimensions=1, mass=0.1)
+
+    law = gx.Coupling(external=gx.Impedance(30.0), internal=gx.Impedance(70.0))
+    with pytest.raises(InputError, match="radius"):
+        GraspedObject(2, 1, 0.001, law, Rules(), fill, shape=Box((0.05,)), radius=radius)
 
 
 # Mass and pose -----------------------------------------------------------------------------------------------------

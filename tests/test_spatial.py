@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from graspfx.spatial import angle_matrix, exponential, normalised, product, quaternion_matrix, rotate
+from graspfx.spatial import angle_matrix, exponential, normalised, product, quaternion, quaternion_matrix, rotate
 
 EPS = np.finfo(float).eps
 Quaternion = tuple[float, float, float, float]
@@ -85,3 +85,14 @@ def test_normalised_keeps_the_direction_and_lets_zero_be() -> None:
     q = normalised(1.0, -2.0, 3.0, -4.0)
     np.testing.assert_allclose(np.array(q) * math.sqrt(30.0), [1.0, -2.0, 3.0, -4.0], rtol=4 * EPS)
     assert normalised(0.0, 0.0, 0.0, 0.0) == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_quaternion_of_a_matrix() -> None:
+    """Back from the matrix to 4 eps, half turns about every axis among them, where one component alone is not small."""
+    rng = np.random.default_rng(7)
+    half_turns = [(1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.6, 0.0, 0.8, 0.0)]
+    for q in [*half_turns, (0.0, 0.0, 0.0, 1.0), *(unit(rng) for _ in range(200))]:
+        found = quaternion(matrix(q).ravel().tolist())
+        assert found[3] >= 0.0
+        assert abs(np.dot(found, q)) == pytest.approx(1.0, abs=4 * EPS)
+        np.testing.assert_allclose(matrix(found), matrix(q), atol=8 * EPS)
