@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspfx.objects import shape as shapes
 from graspfx.objects.body import fill_body
-from graspfx.scene.parts import Object, SceneTable
+from graspfx.scene.parts import Object, Obstacle, SceneTable
 
 FloatArray = NDArray[np.float64]
 Inertia = float | tuple[float, ...]
@@ -26,7 +26,7 @@ SHAPES: dict[str, Callable[..., shapes.Shape]] = {
 }
 
 
-def make_shape(table: Object) -> shapes.Shape | None:
+def make_shape(table: Object | Obstacle) -> shapes.Shape | None:
     """The shape that a table describes: its keys are what the shape takes."""
     if table.shape is None:
         return None

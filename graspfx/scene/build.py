@@ -9,7 +9,6 @@ from pathlib import Path as FilePath
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import DeviceError
 from graspfx.grasp.impedance import Coupling, Impedance
@@ -17,12 +16,13 @@ from graspfx.loop import motion as motions
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import Hand, join
 from graspfx.loop.layout import Layout
-from graspfx.loop.servo import Body, Held, Moved, Servo, Station
+from graspfx.loop.servo import Held, Moved, Servo, Station
 from graspfx.scene.bodies import fill, make_shape
 from graspfx.scene.fields import Gains
 from graspfx.scene.hands import Hand as HandTable
 from graspfx.scene.hands import Motion, SharedHand
 from graspfx.scene.model import Scene
+from graspfx.scene.movers import make_movers
 from graspfx.scene.wiring import Wire, wires
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +39,13 @@ def build(scene: Scene) -> Iterator[Servo]:
     scene.require_reach()
     start = np.array([finger.start for finger in scene.finger], dtype=float)
     with ExitStack() as stack:
-        objects = [_held(scene, i, start, stack) for i in range(len(scene.object))]
+        objects = [_held(scene, i) for i in range(len(scene.object))]
+        movers = list(make_movers(scene, [held.grasped.body_state for held in objects], stack))
+        for mover in movers:
+            if any(objects[i].grasped.implicit for i in mover.objects):
+                mover.body.free_motion(scene.period)
+        for held in objects:
+            held.grasped.meet(start[held.fingers])
         wired = wires(scene, scene.source.folder)
         inward = np.zeros_like(start)
         for held in objects:
@@ -50,7 +56,7 @@ def build(scene: Scene) -> Iterator[Servo]:
             wire.device.open(scene.period)
         stations = [Station(wire.device, wire.fingers) for wire in wired]
         layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
-        yield Servo(scene.period, layout, stations, objects, moved)
+        yield Servo(scene.period, layout, stations, objects, movers, moved)
 
 
 def make_layout(scene: Scene, *, simulated: bool) -> Layout:
@@ -68,7 +74,7 @@ def make_layout(scene: Scene, *, simulated: bool) -> Layout:
 # Objects ----------------------------------------------------------------------------------------------------------
 
 
-def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held:
+def _held(scene: Scene, index: int) -> Held:
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     shape = make_shape(table)
@@ -88,17 +94,7 @@ def _held(scene: Scene, index: int, start: FloatArray, stack: ExitStack) -> Held
         lambda state: fill(scene, table, state),
         shape=shape,
     )
-    create = plugins.load("dynamics", table.dynamics, scene.source.folder).create
-    body: Body = create(grasped.body_state)
-    stack.callback(getattr(body, "close", _nothing))
-    if grasped.implicit:
-        body.free_motion(scene.period)
-    grasped.meet(start[fingers])
-    return Held(table.name, grasped, body, fingers)
-
-
-def _nothing() -> None:
-    return None
+    return Held(table.name, grasped, fingers)
 
 
 def make_law(scene: Scene, fingers: NDArray[np.intp]) -> Coupling:

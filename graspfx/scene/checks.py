@@ -14,14 +14,14 @@ from graspfx import plugins
 from graspfx.errors import InputError, UnknownNameError, closest, shown
 from graspfx.loop import motion
 from graspfx.loop.device import Device
-from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.kernels import SIZE
-from graspfx.scene import bodies
+from graspfx.scene import bodies, surroundings
 from graspfx.scene.fields import NotValid
 from graspfx.scene.hands import Path as RecordedPath
 from graspfx.scene.hands import Reach, Sine
 from graspfx.scene.parts import WIDTHS, SceneTable
 from graspfx.scene.settings import reason, setting_faults
+from graspfx.scene.viscosity import may_turn, viscosity_faults
 from graspfx.scene.wiring import wiring_faults
 
 Location = tuple[str | int, ...]
@@ -53,10 +53,16 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
     for i, thing in enumerate(_items(scene, "object")):
         for field in ("position", "velocity"):
             yield _length(scene, ("object", i), thing, field)
-        for rule in (_shape, _free, _inertia, _turning, _orientation, _angular_velocity, _step):
+        for rule in (_shape, _free, _inertia, _turning, _orientation, _angular_velocity, viscosity_faults):
             yield rule(scene, ("object", i), thing)
         yield _body(scene, ("object", i), thing, faults)
         yield _dynamics(("object", i), thing, folder)
+    for i, thing in enumerate(_items(scene, "obstacle")):
+        yield _length(scene, ("obstacle", i), thing, "position")
+        for rule in (_shape, _orientation):
+            yield rule(scene, ("obstacle", i), thing)
+    yield _unique(scene, "obstacle")
+    yield surroundings.faults(scene, faults)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:
@@ -109,11 +115,11 @@ def _unique(scene: SceneTable, table: str) -> Iterator[Found]:
     seen: set[str] = set()
     for i, item in enumerate(_items(scene, table)):
         try:
-            name = getattr(item, NAMED[table])
+            name = getattr(item, NAMED.get(table, "name"))
         except NotValid:
             continue
         if name in seen:
-            yield (table, i, NAMED[table]), f"{name!r} is taken; every {table} needs a name of its own"
+            yield (table, i, NAMED.get(table, "name")), f"{name!r} is taken; every {table} needs a name of its own"
         seen.add(name)
 
 
@@ -150,15 +156,10 @@ def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
         yield (*at, "free"), f"expected {width} of true or false ({what}); given {shown(list(thing.free))}"
 
 
-def _turns(scene: SceneTable, thing: Any) -> bool:
-    free = scene.free(thing)
-    return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
-
-
 def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
     inertia, d = thing.inertia, scene.dimensions
     if inertia is None:
-        if _turns(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
+        if may_turn(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
             yield (*at, "inertia"), "required where a rotation is free and there is no shape to compute it from"
         return
     values = inertia if isinstance(inertia, tuple) else (inertia,)
@@ -172,7 +173,7 @@ def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
 
 
 def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
-    if thing.rotational_viscosity is None and _turns(scene, thing):
+    if thing.rotational_viscosity is None and may_turn(scene, thing):
         yield (
             (*at, "rotational_viscosity"),
             "required where a rotation is free: without it a grasp is not stable; `free` locks it",
@@ -201,32 +202,6 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
         yield (*at, field), f"expected a number in the plane; given {shown(list(value))}"
     elif scene.dimensions == 3 and (not isinstance(value, tuple) or len(value) != count):
         yield (*at, field), f"expected {in_space}; given {shown(value)}"
-
-
-def _step(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
-    if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
-        return
-    if any(scene.free(thing)[: scene.dimensions]):
-        yield from _slowed(scene, at, thing, "viscosity", thing.viscosity, "mass", thing.mass)
-    if thing.rotational_viscosity is not None and _turns(scene, thing):
-        with suppress(InputError):  # a shape of another number of dimensions has its own fault
-            moments = np.atleast_1d(np.asarray(bodies.inertia(scene, thing) or 0.0, dtype=float))
-            least = float(moments[-1] if scene.dimensions == 2 else moments.min())
-            if least > 0.0:
-                viscosity = thing.rotational_viscosity
-                yield from _slowed(scene, at, thing, "rotational_viscosity", viscosity, "inertia", least)
-
-
-def _slowed(
-    scene: SceneTable, at: Location, thing: Any, key: str, viscosity: float, by: str, inertia: float
-) -> Iterator[Found]:
-    ratio = viscosity * scene.period / inertia
-    if ratio >= VISCOUS_LIMIT:
-        yield (
-            (*at, key),
-            f"{key} * period / {by} is {ratio:.4g}, and {thing.integrator} integration is stable only below "
-            f"{VISCOUS_LIMIT:g}; integrator = 'exact' always is",
-        )
 
 
 def _body(scene: SceneTable, at: Location, thing: Any, faults: list[Found]) -> Iterator[Found]:
