@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.cones.cone import contact_frame
 from graspfx.errors import InputError
 from graspfx.objects import kernels as at
 from graspfx.objects import proxy
 from graspfx.objects.body import FloatArray
 from graspfx.objects.bullet import Carried, new_client, pybullet
-from graspfx.objects.floor import hull_points
+from graspfx.objects.floor import hull_points, plane_of
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 
 # What PyBullet's contacts need to rest and to hold; found by measuring, see docs/explanation/worlds.md.
@@ -28,6 +29,7 @@ ENGINE = {
     "frictionERP": 0.2,
     "deterministicOverlappingPairs": 1,
 }
+SLAB = 200.0  # edge of the box that a floor is to boxes [m]
 MARGIN = 1e-5  # by which PyBullet rounds a hull [m]
 ELLIPSOID_POINTS = 2000  # of its hull, which lies inside by up to 1/1000 of its size
 
@@ -110,37 +112,48 @@ class BulletWorld:
         return total
 
     def _place(self, obstacle: Obstacle) -> Iterator[int]:
-        """The fixed bodies of an obstacle: a plane has one for each side where a member is."""
+        """The fixed bodies of an obstacle: of a plane one for each side where a member is, and twice if that is a box.
+
+        A box meets a floor that is a box with all its corners at once; on PyBullet's plane it gets them one by one, a
+        step each, is turned by that, and slides up to 20 degrees askew. All else rests better on the plane.
+        """
         kind = getattr(obstacle.shape, "kind", None)
         if kind not in (proxy.HALF_SPACE, proxy.PLANE):
-            yield self._fixed(self._collision(obstacle.shape, fixed=True), obstacle)
+            yield self._fixed(self._collision(obstacle.shape, fixed=True), obstacle.position, obstacle.rotation)
             return
-        normal = np.array(obstacle.shape.parameters)
-        sides = [1.0] * len(self._members)
-        if kind == proxy.PLANE:
-            outward = obstacle.rotation @ normal
-            heights = [outward @ (m.state[at.POSITION : at.POSITION + 3] - obstacle.position) for m in self._members]
-            sides = [1.0 if height >= 0.0 else -1.0 for height in heights]
-        for side in sorted(set(sides)):
-            face = self._bullet.createCollisionShape(
-                self._bullet.GEOM_PLANE, planeNormal=(side * normal).tolist(), physicsClientId=self._client
-            )
-            body = self._fixed(face, obstacle)
-            for carried, own in zip(self._carried, sides, strict=True):
-                if own != side:
+        places = [member.state[at.POSITION : at.POSITION + 3] for member in self._members]
+        normals = [plane_of(obstacle, place)[0] for place in places]
+        boxes = [getattr(member.shape, "kind", None) == proxy.BOX for member in self._members]
+        for normal, is_box in {(*n.tolist(), box): (n, box) for n, box in zip(normals, boxes, strict=True)}.values():
+            frame = np.zeros(9)
+            frame[:3] = normal
+            contact_frame(frame, 0, 3, 0)
+            n, first, second = frame.reshape(3, 3)
+            face, place = self._made("GEOM_PLANE", planeNormal=[0.0, 0.0, 1.0]), obstacle.position
+            if is_box:
+                face, place = self._made("GEOM_BOX", halfExtents=[0.5 * SLAB] * 3), place - 0.5 * SLAB * n
+            body = self._fixed(face, place, np.stack([first, second, n], axis=1))
+            for carried, own, box in zip(self._carried, normals, boxes, strict=True):
+                if box != is_box or own @ normal < 0.0:
                     self._bullet.setCollisionFilterPair(carried.body, body, -1, -1, 0, physicsClientId=self._client)
             yield body
 
-    def _fixed(self, collision: int, obstacle: Obstacle) -> int:
+    def _fixed(self, collision: int, position: FloatArray, rotation: FloatArray) -> int:
         body: int = self._bullet.createMultiBody(
             baseMass=0.0,
             baseCollisionShapeIndex=collision,
-            basePosition=obstacle.position.tolist(),
-            baseOrientation=_quaternion(obstacle.rotation),
+            basePosition=position.tolist(),
+            baseOrientation=_quaternion(rotation),
             useMaximalCoordinates=1,
             physicsClientId=self._client,
         )
         return body
+
+    def _made(self, geometry: str, **sizes: Any) -> int:
+        number: int = self._bullet.createCollisionShape(
+            getattr(self._bullet, geometry), **sizes, physicsClientId=self._client
+        )
+        return number
 
     def _collision(self, shape: Any, *, fixed: bool) -> int:
         """PyBullet's number of a shape; -1 for none. Points and triangles are handed over, never files: it keeps those.
@@ -148,26 +161,28 @@ class BulletWorld:
         Raises:
             InputError: a plane or half-space that is not an obstacle.
         """
-        bullet, client = self._bullet, self._client
         if shape is None:
             return -1
         if hasattr(shape, "vertices"):
             if fixed:
-                triangles = {"indices": shape.faces.ravel().tolist(), "flags": bullet.GEOM_FORCE_CONCAVE_TRIMESH}
-                return _made(bullet, client, bullet.GEOM_MESH, vertices=shape.vertices.tolist(), **triangles)
-            return _made(bullet, client, bullet.GEOM_MESH, vertices=hull_points(shape.vertices).tolist())
+                return self._made(
+                    "GEOM_MESH",
+                    vertices=shape.vertices.tolist(),
+                    indices=shape.faces.ravel().tolist(),
+                    flags=self._bullet.GEOM_FORCE_CONCAVE_TRIMESH,
+                )
+            return self._made("GEOM_MESH", vertices=hull_points(shape.vertices).tolist())
         a, b, c = shape.parameters
         if shape.kind == proxy.BOX:
-            return _made(bullet, client, bullet.GEOM_BOX, halfExtents=[a, b, c])
+            return self._made("GEOM_BOX", halfExtents=[a, b, c])
         if shape.kind == proxy.SPHERE:
-            return _made(bullet, client, bullet.GEOM_SPHERE, radius=a)
+            return self._made("GEOM_SPHERE", radius=a)
         if shape.kind == proxy.CAPSULE:
-            return _made(bullet, client, bullet.GEOM_CAPSULE, radius=a, height=2.0 * b)
+            return self._made("GEOM_CAPSULE", radius=a, height=2.0 * b)
         if shape.kind == proxy.CYLINDER:
-            return _made(bullet, client, bullet.GEOM_CYLINDER, radius=a, height=2.0 * b)
+            return self._made("GEOM_CYLINDER", radius=a, height=2.0 * b)
         if shape.kind == proxy.ELLIPSOID:
-            points = ellipsoid_points(ELLIPSOID_POINTS) * [a, b, c]
-            return _made(bullet, client, bullet.GEOM_MESH, vertices=points.tolist())
+            return self._made("GEOM_MESH", vertices=(ellipsoid_points(ELLIPSOID_POINTS) * [a, b, c]).tolist())
         raise InputError("shape", shape, "one that has an end", "make it an obstacle")
 
 
@@ -191,14 +206,11 @@ def _require_whole(member: Member) -> None:
         raise InputError("free", free.tolist(), "all or none for a body that meets others", "use native dynamics")
 
 
-def _made(bullet: Any, client: int, geometry: int, **sizes: Any) -> int:
-    number: int = bullet.createCollisionShape(geometry, **sizes, physicsClientId=client)
-    return number
-
-
 def _quaternion(R: FloatArray) -> tuple[float, ...]:
     """x, y, z, w of a rotation matrix, the largest component first."""
-    trace = np.array([R[0, 0] - R[1, 1] - R[2, 2], R[1, 1] - R[0, 0] - R[2, 2], R[2, 2] - R[0, 0] - R[1, 1], np.trace(R)])
+    trace = np.array(
+        [R[0, 0] - R[1, 1] - R[2, 2], R[1, 1] - R[0, 0] - R[2, 2], R[2, 2] - R[0, 0] - R[1, 1], np.trace(R)]
+    )
     k = int(trace.argmax())
     rows = np.array(
         [
