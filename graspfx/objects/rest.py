@@ -8,9 +8,9 @@ with the gap g, the stretch s of the contact since it stuck, the velocity u = u_
 there, and W = T G' M^-1 G. As lambda = K (e + slip) this is K^-1 = a I + W, a = 1/(k T + b): the friction cones' form
 with the six columns of M^-1/2 G, made orthogonal, for modes, and at most six unknowns however many points touch.
 
-The forces then are held over the sample like those of the fingers: the body's own integrator moves it under all of them
-together, so that what holds for it in the air (its order, momentum, exact viscosity) holds here. A body that no plane can
-reach in the sample takes the same step as without planes, bit by bit.
+The forces then are held over the sample like those of the fingers: the body's own integrator moves it under all of
+them together, so that what holds for it in the air (its order, momentum, exact viscosity) holds here. A body that no
+plane can reach in the sample takes the same step as without planes, bit by bit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ from graspfx.objects.kernels import (
     INERTIA,
     INTEGRATOR,
     MASS,
-    MOMENT,
     NEXT_ANGULAR_VELOCITY,
     NEXT_ROTATION,
     POSITION,
@@ -154,7 +153,7 @@ def speed_at(S: Any, o: int, F: Any, r: int, direction: int) -> float:
 
 def meet(S: Any, o: int, F: Any, T: float) -> int:
     """Lists the contacts of a body that has moved freely; none if every point ends above every plane."""
-    first, features, memory, rows = offsets(F)
+    first, features, _, rows = offsets(F)
     x, v, w = o + POSITION, o + VELOCITY, o + ANGULAR_VELOCITY
     ahead = lookahead(int(S[o + INTEGRATOR]), T)
     spin = math.sqrt(S[w] * S[w] + S[w + 1] * S[w + 1] + S[w + 2] * S[w + 2])
@@ -248,9 +247,8 @@ def solve(S: Any, o: int, F: Any, T: float, n: int) -> bool:
         F[WRENCH + 3] += ay * z - az * y
         F[WRENCH + 4] += az * x - ax * z
         F[WRENCH + 5] += ax * y - ay * x
-        # the memory of this sample needs the slip when the body has moved: s t - slip T, kept in the contact's row
-        held = F[f] > 0.0
-        F[r + GAP] = 1.0 if held else 0.0
+        # the row now keeps what the memory needs when the body has moved: whether the contact bears, and its slip
+        F[r + GAP] = 1.0 if F[f] > 0.0 else 0.0
         for a in range(1, d):
             F[r + SPEED + a] = F[f + m + a]
     return True
@@ -338,7 +336,7 @@ def turning_roots(S: Any, o: int, T: float, d: int, kind: int) -> tuple[float, f
 
 
 def remember(S: Any, o: int, F: Any, T: float, n: int) -> None:
-    """The stretch of every contact that bears, s + T (u - slip) with the body's velocity as it became; others forget."""
+    """The stretch of every contact that bears, s + T (u - slip) with the velocity as it became; others forget theirs."""
     _, _, memory, rows = offsets(F)
     scratch = rows + n * CONTACT
     for i in range(n):

@@ -104,11 +104,15 @@ class BulletWorld:
         total = np.zeros(6)
         body = self._carried[number].body
         centre = self._members[number].state[at.POSITION : at.POSITION + 3]
-        for point in self._bullet.getContactPoints(bodyA=body, physicsClientId=self._client):
-            first = point[1] == body  # else the body is the second of the pair, and the force on it the opposite one
-            force = point[9] * np.array(point[7]) + point[10] * np.array(point[11]) + point[12] * np.array(point[13])
-            total[:3] += force if first else -force
-            total[3:] += np.cross(np.array(point[5 if first else 6]) - centre, force if first else -force)
+        # all of them: asked for one body, PyBullet may exchange a pair and leave the sign of friction as it was
+        for point in self._bullet.getContactPoints(physicsClientId=self._client):
+            if body not in point[1:3]:
+                continue
+            sign, place = (1.0, point[5]) if point[1] == body else (-1.0, point[6])
+            friction = point[10] * np.array(point[11]) + point[12] * np.array(point[13])
+            force = sign * (point[9] * np.array(point[7]) + friction)
+            total[:3] += force
+            total[3:] += np.cross(np.array(place) - centre, force)
         return total
 
     def _place(self, obstacle: Obstacle) -> Iterator[int]:
@@ -208,9 +212,8 @@ def _require_whole(member: Member) -> None:
 
 def _quaternion(R: FloatArray) -> tuple[float, ...]:
     """x, y, z, w of a rotation matrix, the largest component first."""
-    trace = np.array(
-        [R[0, 0] - R[1, 1] - R[2, 2], R[1, 1] - R[0, 0] - R[2, 2], R[2, 2] - R[0, 0] - R[1, 1], np.trace(R)]
-    )
+    x, y, z = np.diag(R)
+    trace = np.array([x - y - z, y - x - z, z - x - y, x + y + z])
     k = int(trace.argmax())
     rows = np.array(
         [
