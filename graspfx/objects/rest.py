@@ -336,7 +336,7 @@ def turning_roots(S: Any, o: int, T: float, d: int, kind: int) -> tuple[float, f
 
 
 def remember(S: Any, o: int, F: Any, T: float, n: int) -> None:
-    """The stretch of every contact that bears, s + T (u - slip) with the velocity as it became; others forget theirs."""
+    """The stretch of every contact that bears, s + T (u - slip) with the velocity as it became; others forget."""
     _, _, memory, rows = offsets(F)
     scratch = rows + n * CONTACT
     for i in range(n):
