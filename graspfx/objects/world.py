@@ -24,7 +24,7 @@ ENGINE = {
     "solverResidualThreshold": 0.0,  # it would stop before friction has settled
     "contactBreakingThreshold": 0.005,  # [m]
     "contactSlop": 0.0,  # a body would sink by 10 um
-    "erp": 0.2,  # share of a penetration that is taken back in a step
+    "erp": 0.2,  # share of a penetration that is taken back in a step; it adds to the speed of a bounce
     "contactERP": 0.2,
     "frictionERP": 0.2,
     "deterministicOverlappingPairs": 1,
