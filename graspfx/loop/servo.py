@@ -28,7 +28,7 @@ OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "res
 
 
 class Body(Protocol):
-    """What moves an object: its state and wrench are in the object's block."""
+    """What moves one object, or a world of several: states and wrenches are in the objects' blocks."""
 
     def step(self, T: float) -> None: ...
 
@@ -37,12 +37,19 @@ class Body(Protocol):
 
 @dataclass(frozen=True)
 class Held:
-    """An object with its body and the numbers of the fingers that are assigned to it."""
+    """An object and the numbers of the fingers that are assigned to it."""
 
     name: str
     grasped: GraspedObject
-    body: Body
     fingers: Index
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A body, or a world of bodies that meet one another, and the numbers of the objects that it moves."""
+
+    body: Body
+    objects: Sequence[int]
 
 
 @dataclass(frozen=True)
@@ -78,13 +85,15 @@ class Servo:
         layout: Layout,
         stations: Sequence[Station],
         objects: Sequence[Held],
+        movers: Sequence[Mover],
         moved: Sequence[Moved] = (),
     ) -> None:
         self.clock = SimulatedClock(period)
         self.period, self.layout = period, layout
-        self.stations, self.objects, self.moved = stations, objects, moved
+        self.stations, self.objects, self.movers, self.moved = stations, objects, movers, moved
         self.faulted = False
-        self._stuck: set[int] = set()  # bodies, then plants, that could not go on
+        self._stuck: set[int] = set()  # movers, then plants, that could not go on
+        self._mover_of = {i: number for number, mover in enumerate(movers) for i in mover.objects}
         self.row = np.zeros(layout.width)
         self.position = self._view("finger_position")
         self.velocity = self._view("finger_velocity")
@@ -98,7 +107,7 @@ class Servo:
         self._efforts = [np.concatenate([d.effort for d in m.devices]) for m in moved]
         self._into = [self._pairs(held, READ) for held in objects]
         self._out_of = [self._pairs(held, COMPUTED, OBJECT) for held in objects]
-        self._predicted = [held.body for held in objects if held.grasped.implicit]
+        self._predicted = [mover.body for mover in movers if any(objects[i].grasped.implicit for i in mover.objects)]
 
     @property
     def fade_shortfall(self) -> float:
@@ -170,7 +179,7 @@ class Servo:
                 if code:
                     self._fault(k, recorder, fault_text(code, [self.layout.fingers[f] for f in held.fingers]))
                 if code == LOST:
-                    self._stuck.add(i)
+                    self._stuck.add(self._mover_of[i])
         if k and not self.faulted:
             self._energy += (self._displayed * (self._place - self._before)).sum(axis=1)
         self._before[:] = self._place
@@ -200,14 +209,15 @@ class Servo:
 
     def _move(self, k: int, recorder: Recorder) -> None:
         """Bodies and plants to the end of the sample; one that cannot go on stays where it is."""
-        for i, held in enumerate(self.objects):
+        for i, mover in enumerate(self.movers):
             if i not in self._stuck:
                 try:
-                    held.body.step(self.period)
+                    mover.body.step(self.period)
                 except GraspFXError as error:
                     self._stuck.add(i)
-                    self._fault(k, recorder, f"{held.name}: {error}")
-        for i, (m, effort) in enumerate(zip(self.moved, self._efforts, strict=True), len(self.objects)):
+                    names = ", ".join(self.objects[number].name for number in mover.objects)
+                    self._fault(k, recorder, f"{names}: {error}")
+        for i, (m, effort) in enumerate(zip(self.moved, self._efforts, strict=True), len(self.movers)):
             if i not in self._stuck:
                 first = 0
                 for device in m.devices:

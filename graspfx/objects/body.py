@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.objects import kernels as at
+from graspfx.objects.surroundings import Meeting, Member, Obstacle
 
 FloatArray = NDArray[np.float64]
 
@@ -94,6 +95,14 @@ class NativeBody(BlockBody):
 def create(state: FloatArray) -> NativeBody:
     """The body that `dynamics = "native"` names."""
     return NativeBody(state)
+
+
+def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> NativeBody:
+    """The body of one object on half-spaces and planes; native objects do not meet one another."""
+    from graspfx.objects.floor import FloorBody  # only scenes with obstacles need friction cones
+
+    [member] = members
+    return FloorBody(member, obstacles, meeting)
 
 
 def fill_body(

@@ -1,4 +1,4 @@
-"""A rigid body moved by PyBullet: its one integrator, semi-implicit in position, with viscosity applied exactly."""
+"""Rigid bodies moved by PyBullet: its one integrator, semi-implicit in position, with viscosity applied exactly."""
 
 from __future__ import annotations
 
@@ -7,24 +7,28 @@ import math
 import os
 import sys
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from tempfile import TemporaryFile
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import kernels as at
 from graspfx.objects.body import BlockBody, FloatArray
+from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import exponential, product, rotate
+
+if TYPE_CHECKING:
+    from graspfx.objects.world import BulletWorld
 
 TURN_LIMIT = 0.25 * math.pi  # PyBullet turns a body no further than this in one step, whatever its angular velocity
 BANNER = b"pybullet build time"
 NO_LIMIT = 1e12  # PyBullet clamps speeds at 100 m/s unless told otherwise
 
 
-class BulletBody(BlockBody):
-    """A rigid body in a PyBullet world of its own, without shape, contacts or PyBullet's damping.
+class Carried(BlockBody):
+    """A block's body in a PyBullet world, without PyBullet's damping: pushed before the world's step, read after it.
 
     Viscosity b is the force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), held over the sample: the velocity is
     that of the viscous body, the position x+ = x + T v+. Rotation likewise, about the principal axes.
@@ -35,13 +39,14 @@ class BulletBody(BlockBody):
 
     Args:
         state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
+        client: PyBullet's number of the world.
+        collision: its number of the body's shape; -1 for a body that meets nothing.
 
     Raises:
-        MissingPackageError: PyBullet is not installed.
         InputError: two free rotations of a body whose moments differ.
     """
 
-    def __init__(self, state: FloatArray) -> None:
+    def __init__(self, state: FloatArray, client: int, collision: int = -1) -> None:
         super().__init__(state)
         d = self.dimensions
         free = state[at.FREE : at.FREE + 6] != 0.0
@@ -55,42 +60,39 @@ class BulletBody(BlockBody):
         self._mass = float(state[at.MASS])
         self._share = 1.0  # (1 - E)/(b T/m)
         self._shares = (1.0, 1.0, 1.0)
-        self._bullet = bullet = _pybullet()
-        client = bullet.connect(bullet.DIRECT)
-        if client < 0:
-            raise GraspFXError("PyBullet gives no further world; close bodies that are no longer needed")
-        self._client: int = client
-        self._disconnect = weakref.finalize(self, bullet.disconnect, client)
+        self._bullet = bullet = pybullet()
+        self._client = client
         self._where = _three(state, at.POSITION)
-        self._body: int = bullet.createMultiBody(
-            baseMass=self._mass,
+        shaped = collision >= 0
+        moving = not shaped or bool(free.any())
+        self.body: int = bullet.createMultiBody(
+            baseMass=self._mass if moving else 0.0,
+            baseCollisionShapeIndex=collision,
             basePosition=self._where,
-            baseOrientation=self._start if len(self._turns) > 1 else (0.0, 0.0, 0.0, 1.0),
+            baseOrientation=self._start if shaped or len(self._turns) > 1 else (0.0, 0.0, 0.0, 1.0),
+            # of PyBullet's two kinds of bodies this one's contacts settle: the other creeps, or slips below mu m g
+            useMaximalCoordinates=int(shaped),
             physicsClientId=client,
         )
         bullet.changeDynamics(
-            self._body,
+            self.body,
             -1,
             linearDamping=0.0,
             angularDamping=0.0,
             maxJointVelocity=NO_LIMIT,
+            mass=self._mass if moving else 0.0,  # without it PyBullet takes the mass away when it is given moments
             localInertiaDiagonal=self._moments,
             physicsClientId=client,
         )
-        bullet.setGravity(0.0, 0.0, 0.0, physicsClientId=client)
         bullet.resetBaseVelocity(
-            self._body, _three(state, at.VELOCITY), _three(state, at.ANGULAR_VELOCITY), physicsClientId=client
+            self.body, _three(state, at.VELOCITY), _three(state, at.ANGULAR_VELOCITY), physicsClientId=client
         )
 
-    def step(self, T: float) -> None:
-        """Advance by T [s] under the wrench in the block, held.
-
-        Raises:
-            InputError: the body turns faster than PyBullet follows, 45 degrees a step.
-        """
+    def push(self, T: float) -> None:
+        """Hand the wrench in the block, with gravity and viscosity, to PyBullet for its next step of T [s]."""
         if T != self._T:
             self._prepare(T)
-        S, bullet, client, body = self._S, self._bullet, self._client, self._body
+        S, bullet, client, body = self._S, self._bullet, self._client, self.body
         force = [0.0, 0.0, 0.0]
         b = S[at.VISCOSITY]
         for a in self._shifts:
@@ -99,7 +101,14 @@ class BulletBody(BlockBody):
         bullet.applyExternalForce(body, -1, force, self._where, bullet.WORLD_FRAME, physicsClientId=client)
         if self._turns:
             bullet.applyExternalTorque(body, -1, self._torque(), bullet.WORLD_FRAME, physicsClientId=client)
-        bullet.stepSimulation(physicsClientId=client)
+
+    def read(self, T: float) -> None:
+        """Write the motion after a step of T [s] into the block.
+
+        Raises:
+            InputError: the body turns faster than PyBullet follows, 45 degrees a step.
+        """
+        S, bullet, client, body = self._S, self._bullet, self._client, self.body
         self._where, quaternion = bullet.getBasePositionAndOrientation(body, physicsClientId=client)
         velocity, spin = bullet.getBaseVelocity(body, physicsClientId=client)
         for a in self._shifts:
@@ -107,14 +116,6 @@ class BulletBody(BlockBody):
             S[at.VELOCITY + a] = velocity[a]
         if self._turns:
             self._turned(T, quaternion, spin)
-
-    def free_motion(self, T: float) -> None:
-        """Raises InputError: PyBullet cannot solve for the body's new state."""
-        raise InputError("integrator", "implicit", "another one: PyBullet has one integrator", "use native dynamics")
-
-    def close(self) -> None:
-        """Give the PyBullet world back; the block keeps the last state."""
-        self._disconnect()
 
     def _seen_moments(self) -> tuple[float, float, float]:
         """The moments that PyBullet is given, so that the free rotations move as they should."""
@@ -145,7 +146,6 @@ class BulletBody(BlockBody):
         self._share = at.held(S[at.VISCOSITY] * T / self._mass)[1]
         x, y, z = (at.held(S[at.ROTATIONAL_VISCOSITY] * T / J)[1] for J in self._moments)
         self._shares = x, y, z
-        self._bullet.setTimeStep(T, physicsClientId=self._client)
 
     def _torque(self) -> tuple[float, float, float]:
         """The moment with exact viscosity, world axes."""
@@ -191,9 +191,68 @@ class BulletBody(BlockBody):
         at.orient(S, 0)
 
 
+class BulletBody(Carried):
+    """A rigid body in a PyBullet world of its own, without shape or contacts.
+
+    Args:
+        state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
+
+    Raises:
+        MissingPackageError: PyBullet is not installed.
+        InputError: two free rotations of a body whose moments differ.
+    """
+
+    def __init__(self, state: FloatArray) -> None:
+        client = new_client()
+        self._disconnect = weakref.finalize(self, pybullet().disconnect, client)
+        super().__init__(state, client)
+
+    def step(self, T: float) -> None:
+        """Advance by T [s] under the wrench in the block, held.
+
+        Raises:
+            InputError: the body turns faster than PyBullet follows, 45 degrees a step.
+        """
+        if T != self._T:
+            self._bullet.setTimeStep(T, physicsClientId=self._client)
+        self.push(T)
+        self._bullet.stepSimulation(physicsClientId=self._client)
+        self.read(T)
+
+    def free_motion(self, T: float) -> None:
+        """Raises InputError: PyBullet cannot solve for the body's new state."""
+        raise InputError("integrator", "implicit", "another one: PyBullet has one integrator", "use native dynamics")
+
+    def close(self) -> None:
+        """Give the PyBullet world back; the block keeps the last state."""
+        self._disconnect()
+
+
 def create(state: FloatArray) -> BulletBody:
     """The body that `dynamics = "bullet"` names."""
     return BulletBody(state)
+
+
+def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> BulletWorld:
+    """The world of objects that meet obstacles or one another."""
+    from graspfx.objects.world import BulletWorld
+
+    return BulletWorld(members, obstacles, meeting)
+
+
+def new_client() -> int:
+    """PyBullet's number of a new, empty world without gravity.
+
+    Raises:
+        MissingPackageError: PyBullet is not installed.
+        GraspFXError: PyBullet has no room for a further one.
+    """
+    bullet = pybullet()
+    client: int = bullet.connect(bullet.DIRECT)
+    if client < 0:
+        raise GraspFXError("PyBullet gives no further world; close bodies that are no longer needed")
+    bullet.setGravity(0.0, 0.0, 0.0, physicsClientId=client)
+    return client
 
 
 def _three(S: Any, o: int) -> tuple[float, float, float]:
@@ -204,7 +263,7 @@ def _four(S: Any, o: int) -> tuple[float, float, float, float]:
     return float(S[o]), float(S[o + 1]), float(S[o + 2]), float(S[o + 3])
 
 
-def _pybullet() -> Any:
+def pybullet() -> Any:
     """The package, imported without its banner."""
     if "pybullet" in sys.modules:
         return sys.modules["pybullet"]

@@ -13,7 +13,7 @@ from graspfx.objects import shape as shapes
 from graspfx.objects.body import fill_body
 from graspfx.objects.mesh import Mesh
 from graspfx.scene.meshes import scene_mesh
-from graspfx.scene.parts import Object, SceneTable
+from graspfx.scene.parts import Object, Obstacle, SceneTable
 
 FloatArray = NDArray[np.float64]
 Inertia = float | tuple[float, ...]
@@ -30,7 +30,7 @@ SHAPES: dict[str, Callable[..., shapes.Shape]] = {
 }
 
 
-def make_shape(table: Object, folder: Path | None) -> shapes.Shape | Mesh | None:
+def make_shape(table: Object | Obstacle, folder: Path | None) -> shapes.Shape | Mesh | None:
     """The shape that a table describes, in the body's frame; `folder` is where the path of a mesh starts.
 
     Raises:
@@ -41,7 +41,7 @@ def make_shape(table: Object, folder: Path | None) -> shapes.Shape | Mesh | None
     return found.mesh if found is not None else _primitive(table)
 
 
-def _primitive(table: Object) -> shapes.Shape | None:
+def _primitive(table: Object | Obstacle) -> shapes.Shape | None:
     """A shape in closed form: its table's keys are what it takes."""
     if table.shape is None or table.shape.kind not in SHAPES:
         return None
@@ -77,6 +77,17 @@ def inertia(scene: SceneTable, table: Object, folder: Path | None) -> Inertia | 
     return tuple(moments)
 
 
+def place(
+    table: Object | Obstacle, folder: Path | None
+) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
+    """Where the frame of the shape that `make_shape` gives is at first: position [m] and orientation."""
+    position, orientation = table.position, table.orientation
+    found = scene_mesh(table, folder)
+    if found is not None and not isinstance(orientation, float):
+        return found.body_pose(position, orientation)
+    return position, orientation
+
+
 def fill(scene: SceneTable, table: Object, state: FloatArray, folder: Path | None) -> None:
     """Writes parameters and first state into a body's block.
 
@@ -86,10 +97,7 @@ def fill(scene: SceneTable, table: Object, state: FloatArray, folder: Path | Non
     Raises:
         InputError: naming the key that cannot be.
     """
-    position, orientation = table.position, table.orientation
-    found = scene_mesh(table, folder)
-    if found is not None and not isinstance(orientation, float):
-        position, orientation = found.body_pose(position, orientation)
+    position, orientation = place(table, folder)
     fill_body(
         state,
         dimensions=scene.dimensions,

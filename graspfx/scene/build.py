@@ -8,18 +8,18 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx import plugins
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import DeviceError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import join
 from graspfx.loop.layout import Layout
-from graspfx.loop.servo import Body, Held, Moved, Servo, Station
+from graspfx.loop.servo import Held, Moved, Servo, Station
 from graspfx.scene.bodies import fill, make_shape
 from graspfx.scene.fields import Gains
 from graspfx.scene.holding import Holding, hold, holdings
 from graspfx.scene.model import Scene
+from graspfx.scene.movers import make_movers
 from graspfx.scene.wiring import Wire, wires
 
 FloatArray = NDArray[np.float64]
@@ -38,7 +38,13 @@ def build(scene: Scene) -> Iterator[Servo]:
     with ExitStack() as stack:
         wired = wires(scene, scene.source.folder)
         masses = _masses(scene, wired)
-        objects = [_held(scene, i, start, masses, stack) for i in range(len(scene.object))]
+        objects = [_held(scene, i, masses) for i in range(len(scene.object))]
+        movers = list(make_movers(scene, [held.grasped.body_state for held in objects], stack))
+        for mover in movers:
+            if any(objects[i].grasped.implicit for i in mover.objects):
+                mover.body.free_motion(scene.period)
+        for held in objects:
+            held.grasped.meet(start[held.fingers])
         inward = np.zeros_like(start)
         for held in objects:
             inward[held.fingers] = held.grasped.inward()
@@ -48,7 +54,7 @@ def build(scene: Scene) -> Iterator[Servo]:
             wire.device.open(scene.period)
         stations = [Station(wire.device, wire.fingers) for wire in wired]
         layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
-        yield Servo(scene.period, layout, stations, objects, moved)
+        yield Servo(scene.period, layout, stations, objects, movers, moved)
 
 
 def make_layout(scene: Scene, *, simulated: bool) -> Layout:
@@ -78,7 +84,7 @@ def _masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray | None:
     return masses
 
 
-def _held(scene: Scene, index: int, start: FloatArray, masses: FloatArray | None, stack: ExitStack) -> Held:
+def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     folder = scene.source.folder
@@ -102,17 +108,7 @@ def _held(scene: Scene, index: int, start: FloatArray, masses: FloatArray | None
         shape=make_shape(table, folder),
         radius=[scene.finger[f].radius for f in fingers],
     )
-    create = plugins.load("dynamics", table.dynamics, folder).create
-    body: Body = create(grasped.body_state)
-    stack.callback(getattr(body, "close", _nothing))
-    if grasped.implicit:
-        body.free_motion(scene.period)
-    grasped.meet(start[fingers])
-    return Held(table.name, grasped, body, fingers)
-
-
-def _nothing() -> None:
-    return None
+    return Held(table.name, grasped, fingers)
 
 
 def make_law(scene: Scene, fingers: NDArray[np.intp]) -> Coupling:

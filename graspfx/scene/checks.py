@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from graspfx import plugins
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
+from graspfx.errors import InputError, UnknownNameError, closest, shown
 from graspfx.loop.device import Device
-from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.kernels import SIZE
-from graspfx.scene import bodies
+from graspfx.scene import bodies, surroundings
 from graspfx.scene.fields import NotValid
 from graspfx.scene.holding_faults import own_hand_faults, shared_hand_faults
 from graspfx.scene.lengths import length_faults as _length
@@ -23,6 +22,7 @@ from graspfx.scene.parts import WIDTHS, SceneTable
 from graspfx.scene.settings import reason, setting_faults
 from graspfx.scene.solids import mass_faults, shape_faults
 from graspfx.scene.touching_faults import coefficient_faults, metric_faults, soft_faults
+from graspfx.scene.viscosity import may_turn, viscosity_faults
 from graspfx.scene.wiring import wiring_faults
 
 Location = tuple[str | int, ...]
@@ -56,9 +56,15 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         yield mass_faults(scene, ("object", i), thing)
         for rule in (_free, _inertia, _turning, _orientation, _angular_velocity):
             yield rule(scene, ("object", i), thing)
-        yield _step(scene, ("object", i), thing, folder)
+        yield viscosity_faults(scene, ("object", i), thing, folder)
         yield _body(scene, ("object", i), thing, folder, faults)
         yield _dynamics(("object", i), thing, folder)
+    for i, thing in enumerate(_items(scene, "obstacle")):
+        yield _length(scene, ("obstacle", i), thing, "position")
+        yield shape_faults(scene, ("obstacle", i), thing, folder)
+        yield _orientation(scene, ("obstacle", i), thing)
+    yield _unique(scene, "obstacle")
+    yield surroundings.faults(scene, folder, faults)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:
@@ -102,11 +108,11 @@ def _unique(scene: SceneTable, table: str) -> Iterator[Found]:
     seen: set[str] = set()
     for i, item in enumerate(_items(scene, table)):
         try:
-            name = getattr(item, NAMED[table])
+            name = getattr(item, NAMED.get(table, "name"))
         except NotValid:
             continue
         if name in seen:
-            yield (table, i, NAMED[table]), f"{name!r} is taken; every {table} needs a name of its own"
+            yield (table, i, NAMED.get(table, "name")), f"{name!r} is taken; every {table} needs a name of its own"
         seen.add(name)
 
 
@@ -124,15 +130,10 @@ def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
         yield (*at, "free"), f"expected {width} of true or false ({what}); given {shown(list(thing.free))}"
 
 
-def _turns(scene: SceneTable, thing: Any) -> bool:
-    free = scene.free(thing)
-    return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
-
-
 def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
     inertia, d = thing.inertia, scene.dimensions
     if inertia is None:
-        if _turns(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
+        if may_turn(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
             yield (*at, "inertia"), "required where a rotation is free and there is no shape to compute it from"
         return
     values = inertia if isinstance(inertia, tuple) else (inertia,)
@@ -146,7 +147,7 @@ def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
 
 
 def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
-    if thing.rotational_viscosity is None and _turns(scene, thing):
+    if thing.rotational_viscosity is None and may_turn(scene, thing):
         yield (
             (*at, "rotational_viscosity"),
             "required where a rotation is free: without it a grasp is not stable; `free` locks it",
@@ -175,33 +176,6 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
         yield (*at, field), f"expected a number in the plane; given {shown(list(value))}"
     elif scene.dimensions == 3 and (not isinstance(value, tuple) or len(value) != count):
         yield (*at, field), f"expected {in_space}; given {shown(value)}"
-
-
-def _step(scene: SceneTable, at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
-    if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
-        return
-    with suppress(GraspFXError):  # a mass or a shape that cannot be has its own fault
-        if any(scene.free(thing)[: scene.dimensions]):
-            mass = bodies.mass(thing, folder)
-            yield from _slowed(scene, at, thing, "viscosity", thing.viscosity, "mass", mass)
-        if thing.rotational_viscosity is not None and _turns(scene, thing):
-            moments = np.atleast_1d(np.asarray(bodies.inertia(scene, thing, folder) or 0.0, dtype=float))
-            least = float(moments[-1] if scene.dimensions == 2 else moments.min())
-            if least > 0.0:
-                viscosity = thing.rotational_viscosity
-                yield from _slowed(scene, at, thing, "rotational_viscosity", viscosity, "inertia", least)
-
-
-def _slowed(
-    scene: SceneTable, at: Location, thing: Any, key: str, viscosity: float, by: str, inertia: float
-) -> Iterator[Found]:
-    ratio = viscosity * scene.period / inertia
-    if ratio >= VISCOUS_LIMIT:
-        yield (
-            (*at, key),
-            f"{key} * period / {by} is {ratio:.4g}, and {thing.integrator} integration is stable only below "
-            f"{VISCOUS_LIMIT:g}; integrator = 'exact' always is",
-        )
 
 
 def _body(scene: SceneTable, at: Location, thing: Any, folder: Path | None, faults: list[Found]) -> Iterator[Found]:

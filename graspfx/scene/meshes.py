@@ -12,7 +12,7 @@ import numpy as np
 
 from graspfx.errors import InputError
 from graspfx.objects.mesh import MassProperties, Mesh, load_mesh, make_mesh
-from graspfx.scene.parts import MeshShape, Object
+from graspfx.scene.parts import MeshShape, Object, Obstacle
 from graspfx.spatial import product, quaternion, rotate
 
 Numbers = tuple[float, ...]
@@ -66,8 +66,8 @@ class SceneMesh:
         return {"position": [-a, -b, -c], "orientation": [-x, -y, -z, w]}
 
 
-def scene_mesh(table: Object, folder: Path | None) -> SceneMesh | None:
-    """The mesh of an object; None if its shape is none.
+def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
+    """The mesh of an object or obstacle; None if its shape is none.
 
     Raises:
         InputError: naming the key of the shape's table that cannot be.

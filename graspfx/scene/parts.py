@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import shown
+from graspfx.objects.surroundings import STIFFNESS
 from graspfx.scene.fields import (
     Count,
     Gain,
@@ -141,6 +142,32 @@ class Object(Table):
     angular_velocity: NumberOrVector | None = Field(default=None, description="[rad/s], space: (3,); at rest")
 
 
+class Obstacle(Table):
+    """What objects meet and nothing moves: a floor, a wall, a table. Fingers pass through it."""
+
+    name: Name = "obstacle"
+    shape: Shape
+    position: Vector | None = Field(default=None, description="of its centre, (d,) [m]; the origin")
+    orientation: NumberOrVector | None = Field(
+        default=None, description="plane: an angle [rad]; space: a quaternion x, y, z, w"
+    )
+
+
+class World(Table):
+    """How objects meet obstacles and one another; how fingers touch them is the coupling's."""
+
+    friction: NotNegative = Field(default=0.5, description="Coulomb's coefficient of every pair")
+    restitution: Annotated[NotNegative, Field(le=1)] = Field(
+        default=0.0, description="speed of parting over speed of meeting; native objects take 0 only"
+    )
+    stiffness: Positive = Field(
+        default=STIFFNESS, description="of a contact point of a native object on an obstacle [N/m]"
+    )
+    collide: Switch | None = Field(
+        default=None, description="whether objects meet one another; by default those in space with dynamics = 'bullet'"
+    )
+
+
 class Impedance(Table):
     """Stiffness and damping of eq. (4), as a number, one per finger, or matrices."""
 
@@ -248,6 +275,8 @@ class SceneTable(Table):
     finger: tuple[Finger, ...]
     device: tuple[SharedDevice, ...] = ()
     hand: tuple[AnySharedHand, ...] = ()
+    obstacle: tuple[Obstacle, ...] = ()
+    world: World = World()
 
     @property
     def finger_names(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from graspfx.scene.holding import descriptions, holdings
 from graspfx.scene.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.model import Scene
 from graspfx.scene.parts import Device, MeshShape, Object, SceneTable
+from graspfx.scene.surroundings import meeting
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,10 @@ def _rows(scene: Scene) -> Iterator[Row]:
     for thing in scene.object:
         yield _named(scene, thing, "move"), True, _body(scene, thing)
         yield _named(scene, thing, "turn"), *_turn(scene, thing)
+        if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
+            yield _named(scene, thing, "meet"), *meeting(scene, thing)
+    if scene.obstacle:
+        yield "fingers on obstacles", False, "obstacles are for objects: fingers pass through them"
     yield _hand(scene)
     yield "record", True, "a row per tick, to disk in blocks outside it"
     yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"

@@ -1,0 +1,216 @@
+"""Obstacles in scenes: faults in what meets what, the plan's words, and a run of objects on a floor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import SceneError
+from graspfx.scene.plan import plan
+
+FLOOR = {"name": "floor", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}}
+BLOCK = {"name": "block", "shape": {"kind": "box", "size": [0.1, 0.1, 0.1]}, "position": [0.3, 0.0, 0.05]}
+
+
+def thing(name: str = "box", x: float = 0.0, **changes: Any) -> dict[str, Any]:
+    return {
+        "name": name,
+        "mass": 0.1,
+        "viscosity": 0.2,
+        "rotational_viscosity": 2e-5,
+        "shape": {"kind": "box", "size": [0.05, 0.05, 0.05]},
+        "position": [x, 0.0, 0.025],
+        **changes,
+    }
+
+
+def finger(x: float, sign: float, **changes: Any) -> dict[str, Any]:
+    hand = {"stiffness": 500.0, "damping": 12.0, **changes}
+    device = {"name": "simulated", "mass": 0.1, "friction": 1.0}
+    return {"start": [x - 0.03 * sign, 0.0, 0.025], "device": device, "hand": hand}
+
+
+def table(*things: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    objects = things or (thing(),)
+    fingers = [
+        finger(each.get("position", [0.0])[0], sign) | {"object": each["name"]}
+        for each in objects
+        for sign in (1.0, -1.0)
+    ]
+    return {
+        "dimensions": 3,
+        "period": 0.002,
+        "duration": 0.5,
+        "gravity": [0.0, 0.0, -9.81],
+        "object": list(objects),
+        "coupling": {
+            "external": {"stiffness": 500.0, "damping": 1.0},
+            "internal": {"stiffness": 800.0, "damping": 1.0},
+            "friction": "stick",
+        },
+        "finger": fingers,
+        "obstacle": [FLOOR],
+        **changes,
+    }
+
+
+def faults(*things: dict[str, Any], **changes: Any) -> list[str]:
+    with pytest.raises(SceneError) as caught:
+        gx.Scene(**table(*things, **changes))
+    return [f"{fault.key}: {fault.message}" for fault in caught.value.faults]
+
+
+def row(scene: gx.Scene, step: str) -> Any:
+    [found] = [each for each in plan(scene) if each.step == step]
+    return found
+
+
+LYING = {"name": "rod", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "inertia": 1e-5}
+CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
+    ([], {"obstacle": [FLOOR, BLOCK]}, "obstacle.1.shape.kind: box with native dynamics can meet a half-space or a"),
+    ([], {"world": {"restitution": 0.5}}, "world.restitution: box with native dynamics does not bounce"),
+    ([], {"world": {"restitution": 1.5}}, "world.restitution: expected no more than 1; given 1.5"),
+    ([], {"world": {"friction": -1.0}}, "world.friction: expected no less than 0"),
+    ([], {"obstacle": [FLOOR, FLOOR]}, "obstacle.1.name: 'floor' is taken; every obstacle needs a name of its own"),
+    ([], {"obstacle": [FLOOR | {"position": [0.0]}]}, "obstacle.0.position: expected 3 numbers"),
+    ([], {"obstacle": [FLOOR | {"orientation": [0.0, 0.0, 0.0, 2.0]}]}, "obstacle.0.orientation: expected a quater"),
+    ([], {"obstacle": [FLOOR | {"shape": {"kind": "half-space", "normal": [1.0]}}]}, "obstacle.0.shape.normal: expec"),
+    ([], {"obstacle": [{"name": "floor"}]}, "obstacle.0.shape: required, but not given"),
+    ([thing(position=[0.0, 0.0, 0.02])], {}, "object.0.position: the object starts 5 mm inside the obstacle 'floor'"),
+    ([thing(**LYING)], {}, "object.0.shape.kind: a half-space has no end: among obstacles lock its freedoms"),
+    ([thing(), thing("b", 0.2)], {"world": {"collide": True}}, "object.0.dynamics: native objects meet no other objec"),
+]
+
+
+@pytest.mark.parametrize(("things", "changes", "said"), CASES)
+def test_faults_say_what_cannot_meet(things: list[dict[str, Any]], changes: dict[str, Any], said: str) -> None:
+    assert any(fault.startswith(said) for fault in faults(*things, **changes)), faults(*things, **changes)
+
+
+def test_bullet_worlds_are_in_space_and_whole() -> None:
+    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    [fault] = faults(thing(dynamics="bullet", free=[True, True, True, False, False, False]))
+    assert fault.startswith("object.0.free: PyBullet locks no single freedom of a body that meets others")
+    flat = {
+        "name": "box",
+        "mass": 0.1,
+        "viscosity": 0.2,
+        "rotational_viscosity": 2e-5,
+        "dynamics": "bullet",
+        "shape": {"kind": "box", "size": [0.05, 0.05]},
+        "position": [0.0, 0.025],
+    }
+    fingers = [each | {"start": each["start"][::2]} for each in table()["finger"]]
+    given = {
+        "dimensions": 2,
+        "gravity": [0.0, -9.81],
+        "finger": fingers,
+        "obstacle": [{"name": "floor", "shape": {"kind": "half-space", "normal": [0.0, 1.0]}}],
+    }
+    [fault] = faults(flat, **given)
+    assert fault.startswith("object.0.dynamics: a PyBullet world is in space, not in 2 dimension(s)")
+
+
+def test_the_plan_says_what_each_object_meets() -> None:
+    scene = gx.Scene(**table(world={"friction": 0.3}))
+    assert row(scene, "meet").runs
+    assert row(scene, "meet").why == "floor, friction 0.3, 100000 N/m a point; with its corners"
+    assert "fingers pass through" in row(scene, "fingers on obstacles").why
+    two = gx.Scene(**table(thing(), thing("b", 0.2)))
+    assert "passes through other objects (dynamics = 'bullet' meets them)" in row(two, "meet b").why
+    alone = gx.Scene(**table(thing(), thing("b", 0.2), obstacle=[]))
+    assert not row(alone, "meet b").runs
+    assert not any(each.step.startswith("meet") for each in plan(gx.Scene(**table(obstacle=[]))))
+
+
+def test_the_plan_names_a_bullet_world() -> None:
+    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    egg = {"kind": "ellipsoid", "semi_axes": [0.025, 0.025, 0.02]}
+    scene = gx.Scene(**table(thing(dynamics="bullet"), thing("b", 0.2, dynamics="bullet", shape=egg)))
+    assert row(scene, "meet box").why == "floor, b, friction 0.5, restitution 0, in one PyBullet world"
+    assert row(scene, "meet b").why.endswith("as its convex hull")
+
+
+@pytest.mark.parametrize("dynamics", ["native", "bullet"])
+def test_a_box_is_lifted_and_put_down(dynamics: str) -> None:
+    """Squeezed by two fingers, lifted by 30 mm, put down again and let go: it rests within 0.1 mm of where it was."""
+    if dynamics == "bullet":
+        pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    times = [0.0, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8]
+    close = [0.0, 0.015, 0.015, 0.015, 0.015, -0.01, -0.01]
+    up = [0.0, 0.0, 0.03, 0.03, 0.0, 0.0, 0.0]
+    fingers = []
+    for sign in (1.0, -1.0):
+        path = [[sign * c, 0.0, z] for c, z in zip(close, up, strict=True)]
+        fingers.append(finger(0.0, sign, motion={"kind": "path", "times": times, "positions": path}))
+    rec = gx.run(gx.Scene(**table(thing(dynamics=dynamics), finger=fingers, duration=1.8)))
+    assert not rec.faults
+    height = rec.object_position[:, 2]
+    assert height.max() > 0.045 and rec.touching[450].all() and not rec.touching[-1].any()
+    np.testing.assert_allclose(rec.object_position[-1], [0.0, 0.0, 0.025], rtol=0.0, atol=1e-4)
+    assert np.abs(rec.object_position[-1] - rec.object_position[-50]).max() < 1e-12
+    assert np.abs(rec.object_velocity[-1]).max() < 1e-12
+
+
+def test_objects_in_one_world_run_equally_twice_and_push_one_another() -> None:
+    """A box pushed along the floor pushes the next one."""
+    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    motion = {"kind": "reach", "displacement": [0.04, 0.0, 0.0], "duration": 0.3}
+    scene = table(thing(dynamics="bullet"), thing("b", 0.06, dynamics="bullet"))
+    pushing = finger(0.0, 1.0, motion=motion) | {"object": "box"}
+    idle = finger(0.06, 1.0) | {"object": "b", "start": [0.06, 0.1, 0.025]}
+    given = gx.Scene(**(scene | {"finger": [pushing, idle]}))
+    first, second = gx.run(given), gx.run(given)
+    moved = first.object_position if first.object_position.ndim == 2 else first.object_position[:, 1]
+    assert np.array_equal(first.finger_force, second.finger_force)
+    assert moved is not None
+    assert first.objects["b"].position[-1][0] > 0.065
+
+
+def test_a_flying_object_does_not_feel_a_far_floor() -> None:
+    """The recording is that without obstacles, bit by bit."""
+    far = FLOOR | {"position": [0.0, 0.0, -10.0]}
+    with_floor = gx.run(gx.Scene(**table(obstacle=[far])), duration=0.2)
+    without = gx.run(gx.Scene(**table(obstacle=[])), duration=0.2)
+    assert np.array_equal(with_floor.object_position, without.object_position)
+    assert np.array_equal(with_floor.finger_force, without.finger_force)
+
+
+PLUGIN = """
+from graspfx.objects.body import NativeBody
+
+calls = []
+
+class World:
+    def __init__(self, members):
+        self.bodies = [NativeBody(member.state) for member in members]
+    def step(self, T):
+        for body in self.bodies:
+            body.step(T)
+
+def create(state):
+    return NativeBody(state)
+
+def create_world(members, obstacles, meeting):
+    calls.append(([member.shape for member in members], [o.name for o in obstacles], meeting))
+    return World(members)
+"""
+
+
+def test_dynamics_of_others_get_the_world_through_create_world(tmp_path: Any) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(PLUGIN)
+    both = (thing(dynamics=str(file)), thing("b", 0.2, dynamics=str(file)))
+    scene = gx.Scene(**table(*both, world={"friction": 0.7}))
+    rec = gx.run(scene, duration=0.02)
+    assert not rec.faults
+    from graspfx import plugins
+
+    [(shapes, names, meeting)] = plugins.load("dynamics", str(file)).calls
+    assert len(shapes) == 2 and names == ["floor"] and meeting.friction == 0.7
+    file.write_text(PLUGIN.split("def create_world")[0])
+    with pytest.raises(gx.errors.InputError, match="create_world"):
+        gx.run(gx.Scene(**table(*both)), duration=0.02)
