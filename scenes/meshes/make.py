@@ -31,7 +31,9 @@ def mug() -> Any:
     upright = trimesh.transformations.rotation_matrix(np.pi / 2.0, (1.0, 0.0, 0.0))
     upright[:3, 3] = OUTER, 0.0, 0.5 * HEIGHT
     handle.apply_transform(upright)
-    return trimesh.boolean.difference([trimesh.boolean.union([wall, handle], engine="manifold"), room], engine="manifold")
+    return trimesh.boolean.difference(
+        [trimesh.boolean.union([wall, handle], engine="manifold"), room], engine="manifold"
+    )
 
 
 def plate() -> Any:
