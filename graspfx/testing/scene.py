@@ -103,7 +103,8 @@ def _scene(given: Scene | str | PathLike[str] | Callable[[], Scene]) -> Scene:
         return given
     if isinstance(given, str | PathLike):
         return load(given)
-    made: Any = given() if callable(given) else given
+    make: Any = given
+    made: Any = make() if callable(make) else make
     if not isinstance(made, Scene):
         raise InputError("scene", made, "a scene, the name or path of one, or a function that makes one")
     return made
