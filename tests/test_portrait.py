@@ -285,3 +285,12 @@ def test_the_command_runs_a_scene_or_takes_a_recording(
     assert main(["picture", "missing.h5"]) == 2
     said = capsys.readouterr().err
     assert "a scene to set values in" in said and ".png" in said and "missing.h5" in said
+
+
+def test_a_shape_stands_where_its_scene_describes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording that knows the frame of a mesh's file from the centre of mass says so itself."""
+    pose = np.tile([0.1, 0.0, 0.0], (3, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
+    monkeypatch.setattr(Recording, "described_pose", lambda self, name: pose, raising=False)
+    (thing,) = instant(held({"mesh": "meshes/plate.ply", "scale": 1e-3}), folder=plugins.shelf("scenes")).things
+    assert thing.surface.vertices.mean(axis=0) == pytest.approx([0.1, 0.0, 0.0], abs=1e-12)
+    assert not thing.path.any()  # of the centre of mass

@@ -1,4 +1,4 @@
-"""A distribution of another's, built and installed: its driver, its scenes and its dynamics are found and used by name."""
+"""A distribution of another's, built and installed: its driver, scenes and dynamics are found and used by name."""
 
 from __future__ import annotations
 

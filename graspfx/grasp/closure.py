@@ -56,7 +56,10 @@ class PushingWrenches:
         lawless = [name for name in models if name == SELECTION or (name == "full" and d > 1)]
         if lawless:
             raise InputError(
-                "model", lawless[0], "frictionless, hard or soft contacts", f"a {lawless[0]} contact has no friction law"
+                "model",
+                lawless[0],
+                "frictionless, hard or soft contacts",
+                f"a {lawless[0]} contact has no friction law",
             )
         if grasp.contacts.normals is None:
             raise InputError("normals", None, "a normal into the object for each contact")

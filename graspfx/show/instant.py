@@ -196,9 +196,10 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
         own = by_name.get(name, {})
         shape = own.get("shape") or {}
         free = own.get("free")
-        q = None if motion.orientation is None else motion.orientation[k]
         fixed = free is not None and not any(free)
-        yield name, shape, _lifted(motion.position, d)[k], q, fixed, _lifted(motion.position, d)[: k + 1]
+        x, q = _pose(recording, name)
+        path = _lifted(motion.position, d)[: k + 1]
+        yield name, shape, _lifted(x, d)[k], None if q is None else q[k], fixed, path
     obstacles = table.get("obstacle", ())
     for i, each in enumerate(obstacles if isinstance(obstacles, list | tuple) else [obstacles]):
         name = each.get("name", f"obstacle{i}") if isinstance(each, Mapping) else f"obstacle{i}"
@@ -207,6 +208,16 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
             continue
         x = _lifted(np.asarray(each.get("position") or np.zeros(d), dtype=float), d)
         yield name, each["shape"], x, each.get("orientation"), True, x[None, :]
+
+
+def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
+    """Of the frame in which the scene describes a shape, over time; a recording may know it from its centre of mass."""
+    known = getattr(recording, "described_pose", None)
+    if known is not None:
+        position, orientation = known(name)
+        return position, orientation
+    motion = recording.objects[name]
+    return motion.position, motion.orientation
 
 
 def _things(

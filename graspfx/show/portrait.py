@@ -281,8 +281,8 @@ def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray) -> None:
 
 
 def _dots(axes: Axes, now: Instant, flat: FloatArray, seen: NDArray[np.bool_]) -> None:
-    """Contact points of the fingers that touch."""
-    shown = seen & now.touching
+    """Contact points of the fingers that touch; a ball shows itself where it touches."""
+    shown = seen & now.touching & (now.radii == 0.0)
     axes.scatter(flat[shown, 0], flat[shown, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.errors import GraspFXError, InputError
+from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -213,12 +213,6 @@ def _mesh(shape: Mapping[str, Any], folder: Path | None) -> Surface:
         made = make_mesh(shape["vertices"], shape["faces"], **settings)
     else:
         made = load_mesh((folder or Path()) / str(shape["mesh"]), **settings)
-    given = {name: shape.get(name) for name in ("mass", "density")}
-    try:  # the frame of its body: at the centre of mass, along the principal axes
-        whole = made.mass_properties(mass=given["mass"] or 1.0)
-        made = made.seen_from(whole.centre, whole.axes)
-    except GraspFXError:
-        pass
     return Surface(np.asarray(made.vertices), np.asarray(made.faces))
 
 
