@@ -48,10 +48,12 @@ def scene(d: int = 3, n: int = 3, away: float = 0.028, **changes: Any) -> gx.Sce
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
-@pytest.mark.parametrize("integrator", ["explicit", "semi-implicit", "exact", "implicit"])
-@pytest.mark.parametrize("reaction", ["fingertip", "contact"])
+@pytest.mark.parametrize(
+    ("integrator", "reaction"),
+    [("explicit", "fingertip"), ("semi-implicit", "contact"), ("exact", "fingertip"), ("implicit", "contact")],
+)
 def test_sound_scenes_pass(d: int, integrator: str, reaction: str) -> None:
-    check_scene(scene(d, **{"object.integrator": integrator, "coupling.reaction": reaction}))
+    check_scene(scene(d, **{"object.integrator": integrator, "coupling.reaction": reaction}), duration=0.06)
 
 
 def test_a_name_a_path_and_a_maker_are_scenes(tmp_path: Path) -> None:
@@ -69,7 +71,7 @@ def test_the_weight_is_carried() -> None:
     still = scene(3, n=4)
     check_scene(
         still,
-        duration=0.8,
+        duration=0.5,
         number=[(lambda recording: recording.wrench[-1, :3], [0.0, 0.0, 0.05 * G], 1e-4), ("faults", 0, 0)],
     )
 
@@ -144,8 +146,8 @@ def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr("graspfx.testing.scene._check_wrench", lambda *_: None)
     waved = gx.load("paper-waving")
     with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):
-        check_scene(waved, duration=5.0)
-    check_scene(waved, duration=5.0, energy=None)
+        check_scene(waved, duration=2.5)
+    check_scene(waved, duration=0.5, energy=None)
 
 
 def doctored(column: str, change: Callable[[Any], Any], **changes: Any) -> tuple[gx.Scene, Recording]:
