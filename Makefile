@@ -12,7 +12,7 @@ RUN_READY := $(VENV)/.ready-to-run
 WORK_READY := $(VENV)/.ready-to-work
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts clean
+.PHONY: help demo pictures test lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -21,6 +21,10 @@ demo: $(RUN_READY) ## wave a cube with conventional and with separate gains, sid
 	@$(BIN)/graspfx run paper-waving --set coupling.internal.stiffness=30.0 --out $(OUT)/conventional
 	@$(BIN)/graspfx run paper-waving --out $(OUT)/proposed
 	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --out $(OUT)
+
+pictures: $(RUN_READY) ## draw every scene of the shelf anew for the documents
+	@$(INTERPRETER) -c 'from graspfx import plugins; print(*(n for n, o in plugins.names("scenes").items() if o.startswith("GraspFX")))' \
+		| xargs -n 1 | while read -r name; do $(BIN)/graspfx picture "$$name" --out "docs/pictures/scenes/$$name.png" || exit 1; done
 
 test: $(WORK_READY) ## the tests, the documents' examples among them
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'

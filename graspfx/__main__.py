@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, list, schema and plot."""
+"""The graspfx command: run, check, list, schema, plot and picture."""
 
 from __future__ import annotations
 
@@ -66,6 +66,20 @@ def parser() -> ArgumentParser:
     plot.set_defaults(command=_plot)
     plot.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or two, or their folders")
     plot.add_argument("--out", metavar="DIR", type=Path, help="folder of the picture (that of the first recording)")
+
+    picture = commands.add_parser("picture", help="draw one instant: objects, fingers, forces as arrows")
+    picture.set_defaults(command=_picture)
+    picture.add_argument("recording", metavar="RECORDING_OR_SCENE", help="a recording, its folder, or a scene to run")
+    _add_overrides(picture)
+    picture.add_argument("--time", metavar="S", type=float, help="of the instant (where the forces are largest)")
+    picture.add_argument(
+        "--view",
+        metavar="DEG",
+        type=float,
+        nargs=2,
+        help="azimuth and elevation of the viewer (where fingers are seen)",
+    )
+    picture.add_argument("--out", metavar="FILE", type=Path, help="the picture (picture.png beside the recording)")
     return top
 
 
@@ -84,6 +98,10 @@ def override(text: str) -> tuple[str, Any]:
 
 def _add_scene(command: ArgumentParser) -> None:
     command.add_argument("scene", metavar="SCENE", help="a scene's name, or the path of a .toml or .py file")
+    _add_overrides(command)
+
+
+def _add_overrides(command: ArgumentParser) -> None:
     values = command.add_argument("--set", metavar="KEY=VALUE", type=override, action="extend", nargs="+", default=[])
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys"
 
@@ -166,12 +184,65 @@ def _plot(chosen: Namespace) -> int:
     return DONE
 
 
+def _picture(chosen: Namespace) -> int:
+    from graspfx.loop.file import make_folder
+    from graspfx.show.portrait import picture
+
+    recording, meshes, home = _recorded(chosen)
+    path: Path = chosen.out or home / "picture.png"
+    _require_place(path)
+    make_folder(path.parent)
+    with _placing(path):
+        notes = picture(recording, path, chosen.time, view=chosen.view, folder=meshes)
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+    _name_files([path])
+    return _faults(recording)
+
+
+def _recorded(chosen: Namespace) -> tuple[Recording, Path | None, Path]:
+    """A recording, or a scene that is run for it; where paths of meshes start; and where its pictures go."""
+    from graspfx.loop.file import NAME, recording_file
+    from graspfx.loop.record import Recording
+
+    given = Path(chosen.recording)
+    if given.suffix == ".h5" or (given / NAME).is_file():
+        if chosen.overrides:
+            raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
+        file = recording_file(given)
+        recording = Recording.load(file)
+        return recording, _folder_of(recording.header.scene), file.parent
+
+    from graspfx.scene.load import load
+    from graspfx.scene.run import run
+
+    scene = load(chosen.recording, dict(chosen.overrides))
+    duration = None if chosen.time is None else max(chosen.time, 0.0) + scene.period
+    return run(scene, duration=duration), scene.source.folder, Path("out") / given.stem
+
+
+def _folder_of(scene: str) -> Path | None:
+    """Of a scene on the shelf; None for what is elsewhere by now."""
+    from graspfx.plugins import find
+
+    try:
+        return find("scenes", scene).parent
+    except GraspFXError:
+        return None
+
+
 def _draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "") -> None:
     from graspfx.show.plot import figure
 
     _require_place(picture)
-    try:
+    with _placing(picture, otherwise):
         figure(recordings, picture)
+
+
+@contextmanager
+def _placing(picture: Path, otherwise: str = "") -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise RecordingError(f"{picture}: cannot be written; {error.strerror}{otherwise}") from error
 

@@ -7,6 +7,7 @@ import pytest
 
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.grasp.contact import contacts
+from graspfx.grasp.matrix import Grasp
 
 POINTS = {1: [[-0.02], [0.02]], 2: [[-0.02, 0.0], [0.02, 0.0]], 3: [[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]}
 NORMALS = {1: [[1.0], [-1.0]], 2: [[1.0, 0.0], [-1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]}
@@ -103,3 +104,62 @@ def test_soft_and_full_need_no_normal_where_they_have_no_torsion():
     assert len(contacts(POINTS[2], model="soft").finger) == 4
     assert contacts(POINTS[2], model="full").moment_axes[2].tolist() == [1.0]
     assert contacts(POINTS[3], model="full").normals is None
+
+
+FRAMES = np.array([np.linalg.qr(np.random.default_rng(k).normal(size=(3, 3)))[0] for k in range(3)])
+SELECTED = {
+    "frictionless": {1: [[1.0]], 2: [[0, 1, 0]], 3: [[0, 0, 1, 0, 0, 0]]},
+    "hard": {1: np.eye(1), 2: np.eye(3)[:2], 3: np.eye(6)[:3]},
+    "soft": {1: np.eye(1), 2: np.eye(3)[:2], 3: np.eye(6)[[0, 1, 2, 5]]},
+    "full": {1: np.eye(1), 2: np.eye(3), 3: np.eye(6)},
+}
+
+
+@pytest.mark.parametrize("name", SELECTED)
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_a_selection_that_says_what_a_name_does_is_the_same(name, d):
+    frames = np.array([[[1.0]], [[-1.0]], [[1.0]]]) if d == 1 else FRAMES
+    if d == 2:
+        angle = np.array([0.3, 2.0, 4.0])
+        frames = np.moveaxis(np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), 2, 0)
+    points = np.random.default_rng(7).normal(size=(3, d))
+    named = Grasp(points, frames=frames, model=name)
+    for model in (SELECTED[name][d], [SELECTED[name][d]] * 3, [name, SELECTED[name][d], name]):
+        chosen = Grasp(points, frames=frames, model=model)
+        assert np.array_equal(chosen.matrix, named.matrix)
+        assert np.array_equal(chosen.torsion_columns, named.torsion_columns)
+        assert np.array_equal(chosen.finger_of_column, named.finger_of_column)
+
+
+def test_a_selection_may_turn_its_axes():
+    # a force along (x + y)/sqrt 2 at (0, 0, 1), of moment z x (x + y)/sqrt 2 = (y - x)/sqrt 2, and a moment about x
+    s = np.sqrt(0.5)
+    grasp = Grasp([[0.0, 0.0, 1.0]], model=[[[s, s, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0]]])
+    assert np.allclose(grasp.matrix.T, [[s, s, 0, -s, s, 0], [0, 0, 0, 1, 0, 0]], rtol=0, atol=1e-16)
+    assert grasp.contacts.models == ("selection",) and grasp.torsion_columns.tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (np.eye(3), "(k, 6), its columns 3 forces and 3 moments"),
+        (np.zeros((0, 6)), "one for each of the 2"),
+        ([[1, 0, 0, 1, 0, 0]], "newtons and newton metres"),
+        (np.eye(6)[[3, 0]], "before rows of moments"),
+        (2.0 * np.eye(6), "orthonormal"),
+        ([[1, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]], "orthonormal"),
+        ([[1, 0, 0, 0, 0, np.nan]], "finite"),
+        ([np.eye(6)] * 3, "one for each of the 2"),
+        (["hard", np.eye(4)], "model[1]"),
+        ([["hard", "soft"], "hard"], "numbers"),
+    ],
+)
+def test_a_selection_that_cannot_be_used_is_refused(model, words):
+    with pytest.raises(InputError) as caught:
+        contacts(POINTS[3], NORMALS[3], model=model)
+    assert words in str(caught.value)
+
+
+def test_closure_knows_no_friction_law_of_a_selection():
+    with pytest.raises(InputError, match="a selection contact has no friction law"):
+        Grasp(POINTS[3], NORMALS[3], model=np.eye(6)[:3]).force_closure(0.5)

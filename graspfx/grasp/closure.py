@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.contact import finite
+from graspfx.grasp.contact import SELECTION, finite
 from graspfx.grasp.measures import moment_length, reference_point
 
 if TYPE_CHECKING:
@@ -53,9 +53,13 @@ class PushingWrenches:
         if limit not in get_args(Limit):
             raise UnknownNameError("limit of a soft contact", str(limit), get_args(Limit))
         models, d, n = grasp.contacts.models, grasp.dimensions, grasp.fingers
-        if "full" in models and d > 1:
+        lawless = [name for name in models if name == SELECTION or (name == "full" and d > 1)]
+        if lawless:
             raise InputError(
-                "model", "full", "frictionless, hard or soft contacts", "a full contact has no friction law"
+                "model",
+                lawless[0],
+                "frictionless, hard or soft contacts",
+                f"a {lawless[0]} contact has no friction law",
             )
         if grasp.contacts.normals is None:
             raise InputError("normals", None, "a normal into the object for each contact")

@@ -1,9 +1,10 @@
-"""What a contact can transmit: the models frictionless, hard, soft and full, as components with a direction each."""
+"""What a contact can transmit: frictionless, hard, soft, full or a selection, as components with a direction each."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,8 @@ from graspfx.errors import InputError, UnknownNameError
 FloatArray = NDArray[np.float64]
 
 MODELS = ("frictionless", "hard", "soft", "full")
+SELECTION = "selection"  # what a contact is called whose model is a matrix
+Model = str | ArrayLike
 MOMENTS = {1: 0, 2: 1, 3: 3}  # how many moments a wrench has: none on the line, t_z in the plane, three in space
 UNIT = 1e-8  # how far frames may be from orthonormal, and their last axis from the normal
 
@@ -28,13 +31,16 @@ class Contacts:
     | soft | as hard | as hard | hard, and the torsion about the normal |
     | full | as hard | hard, and t_z | hard, and t_x t_y t_z |
 
+    Or a selection matrix (k, d + moments): a row for each component, in terms of those of the full model in the
+    contact's axes, forces before moments; rows are orthonormal, each of forces or of moments alone.
+
     A soft contact's torsion about a normal that lies in the plane, or on the line, does not exist there: soft is hard.
     Axes are the world's unless frames are given.
 
     Attributes:
         points: (n, d) [m].
         normals: (n, d), unit, into the object, or None.
-        models: n names.
+        models: n names, "selection" for a matrix.
         finger: (m,), which contact a component belongs to.
         moment: (m,), True where the component is a moment [N m].
         force_axes: (m, d), unit direction of a force component, zero for a moment.
@@ -54,7 +60,7 @@ def contacts(
     points: ArrayLike,
     normals: ArrayLike | None = None,
     *,
-    model: str | Sequence[str] = "hard",
+    model: Model | Sequence[Model] = "hard",
     frames: ArrayLike | None = None,
 ) -> Contacts:
     """Checks a description of contacts and writes out its components.
@@ -63,7 +69,7 @@ def contacts(
         points: (n, d) [m], d = 1, 2 or 3.
         normals: (n, d) into the object, any length but zero; needed for frictionless contacts, and for soft ones in
             space, unless frames are given.
-        model: one name for all, or one per contact.
+        model: one name or selection matrix for all, or one per contact.
         frames: (n, d, d), each contact's axes as orthonormal columns, the last one the normal into the object.
 
     Raises:
@@ -75,7 +81,9 @@ def contacts(
     if p.ndim != 2 or p.shape[0] == 0 or p.shape[1] not in MOMENTS:
         raise InputError("points", p, "an array (n, d) with n > 0 and d = 1, 2 or 3")
     n, d = p.shape
-    names = _models(model, n)
+    chosen = _models(model, n)
+    names = tuple(each if isinstance(each, str) else SELECTION for each in chosen)
+    selections = {i: _selection(each, d, f"model[{i}]") for i, each in enumerate(chosen) if not isinstance(each, str)}
     unit = None if normals is None else _unit_normals(normals, (n, d))
     axes = None if frames is None else _axes(frames, unit, (n, d))
     if axes is not None and unit is None:
@@ -91,7 +99,10 @@ def contacts(
     moment_axes: list[FloatArray] = []
     for i, name in enumerate(names):
         own = np.eye(d) if axes is None else axes[i].T  # rows are the contact's axes
-        forces, moments = _components(name, d, own, None if unit is None else unit[i], i)
+        if name == SELECTION:
+            forces, moments = _selected(selections[i], d, own)
+        else:
+            forces, moments = _components(name, d, own, None if unit is None else unit[i], i)
         for direction in forces:
             force_axes.append(direction)
             moment_axes.append(np.zeros(MOMENTS[d]))
@@ -117,14 +128,48 @@ def finite(name: str, given: ArrayLike) -> FloatArray:
     return value
 
 
-def _models(model: str | Sequence[str], n: int) -> tuple[str, ...]:
-    names = (model,) * n if isinstance(model, str) else tuple(model)
-    for name in names:
-        if name not in MODELS:
-            raise UnknownNameError("contact model", str(name), MODELS)
-    if len(names) != n:
-        raise InputError("model", list(names), f"one name, or one for each of the {n} contacts")
-    return names
+def _models(model: Model | Sequence[Model], n: int) -> tuple[Model, ...]:
+    given: tuple[Model, ...]
+    if isinstance(model, str):
+        given = (model,) * n
+    else:
+        items = list(cast("Sequence[Model]", model))
+        one = bool(items) and all(not isinstance(item, str) and np.ndim(item) < 2 for item in items)
+        given = (cast("Model", model),) * n if one else tuple(items)
+    for name in given:
+        if isinstance(name, str) and name not in MODELS:
+            raise UnknownNameError("contact model", name, MODELS)
+    if len(given) != n:
+        raise InputError("model", model, f"one name or matrix, or one for each of the {n} contacts")
+    return given
+
+
+def _selection(given: Model, d: int, name: str) -> FloatArray:
+    S = finite(name, given)
+    whole = d + MOMENTS[d]
+    if S.ndim != 2 or S.shape[1] != whole or not 0 < S.shape[0] <= whole:
+        columns = f"{d} forces and {MOMENTS[d]} moments" if MOMENTS[d] else "the force"
+        raise InputError(name, S, f"a selection matrix (k, {whole}), its columns {columns} in the contact's axes")
+    pulls, turns = np.abs(S[:, :d]).max(axis=1) > 0.0, np.abs(S[:, d:]).max(axis=1, initial=0.0) > 0.0
+    if (pulls & turns).any():
+        raise InputError(
+            name,
+            S[pulls & turns][0].tolist(),
+            "rows of forces or of moments alone",
+            "newtons and newton metres do not add",
+        )
+    if (np.diff(turns.astype(int)) < 0).any():
+        raise InputError(name, S.tolist(), "rows of forces before rows of moments")
+    error = np.abs(S @ S.T - np.eye(len(S))).max()
+    if error > UNIT:
+        raise InputError(name, S.tolist(), "orthonormal rows", f"they are off by {error:.1e}")
+    return S
+
+
+def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Directions and axes as `_components`, of a selection from the contact's axes in rows."""
+    forces = np.abs(S[:, :d]).max(axis=1) > 0.0
+    return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
 
 def _unit_normals(normals: ArrayLike, shape: tuple[int, int]) -> FloatArray:

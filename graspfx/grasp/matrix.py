@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.grasp.arms import centred_arms
-from graspfx.grasp.contact import MOMENTS, contacts, finite
+from graspfx.grasp.contact import MOMENTS, Model, contacts, finite
 from graspfx.grasp.split import Split
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def grasp_matrix(
     points: ArrayLike,
     normals: ArrayLike | None = None,
     *,
-    model: str | Sequence[str] = "hard",
+    model: Model | Sequence[Model] = "hard",
     frames: ArrayLike | None = None,
     origin: ArrayLike | None = None,
     free: ArrayLike | None = None,
@@ -45,7 +45,8 @@ class Grasp:
     Args:
         points: contact points (n, d) [m].
         normals: (n, d), into the object.
-        model: "frictionless", "hard", "soft" or "full", one for all or one per contact (see `grasp.contact.Contacts`).
+        model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
+            `grasp.contact.Contacts`).
         frames: (n, d, d), each contact's axes as columns, the last one the normal; the world's axes if None.
         origin: o, to which moments refer [m]; zero if None.
         free: which of the object's freedoms can move, a mask over all w; the others' rows are left out.
@@ -65,7 +66,7 @@ class Grasp:
         points: ArrayLike,
         normals: ArrayLike | None = None,
         *,
-        model: str | Sequence[str] = "hard",
+        model: Model | Sequence[Model] = "hard",
         frames: ArrayLike | None = None,
         origin: ArrayLike | None = None,
         free: ArrayLike | None = None,

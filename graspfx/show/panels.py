@@ -24,6 +24,7 @@ NOISE = 1e-6  # and below this share they are
 TURN = 0.1  # [degrees] from which on an object turns
 LARGEST = 1e12  # what is drawn of a run that diverged
 LONGEST_NOTE = 64  # characters in a line
+MOST_STARTS = 7  # curves whose first values a note gives
 AS_ABOVE = "fingers as in (a)"
 
 
@@ -222,7 +223,9 @@ def _changes(row: Row, label: str) -> Row:
 
 
 def _starts(panel: Sequence[Curve]) -> str:
-    """What the changes are counted from."""
+    """What the changes are counted from; of many curves not, since a note of all would hide them."""
+    if len(panel) > MOST_STARTS:
+        return "changes since t = 0"
     values = ", ".join(f"{curve.label} {curve.values[0] + 0.0:.1f}" for curve in panel)
     return fill(f"at t = 0: {values} mm".replace("-0.0", "0.0").replace(" -", " \N{MINUS SIGN}"), LONGEST_NOTE)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 from os import PathLike, fspath
 from pathlib import Path
 from textwrap import fill
@@ -31,6 +32,8 @@ LONGEST_TITLE = 56  # characters in a line
 BELOW_ZERO = 0.05  # of a distance's range, so that a line along zero is clear of the axis
 NOTE_LINE = 0.09  # of a panel's height
 MARKERS = 6  # on a line
+NAMES_PER_INCH = 5.0  # in a legend
+NAME_COLUMN = 1.0  # [inches]
 LONG_WAY = 40.0  # up and down, in heights of a panel: a line that goes so far would become an area
 THIN = 0.5
 MOST_POINTS = 6000  # per line: more than a picture can show
@@ -70,7 +73,8 @@ def figure(recordings: Sequence[Recording], path: str | PathLike[str], titles: S
     found = rows(columns, finger_strokes([view.names for view in columns]))
     heights = [row.height for row in found]
     width = 4.6 if len(columns) < 3 else 3.8
-    picture = Figure(figsize=(2.3 + width * len(columns), 0.9 + sum(heights)), layout="constrained")
+    beside = 2.3 + NAME_COLUMN * (max(map(_legend_columns, found)) - 1)
+    picture = Figure(figsize=(beside + width * len(columns), 0.9 + sum(heights)), layout="constrained")
     FigureCanvasAgg(picture)
     axes = picture.subplots(
         len(found), len(columns), squeeze=False, sharex=True, sharey="row", gridspec_kw={"height_ratios": heights}
@@ -157,8 +161,14 @@ def _add_legend(row: Row, panels: Sequence[Axes]) -> None:
     if entries:
         panels[-1].legend(
             handles=entries, loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=2.8, frameon=False,
-            fontsize=SMALL,
+            fontsize=SMALL, ncols=_legend_columns(row),
         )  # fmt: skip
+
+
+def _legend_columns(row: Row) -> int:
+    """As many as it takes for the names to stand beside the row, so that no room opens below it."""
+    names = {curve.label for panel in row.panels for curve in panel if curve.named}
+    return max(1, ceil(len(names) / int(row.height * NAMES_PER_INCH)))
 
 
 def _named(label: str) -> str:

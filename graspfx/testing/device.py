@@ -1,34 +1,26 @@
-"""The conformance kit: what every device promises, checked on one from pytest."""
+"""What every device promises: the protocol, finite numbers, no force after a fault, no memory of another device."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.errors import DeviceError, GraspFXError, InputError
+from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Device, Features, SimulatedDevice
 from graspfx.loop.hand import Hand
 from graspfx.loop.plant import Plant
+from graspfx.testing.promise import Promise
 
 FloatArray = NDArray[np.float64]
 
 TICKS = 20
 PULL = 1e-3  # how far a hand pulls a simulated finger [m]
 ROUNDING = 1e-9  # [m], and relative
-
-
-class ConformanceError(GraspFXError, AssertionError):
-    """A device that does not keep a promise of the device protocol: which promise, and what was found."""
-
-    def __init__(self, promise: str, found: str) -> None:
-        self.promise, self.found = promise, found
-        super().__init__(f"the device does not keep its promise: {promise}; found: {found}")
 
 
 def check_device(
@@ -64,24 +56,6 @@ def check_device(
         raise InputError("device", device, "a device, or a function that makes one")
 
 
-class _Promise:
-    """A promise while it is put to the test: an error that it does not speak of breaks it too."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-
-    def __enter__(self) -> _Promise:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        if isinstance(error, Exception) and not isinstance(error, ConformanceError):
-            raise ConformanceError(self.text, f"{type(error).__name__}: {error}") from error
-
-    def holds(self, kept: object, found: str) -> None:
-        if not kept:
-            raise ConformanceError(self.text, found)
-
-
 class _Bench:
     """A device on the bench, alone; a simulated one with its plant, placed and ready to be moved."""
 
@@ -92,7 +66,7 @@ class _Bench:
         self.start = _start(self.features, start)
         self.plant: Plant | None = None
         if isinstance(device, SimulatedDevice):
-            with _Promise(
+            with Promise(
                 "a simulated device shows `plant(devices)`, which moves its fingertips from where they are placed"
             ):
                 self.plant = type(device).plant([device])
@@ -128,11 +102,11 @@ def _check_one(device: Device, period: float, force: float, start: ArrayLike | N
     bench = _Bench(device, period, start)
     if bench.features.peak_force is not None:
         force = min(force, 0.5 * bench.features.peak_force)
-    with _Promise("`with device` gives the device itself") as promise:
+    with Promise("`with device` gives the device itself") as promise:
         promise.holds(device.__enter__() is device, "another object")
     kept = False
     try:
-        with _Promise("`open(period)` makes it ready"):
+        with Promise("`open(period)` makes it ready"):
             device.open(period)
         _check_reading(bench)
         _check_ticks(bench)
@@ -150,7 +124,7 @@ def _check_one(device: Device, period: float, force: float, start: ArrayLike | N
 
 
 def _features(device: Device) -> Features:
-    with _Promise("features are told before `open`, and what is not known is None, never zero") as promise:
+    with Promise("features are told before `open`, and what is not known is None, never zero") as promise:
         features = device.features
         k, d = features.fingers, features.dimensions
         promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, which is no count of channels")
@@ -178,7 +152,7 @@ def _features(device: Device) -> Features:
 
 
 def _check_reading(bench: _Bench) -> None:
-    with _Promise("`read` gives positions and velocities (fingers, dimensions), finite, and a time") as promise:
+    with Promise("`read` gives positions and velocities (fingers, dimensions), finite, and a time") as promise:
         reading: Any = bench.device.read()
         promise.holds(isinstance(reading, tuple) and len(reading) == 3, f"{reading!r}, which are no three things")
         for name, value in zip(("positions", "velocities"), reading[:2], strict=True):
@@ -188,7 +162,7 @@ def _check_reading(bench: _Bench) -> None:
             promise.holds(np.isfinite(value).all(), f"{name} that are not finite")
         time: Any = reading[2]
         promise.holds(isinstance(time, float) and math.isfinite(time), f"the time {time!r}")
-    with _Promise("positions and velocities are arrays of the device's own") as promise:
+    with Promise("positions and velocities are arrays of the device's own") as promise:
         promise.holds(not np.shares_memory(reading[0], reading[1]), "one array for both")
         if bench.plant is not None:
             true = bench.plant.position, bench.plant.velocity
@@ -197,7 +171,7 @@ def _check_reading(bench: _Bench) -> None:
 
 
 def _check_ticks(bench: _Bench) -> None:
-    with _Promise("`read` and `write` once a period; time does not run back") as promise:
+    with Promise("`read` and `write` once a period; time does not run back") as promise:
         last = -math.inf
         for _ in range(TICKS):
             bench.tick(np.zeros(bench.shape))
@@ -206,7 +180,7 @@ def _check_ticks(bench: _Bench) -> None:
             promise.holds(time >= last, f"the time {time} s after {last} s")
             last = time
     if bench.plant is not None:
-        with _Promise("the time of a simulated device is the count of ticks times the period") as promise:
+        with Promise("the time of a simulated device is the count of ticks times the period") as promise:
             bench.plant.place(bench.start)
             for k in range(TICKS):
                 time = bench.device.read()[2]
@@ -216,12 +190,12 @@ def _check_ticks(bench: _Bench) -> None:
 
 def _check_efforts(bench: _Bench, force: float) -> None:
     k, limit = bench.features.fingers, bench.features.peak_force
-    with _Promise("zero force is no effort, and a force is one") as promise:
+    with Promise("zero force is no effort, and a force is one") as promise:
         promise.holds(not bench.held(np.zeros(bench.shape)).any(), "an effort with zero force written")
         effort = bench.held(bench.push(force))
         promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, not {bench.shape}")
         promise.holds(effort.any(axis=1).all(), f"no effort on a finger that is given {force} N")
-    with _Promise("each finger gets its own force, also when the forces add up to zero") as promise:
+    with Promise("each finger gets its own force, also when the forces add up to zero") as promise:
         for i in range(k):
             effort = bench.held(bench.push(force, i))
             others = np.delete(effort, i, axis=0)
@@ -233,7 +207,7 @@ def _check_efforts(bench: _Bench, force: float) -> None:
             effort = bench.held(squeeze)
             promise.holds(effort[0].any() and effort[1].any(), "no effort for a symmetric squeeze")
     if limit is not None:
-        with _Promise("the force limit is applied here, last") as promise:
+        with Promise("the force limit is applied here, last") as promise:
             newtons = np.allclose(bench.held(bench.push(force)), bench.push(force), rtol=ROUNDING, atol=0.0)
             effort, more = bench.held(bench.push(10.0 * limit)), bench.held(bench.push(100.0 * limit))
             found = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
@@ -245,7 +219,7 @@ def _check_efforts(bench: _Bench, force: float) -> None:
 
 def _check_motion(bench: _Bench, force: float) -> None:
     plant = cast("Plant", bench.plant)
-    with _Promise("the plant starts where it is placed, at rest, and keeps its arrays") as promise:
+    with Promise("the plant starts where it is placed, at rest, and keeps its arrays") as promise:
         position, velocity = plant.position, plant.velocity
         promise.holds(position.shape == velocity.shape == bench.shape, f"shape {position.shape}, not {bench.shape}")
         bench.tick(bench.push(force))
@@ -253,25 +227,25 @@ def _check_motion(bench: _Bench, force: float) -> None:
         promise.holds(plant.position is position and plant.velocity is velocity, "other arrays than before")
         away = float(np.abs(position - bench.start).max())
         promise.holds(away <= ROUNDING and not velocity.any(), f"{away} m away, or moving")
-    with _Promise("positions are read to the resolution that is told") as promise:
+    with Promise("positions are read to the resolution that is told") as promise:
         error = float(np.abs(bench.device.read()[0] - plant.position).max())
         promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"{error} m off")
-    with _Promise("with no force and no hand it stands still") as promise:
+    with Promise("with no force and no hand it stands still") as promise:
         _run(bench, TICKS, np.zeros(bench.shape))
         away = float(np.abs(plant.position - bench.start).max())
         promise.holds(away <= ROUNDING, f"it moved by {away} m")
-    with _Promise("a force moves its own finger, in its direction") as promise:
+    with Promise("a force moves its own finger, in its direction") as promise:
         for i in range(bench.features.fingers):
             _run(bench, TICKS + (bench.features.delay or 0), bench.push(force, i))
             moved = plant.position - bench.start
             promise.holds(moved[i, 0] > 0.0, f"finger {i} moved by {moved[i, 0]} m under {force} N")
             away = float(np.abs(np.delete(moved, i, axis=0)).max(initial=0.0))
             promise.holds(away <= ROUNDING, f"others than finger {i} moved, by {away} m")
-    with _Promise("a hand pulls the fingertips to where it means them to be") as promise:
+    with Promise("a hand pulls the fingertips to where it means them to be") as promise:
         _run(bench, round(1.0 / bench.period), np.zeros(bench.shape), bench.hand(50.0, 5.0, PULL))
         left = float(np.abs(plant.position - bench.start - PULL).max())
         promise.holds(left < 0.5 * PULL, f"{left} m of {PULL} m are left after a second with 50 N/m and 5 N s/m")
-    with _Promise("two runs are the same to the bit") as promise:
+    with Promise("two runs are the same to the bit") as promise:
         runs = [_run(bench, TICKS, bench.push(force), bench.hand(50.0, 1.0, PULL)) for _ in range(2)]
         promise.holds(np.array_equal(runs[0], runs[1]), "another motion in the second run")
 
@@ -291,7 +265,7 @@ def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None
 
 
 def _check_not_finite(bench: _Bench, force: float) -> None:
-    with _Promise("a force that is not finite is displayed as zero and raises DeviceError") as promise:
+    with Promise("a force that is not finite is displayed as zero and raises DeviceError") as promise:
         for bad in (math.nan, math.inf, -math.inf):
             for i in range(bench.features.fingers):
                 _refused(bench.device, bench.push(force))  # something to be kept, unless a fault keeps the device shut
@@ -313,7 +287,7 @@ def _refused(device: Device, forces: FloatArray) -> bool:
 
 
 def _check_stop(bench: _Bench, force: float) -> None:
-    with _Promise("`stop` is zero force, now, and may be called again") as promise:
+    with Promise("`stop` is zero force, now, and may be called again") as promise:
         bench.device.write(bench.push(force))
         for _ in range(2):
             bench.device.stop()
@@ -321,17 +295,17 @@ def _check_stop(bench: _Bench, force: float) -> None:
 
 
 def _check_close(bench: _Bench) -> None:
-    with _Promise("`close` leaves no force, and returns when it is called again") as promise:
+    with Promise("`close` leaves no force, and returns when it is called again") as promise:
         bench.device.close()
         promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
         bench.device.close()
-    with _Promise("leaving `with device` lets errors pass") as promise:
+    with Promise("leaving `with device` lets errors pass") as promise:
         error = DeviceError("an error inside `with`")
         promise.holds(not bench.device.__exit__(DeviceError, error, None), "the error was swallowed")  # type: ignore[func-returns-value]
 
 
 def _check_two(a: Device, b: Device, period: float, force: float, start: ArrayLike | None) -> None:
-    with _Promise("two devices of a kind in one process do not know each other") as promise:
+    with Promise("two devices of a kind in one process do not know each other") as promise:
         promise.holds(a is not b, "the factory gave one device twice")
         one, two = _Bench(a, period, start), _Bench(b, period, start)
         try:
@@ -350,7 +324,7 @@ def _check_two(a: Device, b: Device, period: float, force: float, start: ArrayLi
             b.close()
 
 
-def _check_two_moving(promise: _Promise, one: _Bench, two: _Bench, force: float) -> None:
+def _check_two_moving(promise: Promise, one: _Bench, two: _Bench, force: float) -> None:
     if one.features.peak_force is not None:
         force = min(force, 0.5 * one.features.peak_force)
     promise.holds(one.held(one.push(force)).any() and not two.effort.any(), "a force on one is an effort of the other")

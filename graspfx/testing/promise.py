@@ -1,0 +1,38 @@
+"""A promise while it is put to the test, and the error that names the one that was broken."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from graspfx.errors import GraspFXError
+
+
+class ConformanceError(GraspFXError, AssertionError):
+    """A device or a scene that does not keep a promise: which promise, and what was found."""
+
+    def __init__(self, promise: str, found: str, what: str = "device") -> None:
+        self.promise, self.found = promise, found
+        super().__init__(f"the {what} does not keep its promise: {promise}; found: {found}")
+
+
+class Promise:
+    """A promise while it is put to the test: an error that it does not speak of breaks it too.
+
+    Args:
+        text: what is promised.
+        what: who promises it.
+    """
+
+    def __init__(self, text: str, what: str = "device") -> None:
+        self.text, self.what = text, what
+
+    def __enter__(self) -> Promise:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        if isinstance(error, Exception) and not isinstance(error, ConformanceError):
+            raise ConformanceError(self.text, f"{type(error).__name__}: {error}", self.what) from error
+
+    def holds(self, kept: object, found: str) -> None:
+        if not kept:
+            raise ConformanceError(self.text, found, self.what)

@@ -1,0 +1,70 @@
+"""Makes the meshes of this shelf, in millimetres, as binary PLY: `python scenes/meshes/make.py` writes them anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+HERE = Path(__file__).parent
+
+# A mug that stands on z = 0, its axis along z, its handle towards +x [mm].
+HEIGHT, OUTER, INNER, FLOOR = 80.0, 40.0, 36.0, 5.0
+RING, TUBE = 24.0, 5.0  # the handle: a torus about a point of the outer wall at half the height
+AROUND, RING_AROUND, TUBE_AROUND = 96, 80, 24  # facets
+
+PLATE = (80.0, 60.0, 1.0)  # full edges, about the centre [mm]
+
+RADIUS, BUMPS = 40.0, 0.08  # of the potato, and the height of its bumps as a share of it
+SUBDIVISIONS = 5  # 20 * 4^5 = 20480 triangles
+
+
+def mug() -> Any:
+    """Concave: a cylinder and half of a torus, less the room inside."""
+    wall = trimesh.creation.cylinder(radius=OUTER, segment=[(0.0, 0.0, 0.0), (0.0, 0.0, HEIGHT)], sections=AROUND)
+    room = trimesh.creation.cylinder(
+        radius=INNER, segment=[(0.0, 0.0, FLOOR), (0.0, 0.0, 1.5 * HEIGHT)], sections=AROUND
+    )
+    handle = trimesh.creation.torus(RING, TUBE, major_sections=RING_AROUND, minor_sections=TUBE_AROUND)
+    upright = trimesh.transformations.rotation_matrix(np.pi / 2.0, (1.0, 0.0, 0.0))
+    upright[:3, 3] = OUTER, 0.0, 0.5 * HEIGHT
+    handle.apply_transform(upright)
+    return trimesh.boolean.difference(
+        [trimesh.boolean.union([wall, handle], engine="manifold"), room], engine="manifold"
+    )
+
+
+def plate() -> Any:
+    """So thin that the nearest point of its surface is often on the wrong side."""
+    return trimesh.creation.box(extents=PLATE)
+
+
+def potato() -> Any:
+    """Smooth bumps of several wavelengths on a ball: many small triangles, none of them special.
+
+    r = R (1 + h (sin(2 x + 1) sin(3 y) + sin(3 z + 1) cos(2 x) / 2 + sin(5 y + 2) sin(4 z + 1) / 4)), (x, y, z) on the
+    unit sphere.
+    """
+    ball = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS)
+    x, y, z = np.asarray(ball.vertices).T
+    bumps = np.sin(2 * x + 1) * np.sin(3 * y) + np.sin(3 * z + 1) * np.cos(2 * x) / 2
+    bumps += np.sin(5 * y + 2) * np.sin(4 * z + 1) / 4
+    ball.vertices = np.column_stack([x, y, z]) * (RADIUS * (1.0 + BUMPS * bumps))[:, None]
+    return ball
+
+
+MAKERS = {"mug": mug, "plate": plate, "potato": potato}
+
+
+def write(folder: Path = HERE) -> None:
+    """Every mesh as folder/NAME.ply."""
+    for name, make in MAKERS.items():
+        mesh = make()
+        bare = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        (folder / f"{name}.ply").write_bytes(trimesh.exchange.ply.export_ply(bare, vertex_normal=False))
+
+
+if __name__ == "__main__":
+    write()

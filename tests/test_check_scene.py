@@ -1,0 +1,177 @@
+"""The conformance kit for scenes: one that is sound passes, each that breaks a promise is told which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import InputError
+from graspfx.loop.record import Recording
+from graspfx.testing import ConformanceError, check_scene
+from graspfx.testing.scene import _check_recording, _check_wrench
+
+G = 9.81
+
+
+def scene(d: int = 3, n: int = 3, away: float = 0.028, **changes: Any) -> gx.Scene:
+    """n fingers 2 mm inside a ball or disc of 30 mm, which they hold against gravity; on a line two, without it."""
+    n = 2 if d == 1 else n
+    angle = 2.0 * np.pi * np.arange(n) / n
+    start = away * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])[:, :d]
+    down = {1: None, 2: [0.0, -G], 3: [0.0, 0.0, -G]}[d]
+    table: dict[str, Any] = {
+        "dimensions": d,
+        "period": 0.002,
+        "duration": 0.1,
+        "object": {"mass": 0.05, "viscosity": 1.0, "shape": {"kind": "sphere", "radius": 0.03}}
+        | ({} if d == 1 else {"rotational_viscosity": 2e-4}),
+        "coupling": {
+            "external": {"stiffness": 300.0, "damping": 0.5},
+            "internal": {"stiffness": 500.0, "damping": 0.5},
+            "friction": "stick",
+        },
+        "finger": [
+            {
+                "start": each.tolist(),
+                "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+                "hand": {"stiffness": 300.0, "damping": 3.0, "squeeze": 0.006},
+            }
+            for each in start
+        ],
+    } | ({} if down is None else {"gravity": down})
+    return gx.Scene(**table).replace(changes)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("integrator", "reaction"),
+    [("explicit", "fingertip"), ("semi-implicit", "contact"), ("exact", "fingertip"), ("implicit", "contact")],
+)
+def test_sound_scenes_pass(d: int, integrator: str, reaction: str) -> None:
+    check_scene(scene(d, **{"object.integrator": integrator, "coupling.reaction": reaction}), duration=0.06)
+
+
+def test_a_name_a_path_and_a_maker_are_scenes(tmp_path: Path) -> None:
+    check_scene("reference-1dof", duration=0.1)
+    check_scene(lambda: scene(2), duration=0.1)
+    assert len(check_scene(scene(2), duration=0.1)) == 50
+    with pytest.raises(ConformanceError, match="it loads, and says its plan; found: UnknownNameError"):
+        check_scene("reference-2dof")
+    with pytest.raises(ConformanceError, match="expected a scene"):
+        check_scene(3.0)  # type: ignore[arg-type]
+
+
+def test_the_weight_is_carried() -> None:
+    """When all is at rest the fingers carry m g, 0.05 kg times 9.81 m/s^2, and nothing sideways."""
+    still = scene(3, n=4)
+    check_scene(
+        still,
+        duration=0.5,
+        number=[(lambda recording: recording.wrench[-1, :3], [0.0, 0.0, 0.05 * G], 1e-4), ("faults", 0, 0)],
+    )
+
+
+def test_a_number_that_is_another() -> None:
+    with pytest.raises(ConformanceError, match=r"ticks is 7, within 0; found: 50"):
+        check_scene(scene(2), duration=0.1, number=("ticks", 7, 0))
+    with pytest.raises(ConformanceError, match=r"finger_distance_mean is 0\.05, within 1; found: None"):
+        check_scene(scene(2), duration=0.1, number=("finger_distance_mean", 0.05, 1))
+    with pytest.raises(ConformanceError, match="a key of the summary") as caught:
+        check_scene(scene(2), duration=0.1, number=("tikcs", 7, 0))
+    assert isinstance(caught.value.__cause__, InputError)
+
+
+BODY = """
+from graspfx.objects import body, kernels
+class Strange:
+    def __init__(self, state):
+        self.real, self.state = body.create(state), state
+        self.steps = 0
+    def free_motion(self, T): self.real.free_motion(T)
+    def step(self, T):
+        self.steps += 1
+        {step}
+def create(state): return Strange(state)
+"""
+FAULTS = {
+    "energy: a body that gains 0.2 % of its speed a sample": (
+        "self.real.step(T); self.state[kernels.VELOCITY:kernels.VELOCITY + 3] *= 1.002",
+        "the objects gain no more than",
+    ),
+    "finite: a body that is lost": (
+        "self.state[kernels.POSITION] = float('nan')",
+        "nothing goes wrong in a run",
+    ),
+    "random: a body that throws dice": (
+        "import random; self.real.step(T); self.state[kernels.POSITION] += random.random() * 1e-12",
+        "two runs are the same to the bit",
+    ),
+    "memory: a body that counts all of its kind": (
+        "import sys; sys.steps = getattr(sys, 'steps', 0) + 1; self.real.step(T)\n"
+        "        self.state[kernels.POSITION] += 1e-9 * (sys.steps > {runs} and self.steps < 5)",
+        "two servos run in turns do what one does alone",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_body_that_breaks_a_promise(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.steps", 0, raising=False)
+    step, promise = FAULTS[fault]
+    driver = tmp_path / "strange.py"
+    driver.write_text(BODY.format(step=step.replace("{runs}", str(2 * 50))))
+    light = {"object.viscosity": 0.0, "object.velocity": [0.1, 0.0]}  # and free: nothing near it to give it energy
+    with pytest.raises(ConformanceError, match=promise):
+        check_scene(scene(2, away=0.07, **{"object.dynamics": str(driver)}, **light), duration=0.1)
+
+
+def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forces computed from twice the distance they are told of: half of what the object gets comes from nowhere."""
+    from graspfx.scene import build as building
+
+    sound = building.GraspedObject.sample
+
+    def twice(self: Any) -> int:
+        code = sound(self)
+        wrench = self.where["wrench"]
+        self.block[wrench] *= 2.0
+        return code
+
+    monkeypatch.setattr(building.GraspedObject, "sample", twice)
+    monkeypatch.setattr("graspfx.testing.scene._check_wrench", lambda *_: None)
+    waved = gx.load("paper-waving")
+    with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):
+        check_scene(waved, duration=2.5)
+    check_scene(waved, duration=0.5, energy=None)
+
+
+def doctored(column: str, change: Callable[[Any], Any], **changes: Any) -> tuple[gx.Scene, Recording]:
+    made = scene(3, **changes)
+    recording = gx.run(made, 0.1)
+    rows = recording.rows.copy()
+    where = recording.layout.columns[column].where
+    rows[:, where] = change(rows[:, where])
+    return made, Recording(rows, recording.layout, recording.header, recording.outcome)
+
+
+@pytest.mark.parametrize("reaction", ["fingertip", "contact"])
+def test_a_wrench_that_is_not_the_forces(reaction: str) -> None:
+    turn = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1e-9])
+    for change, unit in ((turn, "N m"), (turn[::-1], "N")):
+        made, recording = doctored(
+            "objects/object/wrench", lambda w, c=change: w + c, **{"coupling.reaction": reaction}
+        )
+        with pytest.raises(ConformanceError, match=f"{unit} of difference on object"):
+            _check_wrench(made, recording)
+
+
+def test_recordings_that_cannot_be() -> None:
+    with pytest.raises(ConformanceError, match="finite; found: gap is not from tick 0"):
+        _check_recording(*doctored("gap", lambda gap: gap * np.nan))
+    with pytest.raises(ConformanceError, match="J of difference in a sample"):
+        _check_recording(*doctored("device_energy", lambda energy: -energy))
