@@ -357,7 +357,7 @@ def test_what_a_native_body_cannot_meet_is_refused() -> None:
     floor = placed("floor", HalfSpace((0, 0, 1)), 3)
     with pytest.raises(InputError, match="does not bounce"):
         FloorBody(Member(state, CUBE), [floor], Meeting(restitution=0.5))
-    with pytest.raises(InputError, match="obstacle block.*half-space or a plane"):
+    with pytest.raises(InputError, match=r"obstacle block.*half-space or a plane"):
         FloorBody(Member(state, CUBE), [placed("block", CUBE, 3)], Meeting())
     with pytest.raises(InputError, match="has an end"):
         features(HalfSpace((0, 0, 1)), 3)

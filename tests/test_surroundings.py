@@ -164,9 +164,8 @@ def test_objects_in_one_world_run_equally_twice_and_push_one_another() -> None:
     idle = finger(0.06, 1.0) | {"object": "b", "start": [0.06, 0.1, 0.025]}
     given = gx.Scene(**(scene | {"finger": [pushing, idle]}))
     first, second = gx.run(given), gx.run(given)
-    moved = first.object_position if first.object_position.ndim == 2 else first.object_position[:, 1]
     assert np.array_equal(first.finger_force, second.finger_force)
-    assert moved is not None
+    assert all(np.array_equal(first.objects[name].position, second.objects[name].position) for name in ("box", "b"))
     assert first.objects["b"].position[-1][0] > 0.065
 
 
@@ -212,5 +211,21 @@ def test_dynamics_of_others_get_the_world_through_create_world(tmp_path: Any) ->
     [(shapes, names, meeting)] = plugins.load("dynamics", str(file)).calls
     assert len(shapes) == 2 and names == ["floor"] and meeting.friction == 0.7
     file.write_text(PLUGIN.split("def create_world")[0])
-    with pytest.raises(gx.errors.InputError, match="create_world"):
-        gx.run(gx.Scene(**table(*both)), duration=0.02)
+    for changes in ({}, {"obstacle": [], "world": {"collide": True}}):
+        with pytest.raises(gx.errors.InputError, match="create_world"):
+            gx.run(gx.Scene(**table(*both, **changes)), duration=0.02)
+    assert not gx.run(gx.Scene(**table(*both, obstacle=[])), duration=0.02).faults
+
+
+def test_a_fault_in_a_world_names_its_objects_and_stops_them_alone(tmp_path: Any) -> None:
+    """The world of a and b fails at its tenth step; c, on a native floor, goes on."""
+    file = tmp_path / "failing.py"
+    failing = "        from graspfx.errors import GraspFXError\n        self.n = getattr(self, 'n', 0) + 1\n"
+    failing += "        if self.n == 10:\n            raise GraspFXError('the spring broke')\n        for body"
+    file.write_text(PLUGIN.replace("        for body", failing))
+    objects = (thing("a", dynamics=str(file)), thing("b", 0.2, dynamics=str(file)), thing("c", 0.4))
+    rec = gx.run(gx.Scene(**table(*objects, gravity=[0.0, 0.1, 0.0])), duration=0.06)
+    [fault] = rec.faults
+    assert "a, b: the spring broke" in fault.message
+    y = {name: rec.objects[name].position[:, 1] for name in "abc"}
+    assert np.ptp(y["a"][10:]) == 0.0 and np.ptp(y["b"][10:]) == 0.0 and (np.diff(y["c"][10:]) > 0.0).all()

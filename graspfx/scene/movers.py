@@ -31,14 +31,15 @@ def make_movers(scene: Scene, states: Sequence[FloatArray], stack: ExitStack) ->
         name = scene.object[group[0]].dynamics
         module = plugins.load("dynamics", name, folder)
         make_world = getattr(module, "create_world", None)
-        if not surroundings.in_world(scene, group) or (make_world is None and not scene.obstacle):
+        wanted = scene.obstacle or world.collide  # else objects meet where their dynamics know how
+        if not surroundings.in_world(scene, group) or (make_world is None and not wanted):
             for i in group:
                 body = module.create(states[i])
                 stack.callback(getattr(body, "close", _nothing))
                 yield Mover(body, [i])
             continue
         if make_world is None:
-            raise InputError("dynamics", name, "one with create_world, for obstacles", "use native or bullet")
+            raise InputError("dynamics", name, "one with create_world, as objects meet something", "use bullet")
         members = [Member(states[i], make_shape(scene.object[i], folder)) for i in group]
         body = make_world(members, surroundings.obstacles(scene, folder), meeting)
         stack.callback(getattr(body, "close", _nothing))

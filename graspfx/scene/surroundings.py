@@ -110,7 +110,7 @@ def _together(scene: SceneTable) -> Iterator[Found]:
                     f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {what} need dimensions = 3"
                     + ("" if what == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
                 )
-            elif moves(scene, thing) and not all(scene.free(thing)):
+            elif thing.shape is not None and moves(scene, thing) and not all(scene.free(thing)):
                 yield (
                     ("object", i, "free"),
                     "PyBullet locks no single freedom of a body that meets others: expected all free or none; "
