@@ -108,7 +108,7 @@ def _add_overrides(command: ArgumentParser) -> None:
 
 def _run(chosen: Namespace) -> int:
     from graspfx.scene.load import load
-    from graspfx.scene.meshes import mesh_notes
+    from graspfx.scene.making.meshes import mesh_notes
     from graspfx.scene.run import run
 
     scene = load(chosen.scene, dict(chosen.overrides))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.objects import ball, walk
-from graspfx.objects.ball import ball_contact
-from graspfx.objects.mesh import Mesh, make_mesh, new_fingers
-from graspfx.objects.proxy import BOX, closest_to_ball
-from graspfx.objects.tree import flatten
+from graspfx.surfaces import ball, walk
+from graspfx.surfaces.ball import ball_contact
+from graspfx.surfaces.mesh import Mesh, make_mesh, new_fingers
+from graspfx.surfaces.proxy import BOX, closest_to_ball
+from graspfx.surfaces.tree import flatten
 from tests.meshes import SHAPES, brute_force, ell, flat, plate, sheet
 
 FloatArray = np.ndarray

@@ -132,7 +132,7 @@ def test_a_body_that_breaks_a_promise(fault: str, tmp_path: Path, monkeypatch: p
 
 def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forces computed from twice the distance they are told of: half of what the object gets comes from nowhere."""
-    from graspfx.scene import build as building
+    from graspfx.scene.making import build as building
 
     sound = building.GraspedObject.sample
 

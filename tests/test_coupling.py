@@ -14,7 +14,7 @@ from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import InputError
 from graspfx.objects import kernels as body
 from graspfx.objects.body import NativeBody, fill_body
-from graspfx.objects.shape import Box, Sphere
+from graspfx.surfaces.shape import Box, Sphere
 from tests.test_touch import every_subset
 
 RIGID = Rules(attached=True)

@@ -8,7 +8,7 @@ import pytest
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.objects import kernels as body
 from graspfx.objects.body import fill_body
-from graspfx.objects.shape import Box
+from graspfx.surfaces.shape import Box
 from tests.test_coupling import law
 
 STEPS = 256  # of a smooth loop: the trapezoid rule is exact to rounding there

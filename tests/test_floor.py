@@ -15,9 +15,9 @@ from graspfx.objects import rest
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
 from graspfx.objects.floor import FloorBody, clearance, features
 from graspfx.objects.lowest import FEATURE, MOST, lowest, thin
-from graspfx.objects.mesh import make_mesh
-from graspfx.objects.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
+from graspfx.surfaces.mesh import make_mesh
+from graspfx.surfaces.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 
 Array = NDArray[np.float64]
 G, M, K, MU = 9.81, 0.1, 1e5, 0.5

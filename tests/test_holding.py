@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import graspfx as gx
 from graspfx.errors import SceneError
-from graspfx.scene.holding import hold, holdings
+from graspfx.scene.making.holding import hold, holdings
 from graspfx.scene.plan import packages
 
 RADIUS = 0.03

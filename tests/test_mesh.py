@@ -15,10 +15,10 @@ from meshes import bumpy_sphere, ell, mug, plate, sheet
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.objects.mesh import Mesh, load_mesh, make_mesh, new_fingers
-from graspfx.objects.shape import Box
-from graspfx.objects.tree import half_edges
-from graspfx.objects.walk import STATE
+from graspfx.surfaces.mesh import Mesh, load_mesh, make_mesh, new_fingers
+from graspfx.surfaces.shape import Box
+from graspfx.surfaces.tree import half_edges
+from graspfx.surfaces.walk import STATE
 
 FloatArray = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def test_a_package_that_trimesh_wants_missing(monkeypatch: pytest.MonkeyPatch, t
 
 
 def test_nothing_heavy_is_imported_before_a_file_is_read() -> None:
-    code = "import sys, graspfx.objects.mesh; print({'trimesh', 'scipy'} & {m.split('.')[0] for m in sys.modules})"
+    code = "import sys, graspfx.surfaces.mesh; print({'trimesh', 'scipy'} & {m.split('.')[0] for m in sys.modules})"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "set()"
 

@@ -12,7 +12,7 @@ from fused import compiled
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
-from graspfx.objects.proxy import (
+from graspfx.surfaces.proxy import (
     BOX,
     CAPSULE,
     CYLINDER,
@@ -23,7 +23,7 @@ from graspfx.objects.proxy import (
     closest,
     closest_to_ball,
 )
-from graspfx.objects.shape import Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
+from graspfx.surfaces.shape import Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
 
 Array = NDArray[np.float64]
 Exact = list[Any]

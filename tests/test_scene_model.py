@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from graspfx.errors import SceneError
-from graspfx.scene import checks
+from graspfx.scene.checks import together as checks
 from graspfx.scene.model import Scene, schema
 
 

@@ -20,10 +20,10 @@ from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects import kernels as body
 from graspfx.objects.body import fill_body
-from graspfx.objects.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
-from graspfx.scene.build import build
-from graspfx.scene.meshes import scene_mesh
+from graspfx.scene.making.build import build
+from graspfx.scene.making.meshes import scene_mesh
 from graspfx.scene.plan import plan
+from graspfx.surfaces.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
 from tests.fused import compiled
 from tests.meshes import ell, plate, sheet
 

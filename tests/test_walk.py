@@ -23,10 +23,10 @@ from meshes import (
 )
 from numpy.typing import NDArray
 
-from graspfx.objects import tree, walk
-from graspfx.objects.proxy import BOX, closest
-from graspfx.objects.tree import flatten
-from graspfx.objects.walk import FREE, HELD, LAST, MODE, NEW, REACH, SAFE, STATE, mesh_contact
+from graspfx.surfaces import tree, walk
+from graspfx.surfaces.proxy import BOX, closest
+from graspfx.surfaces.tree import flatten
+from graspfx.surfaces.walk import FREE, HELD, LAST, MODE, NEW, REACH, SAFE, STATE, mesh_contact
 
 FloatArray = NDArray[np.float64]
 TICK = 0.001  # [s]

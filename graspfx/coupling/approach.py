@@ -8,11 +8,11 @@ from typing import Any
 from graspfx.cones.cone import SLIDE, contact_frame
 from graspfx.coupling import block as at
 from graspfx.grasp.kernels import rigid_modes, smoothstep
-from graspfx.objects import ball, walk
 from graspfx.objects import kernels as body
-from graspfx.objects.ball import ball_contact
-from graspfx.objects.proxy import MESH, closest
-from graspfx.objects.walk import mesh_contact
+from graspfx.surfaces import ball, walk
+from graspfx.surfaces.ball import ball_contact
+from graspfx.surfaces.proxy import MESH, closest
+from graspfx.surfaces.walk import mesh_contact
 
 NOT_FINITE = 1  # a finger's motion is NaN or infinite
 UNRESOLVED = 2  # the projection did not settle

@@ -17,8 +17,8 @@ from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling
 from graspfx.grasp.matrix import Grasp
 from graspfx.grasp.split import Split
-from graspfx.objects import ball, walk
 from graspfx.objects import kernels as body
+from graspfx.surfaces import ball, walk
 
 FloatArray = NDArray[np.float64]
 

@@ -11,10 +11,11 @@ import numpy as np
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects import kernels as at
-from graspfx.objects import proxy, rest
+from graspfx.objects import rest
 from graspfx.objects.body import FloatArray, NativeBody
 from graspfx.objects.lowest import BALL, ELLIPSOID, FEATURE, NOTCH, RIM, SIDES, lowest
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.surfaces import proxy
 
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 

@@ -12,11 +12,11 @@ import numpy as np
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import InputError
 from graspfx.objects import kernels as at
-from graspfx.objects import proxy
 from graspfx.objects.body import FloatArray
 from graspfx.objects.bullet import Carried, new_client, pybullet
 from graspfx.objects.floor import hull_points, plane_of
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.surfaces import proxy
 
 # What PyBullet's contacts need to rest and to hold; found by measuring, see docs/explanation/worlds.md.
 ENGINE = {

@@ -11,11 +11,11 @@ from typing import Any
 from pydantic import PrivateAttr
 
 from graspfx.errors import Fault, SceneError
-from graspfx.scene.faults import as_faults, find_faults
+from graspfx.scene.checks.faults import as_faults, find_faults
 from graspfx.scene.lines import KeyLines
+from graspfx.scene.making.wiring import placing_faults
 from graspfx.scene.overrides import Key, overridden
-from graspfx.scene.parts import SceneTable
-from graspfx.scene.wiring import placing_faults
+from graspfx.scene.tables.parts import SceneTable
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspfx.scene.hands import Moving, listed
-from graspfx.scene.holding import descriptions, holdings
-from graspfx.scene.meshes import mesh_name, mesh_notes, scene_mesh
+from graspfx.scene.making.holding import descriptions, holdings
+from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
+from graspfx.scene.making.surroundings import meeting
 from graspfx.scene.model import Scene
-from graspfx.scene.parts import Device, MeshShape, Object, SceneTable
-from graspfx.scene.surroundings import meeting
+from graspfx.scene.tables.hands import Moving, listed
+from graspfx.scene.tables.parts import Device, Object, SceneTable
+from graspfx.scene.tables.shapes import MeshShape
 
 
 @dataclass(frozen=True)

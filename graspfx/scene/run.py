@@ -14,10 +14,10 @@ from time import perf_counter
 from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.record import Recorder, Recording, Sink
-from graspfx.scene.build import build, make_layout
-from graspfx.scene.meshes import frames
+from graspfx.scene.making.build import build, make_layout
+from graspfx.scene.making.meshes import frames
 from graspfx.scene.model import Scene
-from graspfx.scene.parts import MeshShape
+from graspfx.scene.tables.shapes import MeshShape
 
 
 def run(

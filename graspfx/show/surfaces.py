@@ -206,7 +206,7 @@ def _patch(shape: Mapping[str, Any], extent: float) -> Surface:
 
 
 def _mesh(shape: Mapping[str, Any], folder: Path | None) -> Surface:
-    from graspfx.objects.mesh import load_mesh, make_mesh
+    from graspfx.surfaces.mesh import load_mesh, make_mesh
 
     settings = {"scale": shape.get("scale", 1.0), "shell": bool(shape.get("shell", False))}
     if shape.get("mesh") is None:

@@ -168,7 +168,7 @@ def _ahead(scene: Scene, number: int, motion: ObjectMotion) -> FloatArray:
 
 
 def _check_energy(scene: Scene, recording: Recording, share: float) -> None:
-    from graspfx.scene.build import build
+    from graspfx.scene.making.build import build
 
     with build(scene) as servo:
         coupling, objects = accounts(scene, recording, [held.grasped.body_state for held in servo.objects])
@@ -205,7 +205,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
     from graspfx.loop.header import Header
     from graspfx.loop.record import Recorder
     from graspfx.loop.servo import Station
-    from graspfx.scene.build import build
+    from graspfx.scene.making.build import build
 
     ticks = min(len(recording), TOGETHER)
     with ExitStack() as stack:

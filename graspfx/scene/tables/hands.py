@@ -9,7 +9,7 @@ from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import shown
-from graspfx.scene.fields import (
+from graspfx.scene.tables.fields import (
     Name,
     NotNegative,
     Number,

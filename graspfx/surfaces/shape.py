@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.objects import proxy
+from graspfx.surfaces import proxy
 
 FloatArray = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from graspfx import plugins
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
 from graspfx.loop.device import Device as Connected
 from graspfx.loop.device import Features
-from graspfx.scene.parts import Device, SceneTable
-from graspfx.scene.wiring import AUTOMATIC, connect
+from graspfx.scene.making.wiring import AUTOMATIC, connect
+from graspfx.scene.tables.parts import Device, SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

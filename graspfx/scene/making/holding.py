@@ -18,11 +18,11 @@ from graspfx.loop import motion as motions
 from graspfx.loop import plant
 from graspfx.loop.hand import Hand
 from graspfx.loop.turn import Turn
-from graspfx.scene.hands import AXES, MadeHand, Moving, OwnHand, SharedHand, SharedMadeHand, TurnReach, listed
-from graspfx.scene.hands import Axis as AxisTable
-from graspfx.scene.hands import Motion as MotionTable
-from graspfx.scene.hands import Turn as TurnTable
-from graspfx.scene.parts import SceneTable
+from graspfx.scene.tables.hands import AXES, MadeHand, Moving, OwnHand, SharedHand, SharedMadeHand, TurnReach, listed
+from graspfx.scene.tables.hands import Axis as AxisTable
+from graspfx.scene.tables.hands import Motion as MotionTable
+from graspfx.scene.tables.hands import Turn as TurnTable
+from graspfx.scene.tables.parts import SceneTable
 
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]

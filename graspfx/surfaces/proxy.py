@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from graspfx.objects.proxy_ellipsoid import on_ellipsoid
-from graspfx.objects.proxy_flat import on_box, on_half_space, on_plane
-from graspfx.objects.proxy_round import on_capsule, on_cylinder, on_sphere, on_stadium
+from graspfx.surfaces.proxy_ellipsoid import on_ellipsoid
+from graspfx.surfaces.proxy_flat import on_box, on_half_space, on_plane
+from graspfx.surfaces.proxy_round import on_capsule, on_cylinder, on_sphere, on_stadium
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6
 MESH = 7  # not in closed form: `walk.mesh_contact`

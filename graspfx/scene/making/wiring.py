@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.errors import DeviceError, shown
 from graspfx.loop.device import Device, SimulatedDevice
-from graspfx.scene.fields import NotValid
-from graspfx.scene.parts import Device as DeviceTable
-from graspfx.scene.parts import Finger, SceneTable
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.parts import Device as DeviceTable
+from graspfx.scene.tables.parts import Finger, SceneTable
 
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
-from graspfx.objects import shape as shapes
 from graspfx.objects.body import fill_body
-from graspfx.objects.mesh import Mesh
-from graspfx.scene.meshes import scene_mesh
-from graspfx.scene.parts import Object, Obstacle, SceneTable
+from graspfx.scene.making.meshes import scene_mesh
+from graspfx.scene.tables.parts import Object, Obstacle, SceneTable
+from graspfx.surfaces import shape as shapes
+from graspfx.surfaces.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 Inertia = float | tuple[float, ...]

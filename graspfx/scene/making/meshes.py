@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from graspfx.errors import InputError
-from graspfx.objects.mesh import MassProperties, Mesh, load_mesh, make_mesh
-from graspfx.scene.parts import MeshShape, Object, Obstacle
+from graspfx.scene.tables.parts import Object, Obstacle
+from graspfx.scene.tables.shapes import MeshShape
 from graspfx.spatial import product, quaternion, rotate
+from graspfx.surfaces.mesh import MassProperties, Mesh, load_mesh, make_mesh
 
 Numbers = tuple[float, ...]
 

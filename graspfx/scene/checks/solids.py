@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from graspfx.errors import InputError, MissingPackageError, shown
-from graspfx.scene import bodies
-from graspfx.scene.parts import MeshShape, SceneTable
-from graspfx.scene.settings import reason
+from graspfx.scene.checks.settings import reason
+from graspfx.scene.making import bodies
+from graspfx.scene.tables.parts import SceneTable
+from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

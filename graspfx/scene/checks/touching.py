@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.loop.device import Device
-from graspfx.scene.parts import SceneTable
+from graspfx.scene.tables.parts import SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

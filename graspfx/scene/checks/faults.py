@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from graspfx.errors import Fault, closest, shown
-from graspfx.scene.checks import cross_faults
-from graspfx.scene.fields import DRAFT, NotValid
-from graspfx.scene.parts import SceneTable
+from graspfx.scene.checks.together import cross_faults
+from graspfx.scene.tables.fields import DRAFT, NotValid
+from graspfx.scene.tables.parts import SceneTable
 
 Key = tuple[str | int, ...]
 

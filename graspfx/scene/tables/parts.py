@@ -10,109 +10,22 @@ from pydantic_core import PydanticCustomError
 
 from graspfx.errors import shown
 from graspfx.objects.surroundings import STIFFNESS
-from graspfx.scene.fields import (
+from graspfx.scene.tables.fields import (
     Count,
     Gain,
     Name,
     NotNegative,
     NumberOrVector,
     Pair,
-    Point,
     Positive,
     Switch,
     Table,
     Vector,
-    by_kind,
-    listed,
 )
-from graspfx.scene.hands import AnySharedHand, HandOrName
+from graspfx.scene.tables.hands import AnySharedHand, HandOrName
+from graspfx.scene.tables.shapes import Shape
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w, the freedoms of an object
-
-
-class Box(Table):
-    """A box about the object's centre."""
-
-    kind: Literal["box"]
-    size: Annotated[tuple[Positive, ...], Field(description="full edge lengths, (d,) [m]")]
-
-
-class Sphere(Table):
-    """A sphere about the object's centre; a disc in the plane."""
-
-    kind: Literal["sphere"]
-    radius: Positive = Field(description="[m]")
-
-
-class HalfSpace(Table):
-    """All that lies below a plane through the object's centre: a floor, a wall."""
-
-    kind: Literal["half-space"]
-    normal: Vector = Field(description="outward, (d,), of any length")
-
-
-class Plane(Table):
-    """A sheet through the object's centre, without thickness or end: a finger stays on the side where it starts."""
-
-    kind: Literal["plane"]
-    normal: Vector = Field(description="(d,), of any length")
-
-
-class Capsule(Table):
-    """A round bar about the object's centre: along z in space, along x in the plane."""
-
-    kind: Literal["capsule"]
-    radius: Positive = Field(description="[m]")
-    length: Positive = Field(description="of the straight part, between the centres of the round ends [m]")
-
-
-class Cylinder(Table):
-    """A cylinder about the object's centre, its axis along z; in space only."""
-
-    kind: Literal["cylinder"]
-    radius: Positive = Field(description="[m]")
-    length: Positive = Field(description="[m]")
-
-
-class Ellipsoid(Table):
-    """An ellipsoid about the object's centre; an ellipse in the plane."""
-
-    kind: Literal["ellipsoid"]
-    semi_axes: Annotated[tuple[Positive, ...], Field(description="along x, y, z, (d,) [m]")]
-
-
-class MeshShape(Table):
-    """A surface of triangles, in a file or in the scene itself; the object's pose is that of the file's frame."""
-
-    kind: Literal["mesh"] = "mesh"
-    mesh: str | None = Field(default=None, description="a file that trimesh reads, relative to the scene's")
-    vertices: Annotated[tuple[Point, ...], BeforeValidator(listed)] | None = Field(
-        default=None, description="instead of a file, (v, 3) [m]"
-    )
-    faces: Annotated[tuple[tuple[Count, Count, Count], ...], BeforeValidator(listed)] | None = Field(
-        default=None, description="(f, 3) numbers of vertices, counter-clockwise seen from outside"
-    )
-    scale: Positive = Field(default=1.0, description="0.001 for a file in millimetres")
-    shell: Switch = Field(default=False, description="the surface need not close; it is touched from its front only")
-
-
-_check_shape, _shape_by_kind = by_kind(
-    ("box", "sphere", "half-space", "plane", "capsule", "cylinder", "ellipsoid", "mesh"),
-    what="shape",
-    implied={"mesh": "mesh", "vertices": "mesh", "faces": "mesh"},
-)
-Shape = Annotated[
-    Annotated[Box, Tag("<box>")]
-    | Annotated[Sphere, Tag("<sphere>")]
-    | Annotated[HalfSpace, Tag("<half-space>")]
-    | Annotated[Plane, Tag("<plane>")]
-    | Annotated[Capsule, Tag("<capsule>")]
-    | Annotated[Cylinder, Tag("<cylinder>")]
-    | Annotated[Ellipsoid, Tag("<ellipsoid>")]
-    | Annotated[MeshShape, Tag("<mesh>")],
-    _shape_by_kind,
-    _check_shape,
-]
 
 
 class Object(Table):

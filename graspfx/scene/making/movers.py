@@ -12,8 +12,8 @@ from graspfx import plugins
 from graspfx.errors import InputError
 from graspfx.loop.servo import Mover
 from graspfx.objects.surroundings import Meeting, Member
-from graspfx.scene import surroundings
-from graspfx.scene.bodies import make_shape
+from graspfx.scene.making import surroundings
+from graspfx.scene.making.bodies import make_shape
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

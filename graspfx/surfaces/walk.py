@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.objects import tree
+from graspfx.surfaces import tree
 
 # A finger on a mesh, offsets from o. Zeros, but for REACH, are a finger that has not been there yet.
 MODE = 0  # NEW, FREE or HELD

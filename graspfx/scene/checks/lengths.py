@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from graspfx.errors import shown
-from graspfx.scene.parts import SceneTable
+from graspfx.scene.tables.parts import SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from graspfx.objects.proxy_exact import exact_product, exact_sum
-from graspfx.objects.proxy_round import on_sphere
+from graspfx.surfaces.proxy_exact import exact_product, exact_sum
+from graspfx.surfaces.proxy_round import on_sphere
 
 SMALL = 1e-150  # a coordinate below this share of the size counts as zero
 FAR = 1e100  # beyond this multiple of the size products of pairs may overflow; there y is parallel to h_i u_i

@@ -18,9 +18,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.objects import tree, walk
-from graspfx.objects.walk import FREE, HELD, NEW, ROUNDING, box_distance, mesh_contact, nearest, nearest_on_face, row
-from graspfx.objects.walk import walk as descend
+from graspfx.surfaces import tree, walk
+from graspfx.surfaces.walk import FREE, HELD, NEW, ROUNDING, box_distance, mesh_contact, nearest, nearest_on_face, row
+from graspfx.surfaces.walk import walk as descend
 
 PLANES = walk.STATE  # up to four of what holds the proxy
 PLANE = 6  # n_j, n_j . c_j + radius, and the triangle and feature that it comes from

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.objects.tree import FloatArray, IntArray, half_edges
+from graspfx.surfaces.tree import FloatArray, IntArray, half_edges
 
 
 def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from graspfx.errors import GraspFXError
 from graspfx.objects.body import VISCOUS_LIMIT
-from graspfx.scene import bodies
-from graspfx.scene.parts import WIDTHS, SceneTable
+from graspfx.scene.making import bodies
+from graspfx.scene.tables.parts import WIDTHS, SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

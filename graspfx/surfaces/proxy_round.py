@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from graspfx.objects.proxy_exact import radial_excess
-from graspfx.objects.proxy_flat import TINY
+from graspfx.surfaces.proxy_exact import radial_excess
+from graspfx.surfaces.proxy_flat import TINY
 
 
 def on_sphere(

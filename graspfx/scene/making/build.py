@@ -15,12 +15,12 @@ from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import join
 from graspfx.loop.layout import Layout
 from graspfx.loop.servo import Held, Moved, Servo, Station
-from graspfx.scene.bodies import fill, make_shape
-from graspfx.scene.fields import Gains
-from graspfx.scene.holding import Holding, hold, holdings
+from graspfx.scene.making.bodies import fill, make_shape
+from graspfx.scene.making.holding import Holding, hold, holdings
+from graspfx.scene.making.movers import make_movers
+from graspfx.scene.making.wiring import Wire, wires
 from graspfx.scene.model import Scene
-from graspfx.scene.movers import make_movers
-from graspfx.scene.wiring import Wire, wires
+from graspfx.scene.tables.fields import Gains
 
 FloatArray = NDArray[np.float64]
 

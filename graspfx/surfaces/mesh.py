@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.objects import proxy
-from graspfx.objects.ball import STATE, ball_contact
-from graspfx.objects.shape import Contacts
-from graspfx.objects.tree import FloatArray, IntArray, flatten, half_edges
-from graspfx.objects.walk import REACH, mesh_contact
-from graspfx.objects.winding import wound
+from graspfx.surfaces import proxy
+from graspfx.surfaces.ball import STATE, ball_contact
+from graspfx.surfaces.shape import Contacts
+from graspfx.surfaces.tree import FloatArray, IntArray, flatten, half_edges
+from graspfx.surfaces.walk import REACH, mesh_contact
+from graspfx.surfaces.winding import wound
 
 SMALLEST, LARGEST = 1e-3, 10.0  # sizes beyond which a unit is more likely wrong than right [m]
 FLAT = 1e-13  # a triangle whose height is below this, relative to the mesh, has no normal

@@ -13,13 +13,13 @@ import numpy as np
 from graspfx import plugins
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, shown
 from graspfx.loop import motion
-from graspfx.scene import holding
-from graspfx.scene.fields import NotValid
-from graspfx.scene.hands import AXES, MadeHand, Reach, SharedHand, Sine, Step, listed
-from graspfx.scene.hands import Path as RecordedPath
-from graspfx.scene.lengths import Found, Location, length_faults, numbers
-from graspfx.scene.parts import Object, SceneTable
-from graspfx.scene.settings import reason, signature_faults
+from graspfx.scene.checks.lengths import Found, Location, length_faults, numbers
+from graspfx.scene.checks.settings import reason, signature_faults
+from graspfx.scene.making import holding
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.hands import AXES, MadeHand, Reach, SharedHand, Sine, Step, listed
+from graspfx.scene.tables.hands import Path as RecordedPath
+from graspfx.scene.tables.parts import Object, SceneTable
 
 NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
 

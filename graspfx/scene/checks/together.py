@@ -14,16 +14,17 @@ from graspfx import plugins
 from graspfx.errors import InputError, UnknownNameError, closest, shown
 from graspfx.loop.device import Device
 from graspfx.objects.kernels import SIZE
-from graspfx.scene import bodies, surroundings
-from graspfx.scene.fields import NotValid
-from graspfx.scene.holding_faults import own_hand_faults, shared_hand_faults
-from graspfx.scene.lengths import length_faults as _length
-from graspfx.scene.parts import WIDTHS, SceneTable
-from graspfx.scene.settings import reason, setting_faults
-from graspfx.scene.solids import mass_faults, shape_faults
-from graspfx.scene.touching_faults import coefficient_faults, metric_faults, soft_faults
-from graspfx.scene.viscosity import may_turn, viscosity_faults
-from graspfx.scene.wiring import wiring_faults
+from graspfx.scene.checks.holding import own_hand_faults, shared_hand_faults
+from graspfx.scene.checks.lengths import length_faults as _length
+from graspfx.scene.checks.meeting import meeting_faults
+from graspfx.scene.checks.settings import reason, setting_faults
+from graspfx.scene.checks.solids import mass_faults, shape_faults
+from graspfx.scene.checks.touching import coefficient_faults, metric_faults, soft_faults
+from graspfx.scene.checks.viscosity import may_turn, viscosity_faults
+from graspfx.scene.making import bodies
+from graspfx.scene.making.wiring import wiring_faults
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.parts import WIDTHS, SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]
@@ -64,7 +65,7 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         yield shape_faults(scene, ("obstacle", i), thing, folder)
         yield _orientation(scene, ("obstacle", i), thing)
     yield _unique(scene, "obstacle")
-    yield surroundings.faults(scene, folder, faults)
+    yield meeting_faults(scene, folder, faults)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:

@@ -1,0 +1,103 @@
+"""What the objects of a scene cannot meet, or not with their dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from graspfx.errors import InputError
+from graspfx.objects.kernels import SIZE
+from graspfx.scene.making import bodies, surroundings
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.parts import Object, SceneTable
+
+Location = tuple[str | int, ...]
+Found = tuple[Location, str]
+
+FLAT = ("half-space", "plane")
+DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more is no rounding, nor its weight's sinking
+
+
+def meeting_faults(scene: SceneTable, folder: Path | None, known: Sequence[Found]) -> Iterator[Found]:
+    """What objects cannot meet, or not with these dynamics; nothing where an object or obstacle has its own fault."""
+    if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in known):
+        return
+    yield from _together(scene)
+    if not scene.obstacle:
+        return
+    native = [thing.name for thing in scene.object if _meets(scene, thing, "native")]
+    for i, table in enumerate(scene.obstacle):
+        if native and table.shape.kind not in FLAT:
+            yield (
+                ("obstacle", i, "shape", "kind"),
+                f"{', '.join(native)} with native dynamics can meet a half-space or a plane, not a {table.shape.kind}; "
+                "dynamics = 'bullet' meets any",
+            )
+    if native and scene.world.restitution > 0.0:
+        yield (
+            ("world", "restitution"),
+            f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = 'bullet' does",
+        )
+    for i, thing in enumerate(scene.object):
+        if thing.shape is not None and thing.shape.kind in FLAT and surroundings.moves(scene, thing):
+            yield (
+                ("object", i, "shape", "kind"),
+                f"a {thing.shape.kind} has no end: among obstacles lock its freedoms, or make it an [[obstacle]]",
+            )
+        elif thing.shape is not None and surroundings.moves(scene, thing):
+            yield from _inside(scene, i, thing, folder)
+
+
+def _together(scene: SceneTable) -> Iterator[Found]:
+    if scene.world.collide and len(scene.object) > 1:
+        for i, thing in enumerate(scene.object):
+            if thing.dynamics == "native" and surroundings.moves(scene, thing):
+                yield ("object", i, "dynamics"), "native objects meet no other object; world.collide needs 'bullet'"
+    wanted = bool(scene.world.collide)
+    for group in surroundings.groups(scene):
+        if not surroundings.in_world(scene, group):
+            continue
+        for i in group:
+            thing = scene.object[i]
+            if thing.dynamics != "bullet":
+                continue
+            if scene.dimensions != 3:
+                what = "world.collide" if wanted and not scene.obstacle else "obstacles"
+                yield (
+                    ("object", i, "dynamics"),
+                    f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {what} need dimensions = 3"
+                    + ("" if what == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
+                )
+            elif thing.shape is not None and surroundings.moves(scene, thing) and not all(scene.free(thing)):
+                yield (
+                    ("object", i, "free"),
+                    "PyBullet locks no single freedom of a body that meets others: expected all free or none; "
+                    "dynamics = 'native' on half-spaces and planes, or world.collide = false without obstacles",
+                )
+
+
+def _meets(scene: SceneTable, thing: Object, dynamics: str) -> bool:
+    return thing.dynamics == dynamics and thing.shape is not None and surroundings.moves(scene, thing)
+
+
+def _inside(scene: SceneTable, i: int, thing: Object, folder: Path | None) -> Iterator[Found]:
+    """Where a shape begins below a half-space or across a plane; other pairs would need a search."""
+    from graspfx.objects.floor import clearance
+
+    state = np.zeros(SIZE)
+    try:
+        bodies.fill(scene, thing, state, folder)
+        shape = bodies.make_shape(thing, folder)
+        for table, obstacle in zip(scene.obstacle, surroundings.obstacles(scene, folder), strict=True):
+            if table.shape.kind in FLAT:
+                height = clearance(shape, scene.dimensions, state, obstacle)
+                if height < -DEEP:
+                    yield (
+                        ("object", i, "position"),
+                        f"the object starts {-1e3 * height:.4g} mm inside the obstacle {table.name!r}: expected its "
+                        "lowest point on or above it",
+                    )
+    except (InputError, NotValid):
+        return  # has a fault of its own

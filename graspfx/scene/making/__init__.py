@@ -1,0 +1,1 @@
+"""What the tables of a scene describe, made: shapes, bodies, hands, devices, the servo."""
