@@ -111,7 +111,7 @@ def test_a_dragged_finger_slides_at_mu_and_a_held_one_never_moves_its_anchor() -
 
 
 def test_without_friction_is_where_mu_goes_to_zero_and_sticking_where_it_grows() -> None:
-    """Rotation locked, so that where a contact lies in its face does not matter: mu = 1e-9 to 1e-9, mu = 1e9 exactly."""
+    """Rotation locked: where in its face a contact lies does not matter. mu = 1e-9 to 1e-9, mu = 1e9 exactly."""
     rng = np.random.default_rng(4)
     free = [True, True, False]
     box = Box((0.05, 0.05))
@@ -208,7 +208,7 @@ def test_twenty_fingers_are_many_but_not_too_many_unknowns() -> None:
 @pytest.mark.parametrize(("kep", "kip"), [(40.0, 160.0), (160.0, 40.0), (1.0, 1000.0)])
 @pytest.mark.parametrize("ked", [0.1, 0.9])
 def test_forces_along_the_normals_are_the_pivoted_ones(kep: float, kip: float, ked: float) -> None:
-    """Friction 0: six unknowns against principal pivoting in n d, damped: 1e-15 x max(10, kip/kep) of the largest trial force."""
+    """Friction 0, damped, against principal pivoting: 1e-15 x max(10, kip/kep) of the largest trial force."""
     rng = np.random.default_rng(10)
     for d, n in itertools.product((1, 2, 3), (1, 2, 4)):
         gains = law(kep, kip, ked, 0.5)
@@ -268,7 +268,7 @@ def test_a_pinched_box_slips_where_its_weight_is_twice_mu_times_the_squeeze() ->
 
 
 def test_a_held_box_does_not_creep() -> None:
-    """Held 5 mm above its centre, free to turn: once it has settled it stays to less than 1 um, to the last bit held."""
+    """Held 5 mm above its centre, free to turn: once it has settled it stays, to less than 0.1 um."""
     rec = gx.run(pinch(2.0, 0.8, above=0.005, turns=True))
     assert rec.status is not None and (rec.status[500:] == 1).all()
     assert np.abs(rec.object_position[-1] - rec.object_position[1500]).max() < 1e-7

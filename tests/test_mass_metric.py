@@ -108,10 +108,14 @@ def test_a_device_that_tells_no_mass_is_a_fault(tmp_path: Path) -> None:
     )
     table = waved("mass", (0.01, 0.01)).to_dict()
     table["finger"][1] = {"device": {"name": str(driver)}, "start": [0.0]}
-    with pytest.raises(SceneError, match=r"coupling\.metric: 'mass' expects every device to tell its mass; .*finger\.1"):
+    with pytest.raises(
+        SceneError, match=r"coupling\.metric: 'mass' expects every device to tell its mass; .*finger\.1"
+    ):
         gx.Scene(**table)
 
 
 def test_the_plan_names_the_metric() -> None:
-    rows = {metric: {row.step: row for row in plan(waved(metric, (0.01, 0.01)))}["metric"] for metric in ("mass", "equal")}
+    rows = {
+        metric: {row.step: row for row in plan(waved(metric, (0.01, 0.01)))}["metric"] for metric in ("mass", "equal")
+    }
     assert rows["mass"].runs and "mass" in rows["mass"].why and not rows["equal"].runs

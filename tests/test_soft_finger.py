@@ -240,7 +240,7 @@ def pinch(model: str, **coupling: Any) -> gx.Scene:
         },
         coupling={
             "external": {"stiffness": 200.0, "damping": 0.5}, "internal": {"stiffness": 500.0, "damping": 0.5},
-            **{"friction": 0.8, **coupling},
+            "friction": 0.8, **coupling,
         },
         finger=[finger(-1.0), finger(1.0)],
     )  # fmt: skip

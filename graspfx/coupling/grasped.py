@@ -42,7 +42,7 @@ class Rules:
         attached: bilateral contact at points fixed in the object, no cone.
         stick: a touching finger holds where it touched; else it slips freely, unless `friction` says otherwise.
         friction: a coefficient of friction, for all fingers or one for each.
-        patch: the lengths rho of the fingers' contact patches [m], for all or one for each; 0 is a hard finger. In space.
+        patch: the lengths rho of the fingers' contact patches [m], all or one each; 0 is a hard finger. In space.
         share: of each finger in the metric, its device's mass over the mean of all; equal if not given.
         fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
         at_contact: the reaction acts at the contact point, else at the fingertip.
@@ -253,7 +253,9 @@ class GraspedObject:
 
     def _require_soft(self, rules: Rules, mu: FloatArray) -> None:
         if self.dimensions != 3:
-            raise InputError("patch", rules.patch, "soft fingers in space only", "elsewhere a soft finger is a hard one")
+            raise InputError(
+                "patch", rules.patch, "soft fingers in space only", "elsewhere a soft finger is a hard one"
+            )
         if self.matrices:
             raise InputError("patch", rules.patch, "one number for each gain where fingers are soft")
         if not (rules.attached or rules.stick or mu[np.broadcast_to(rules.patch, mu.shape) > 0.0].all()):

@@ -21,6 +21,7 @@ from graspfx.scene.fields import NotValid
 from graspfx.scene.hands import Path as RecordedPath
 from graspfx.scene.hands import Reach, Sine
 from graspfx.scene.parts import WIDTHS, SceneTable
+from graspfx.scene.rubbing import metric_faults, own_coefficient, soft_faults
 from graspfx.scene.settings import reason, setting_faults
 from graspfx.scene.wiring import wiring_faults
 
@@ -61,8 +62,8 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:
             yield _reference(scene, ("finger", i, field), finger, field)
-        yield _coefficient(scene, ("finger", i, "friction"), finger)
-        yield _soft(scene, i, finger)
+        yield own_coefficient(scene, ("finger", i, "friction"), finger)
+        yield soft_faults(scene, i, finger)
         yield _own_hand(scene, ("finger", i, "hand"), finger, folder)
         yield _own_device(scene, ("finger", i, "device"), finger, folder, connected)
     for i, device in enumerate(_items(scene, "device")):
@@ -73,7 +74,7 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
             yield _spring(scene, ("hand", i, half), hand, half)
     yield _channels(scene)
     yield wiring_faults(scene, connected)
-    yield _metric(scene, connected)
+    yield metric_faults(scene, connected)
     for table in ("device", "hand"):
         yield _unused(scene, table)
     for share in ("external", "internal"):
@@ -264,46 +265,6 @@ def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iter
         close = closest(name, names)
         hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(names)})" if names else ""
         yield at, f"no [[{table}]] has the {NAMED[table]} {name!r}{hint}"
-
-
-def _coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Found]:
-    if finger.friction is None:
-        return
-    if scene.coupling.contact == "attached":
-        yield at, "attached contacts do not slip: leave it out"
-    elif scene.coupling.friction == "stick":
-        yield at, "coupling.friction = 'stick' holds every finger; a coefficient there lets each have its own"
-
-
-def _soft(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
-    at: Location = ("finger", i, "patch")
-    if finger.model == "hard":
-        if finger.patch is not None:
-            yield at, "only a soft finger has one (model = 'soft')"
-        return
-    if scene.dimensions != 3:
-        yield ("finger", i, "model"), f"a soft finger in {scene.dimensions} dimension(s) is a hard one: torsion is in space"
-        return
-    if finger.patch is None:
-        yield at, "required for a soft finger: the length that torsion is measured with, the radius of its patch [m]"
-    coupling = scene.coupling
-    gains = [np.ndim(gain) for part in (coupling.external, coupling.internal) for gain in (part.stiffness, part.damping)]
-    if any(gains):
-        yield ("finger", i, "model"), "soft fingers expect each gain as one number"
-    if coupling.contact == "attached":
-        if scene.object[scene.finger_objects[i]].shape is None:
-            yield ("finger", i, "model"), "a soft finger expects an object with a shape: torsion is about its normal"
-    elif coupling.friction != "stick" and scene.coefficients[i] == 0.0:
-        yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
-
-
-def _metric(scene: SceneTable, connected: dict[Location, Device]) -> Iterator[Found]:
-    if scene.coupling.metric != "mass":
-        return
-    for at, device in connected.items():
-        if device.features.mass is None:
-            where = ".".join(map(str, at))
-            yield ("coupling", "metric"), f"'mass' expects every device to tell its mass; that of {where} does not"
 
 
 def _own_hand(scene: SceneTable, at: Location, finger: Any, folder: Path | None) -> Iterator[Found]:

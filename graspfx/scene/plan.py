@@ -132,7 +132,9 @@ def _projection(scene: SceneTable) -> Row:
         return "letting go", False, "attached: the contact is bilateral, no cone"
     if any(scene.coefficients):
         given = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
-        why = f"fingers only push; friction mu = {given} by Coulomb's law, by the associated one where it does not settle"
+        why = (
+            f"fingers only push; friction mu = {given} by Coulomb's law, by the associated one where it does not settle"
+        )
         return "letting go", True, f"{why}; the recording says which (law)"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
