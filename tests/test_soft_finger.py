@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.cones.cone import jacobian_of_modes, jacobian_of_square
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import InputError, SceneError
+from graspfx.grasp.kernels import rigid_modes
 from graspfx.objects import kernels as body
 from graspfx.objects.body import NativeBody
 from graspfx.objects.kernels import orient
 from graspfx.objects.shape import Box, Sphere
 from graspfx.scene.plan import plan
 from graspfx.spatial import exponential, product
+from tests.fused import compiled
 from tests.test_coupling import grasped, law, respond
 
 RHO = 0.006  # [m]
@@ -218,6 +221,28 @@ def test_implicit_force_and_torsion_are_solved_with_the_objects_motion(kip: floa
     give = np.diag([0.005**2 / 0.1] * 3 + [0.005**2 / (j + 0.005 * 1e-4) for j in INERTIA])
     expected = np.linalg.solve(np.linalg.inv(K) + G.T @ give @ G, np.column_stack([e, np.zeros(4)]).ravel())
     np.testing.assert_allclose(g.rows[:, at.LOCAL : at.LOCAL + 4].ravel(), expected, rtol=0.0, atol=1e-13)
+
+
+def test_kernels_with_torsion_compile_to_the_same_bits() -> None:
+    """Four coordinates a finger, 200 random buffers: the return map with both Jacobians, and the modes."""
+    rng = np.random.default_rng(8)
+    n, c, count, square, size = 3, 4, 6, 400, 12
+    twins = {kernel: compiled(kernel) for kernel in (jacobian_of_modes, jacobian_of_square, rigid_modes)}
+    for k in range(200):
+        S = rng.normal(size=900)
+        S[: 2 * n], S[2 * n : 3 * n] = rng.uniform(0.2, 1.5, size=2 * n), 0.0
+        theta = float(k % 2)
+        calls: dict[Any, tuple[Any, ...]] = {
+            jacobian_of_modes: (0, n, c, count, *((40.0, 160.0), (160.0, 40.0))[k // 2 % 2], theta),
+            jacobian_of_square: (0, n, c, 160.0, square, size, theta),
+            rigid_modes: (0, 12, 0, 3, n, 3, 60, 3, 3, 0.1, 0.2, 100, 4, 7),
+        }
+        for kernel, arguments in calls.items():
+            a, b = S.copy(), S.copy()
+            if kernel is rigid_modes:
+                a[3:36:12] = b[3:36:12] = np.abs(a[3:36:12])
+            told, found = kernel(memoryview(a), *arguments), twins[kernel](b, *arguments)  # type: ignore[call-arg]
+            assert told == found and np.array_equal(a, b)
 
 
 # Scenes -----------------------------------------------------------------------------------------------------------

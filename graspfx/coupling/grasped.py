@@ -109,7 +109,7 @@ class GraspedObject:
         implicit = state[body.INTEGRATOR] == body.IMPLICIT
         square = self.matrices or bool(implicit)
         # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
-        rays = not (slips or rules.attached or rules.stick or square)
+        rays = not (slips or rules.attached or rules.stick or square or law.equal)
         problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
         self.block = np.zeros(at.size(n, c, matrices=self.matrices, problem=problem))
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
