@@ -46,7 +46,7 @@ class Rules:
         attached: bilateral contact at points fixed in the object, no cone.
         stick: a touching finger holds where it touched; else it slips freely, unless `friction` says otherwise.
         friction: a coefficient of friction, for all fingers or one for each.
-        patch: the lengths rho of the fingers' contact patches [m], for all or one for each; 0 is a hard finger. In space.
+        patch: the lengths rho of the fingers' contact patches [m], all or one each; 0 is a hard finger. In space.
         share: of each finger in the metric, its device's mass over the mean of all; equal if not given.
         fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
         at_contact: the reaction acts at the contact point, else at the fingertip.
@@ -115,7 +115,7 @@ class GraspedObject:
         implicit = state[body.INTEGRATOR] == body.IMPLICIT
         square = self.matrices or bool(implicit)
         # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
-        rays = not (slips or rules.attached or rules.stick or square)
+        rays = not (slips or rules.attached or rules.stick or square or law.equal)
         problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
         end = at.size(n, c, matrices=self.matrices, problem=problem)
         data = None if shape is None else shape.data

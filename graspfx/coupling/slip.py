@@ -1,4 +1,4 @@
-"""Friction with a coefficient: elastic force and damping in the cones, and what of its displacement a finger retains."""
+"""Friction with a coefficient: elastic force and damping in the cones, and what fingers retain of displacements."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ def grip(S: Any) -> int:
 def brake(S: Any) -> int:
     """Adds damping: f = f0 + D (e' + s) in the cones, s in C*, f's = 0, nothing where f0 is zero; never active.
 
-    Under the implicit integrator f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s for the object's new state,
-    with s0 the slip of the elastic force: one system for all three.
+    The implicit integrator has f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s,
+    for the object's new state, with s0 the slip of the elastic force: one system for all three.
     """
     n = int(S[at.FINGERS])
     c = int(S[at.COORDINATES])
@@ -159,10 +159,11 @@ def sticks(S: Any, q: int) -> bool:
 
 
 def all_touch(S: Any) -> bool:
-    for i in range(int(S[at.FINGERS])):
-        if S[at.ROW + i * at.STRIDE + at.TOUCHING] == 0.0:
-            return False
-    return True
+    n = int(S[at.FINGERS])
+    count = 0
+    for i in range(n):
+        count += 1 if S[at.ROW + i * at.STRIDE + at.TOUCHING] != 0.0 else 0
+    return count == n
 
 
 def made_symmetric(S: Any, square: int, lead: int, m: int) -> bool:

@@ -19,7 +19,7 @@ from graspfx.scene.checks.lengths import length_faults as _length
 from graspfx.scene.checks.meeting import meeting_faults
 from graspfx.scene.checks.settings import reason, setting_faults
 from graspfx.scene.checks.solids import mass_faults, shape_faults
-from graspfx.scene.checks.touching import coefficient_faults, metric_faults, soft_faults
+from graspfx.scene.checks.touching import metric_faults, own_coefficient, soft_faults
 from graspfx.scene.checks.viscosity import may_turn, viscosity_faults
 from graspfx.scene.making import bodies
 from graspfx.scene.making.wiring import wiring_faults
@@ -71,7 +71,7 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         for field in NAMED:
             yield _reference(scene, ("finger", i, field), finger, field)
         yield own_hand_faults(scene, i, folder)
-        yield coefficient_faults(scene, ("finger", i, "friction"), finger)
+        yield own_coefficient(scene, ("finger", i, "friction"), finger)
         yield soft_faults(scene, i, finger)
         yield _own_device(scene, ("finger", i, "device"), finger, folder, connected)
     for i, device in enumerate(_items(scene, "device")):

@@ -1,4 +1,4 @@
-"""What keeps fingers from touching as a scene says: coefficients of friction, soft fingers, the mass metric."""
+"""Faults of friction, soft fingers and the metric of unequal devices."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ Location = tuple[str | int, ...]
 Found = tuple[Location, str]
 
 
-def coefficient_faults(scene: SceneTable, at: Location, finger: Any) -> Iterator[Found]:
-    """A finger's own coefficient of friction, where every finger sticks or none slips."""
+def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Found]:
+    """A coefficient that a finger has beside a coupling which leaves no room for it."""
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
@@ -25,7 +25,7 @@ def coefficient_faults(scene: SceneTable, at: Location, finger: Any) -> Iterator
 
 
 def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
-    """A soft finger, where there is no torsion or nothing to measure it with."""
+    """What a soft finger lacks, or a hard one has of it."""
     at: Location = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
@@ -53,7 +53,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
 
 
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
-    """The mass metric, where a device does not tell its mass."""
+    """Devices that do not tell the mass by which the metric would count them."""
     if scene.coupling.metric != "mass":
         return
     for at, device in connected.items():

@@ -97,9 +97,9 @@ def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
         Rules(
             attached=rules.contact == "attached",
             stick=rules.friction == "stick",
-            friction=tuple(scene.coefficients[i] for i in fingers),
-            patch=tuple(scene.finger[i].patch or 0.0 for i in fingers),
-            share=None if masses is None else masses[fingers] / masses[fingers].mean(),
+            friction=[scene.coefficients[i] for i in fingers],
+            patch=[scene.finger[i].patch or 0.0 for i in fingers],
+            share=None if masses is None else (masses[fingers] / masses[fingers].mean()).tolist(),
             fade=rules.fade if rules.absent == "fade" else None,
             at_contact=rules.reaction == "contact",
             blend=rules.blend,
