@@ -13,8 +13,8 @@ from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import SceneError
 from graspfx.objects.body import NativeBody
-from graspfx.objects.shape import Box, Sphere
 from graspfx.scene.plan import plan
+from graspfx.surfaces.shape import Box, Sphere
 from tests.test_coupling import grasped, law, respond
 
 INERTIA = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}

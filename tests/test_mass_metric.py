@@ -11,8 +11,8 @@ import pytest
 import graspfx as gx
 from graspfx.coupling.grasped import Rules
 from graspfx.errors import SceneError
-from graspfx.objects.shape import Box
 from graspfx.scene.plan import plan
+from graspfx.surfaces.shape import Box
 from tests.test_coupling import grasped, law, respond
 
 HEAVY, LIGHT = 0.3, 0.1  # devices' masses [kg]

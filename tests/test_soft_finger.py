@@ -16,9 +16,9 @@ from graspfx.grasp.kernels import rigid_modes
 from graspfx.objects import kernels as body
 from graspfx.objects.body import NativeBody
 from graspfx.objects.kernels import orient
-from graspfx.objects.shape import Box, Sphere
 from graspfx.scene.plan import plan
 from graspfx.spatial import exponential, product
+from graspfx.surfaces.shape import Box, Sphere
 from tests.fused import compiled
 from tests.test_coupling import grasped, law, respond
 
