@@ -76,6 +76,12 @@ def test_the_weight_is_carried() -> None:
     )
 
 
+def spike(recording: Recording) -> Any:
+    """One of many numbers is another."""
+    ticks = np.arange(len(recording))
+    return np.stack([ticks == 31, np.zeros(len(ticks))], axis=1)
+
+
 def test_a_number_that_is_another() -> None:
     with pytest.raises(ConformanceError, match=r"ticks is 7, within 0; found: 50"):
         check_scene(scene(2), duration=0.1, number=("ticks", 7, 0))
@@ -83,6 +89,8 @@ def test_a_number_that_is_another() -> None:
         check_scene(scene(2), duration=0.1, number=("finger_distance_mean", 0.05, 1))
     with pytest.raises(ConformanceError, match="a key of the summary") as caught:
         check_scene(scene(2), duration=0.1, number=("tikcs", 7, 0))
+    with pytest.raises(ConformanceError, match=r"found: 1\.0 at \[31, 0\], the farthest of 100"):
+        check_scene(scene(2), duration=0.1, number=(spike, 0.0, 0.5))
     assert isinstance(caught.value.__cause__, InputError)
 
 

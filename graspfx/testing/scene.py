@@ -26,6 +26,7 @@ Number = tuple[str | Callable[["Recording"], Any], Any, float]
 
 ROUNDING = 64.0 * np.finfo(float).eps  # of a sum over fingers, relative to its terms
 TOGETHER = 300  # ticks that two servos run in turns
+SHOWN = 20  # numbers in a message
 SMALL_SHARE = 1e-3  # of the largest energy in the ledger
 
 
@@ -274,4 +275,12 @@ def _check_number(
             found = name(recording)
         promise.holds(found is not None, "None")
         off = np.abs(np.asarray(found, dtype=float) - np.asarray(expected, dtype=float))
-        promise.holds((off <= tolerance).all(), f"{np.asarray(found).tolist()}")
+        promise.holds((off <= tolerance).all(), _worst(np.asarray(found), off))
+
+
+def _worst(found: FloatArray, off: FloatArray) -> str:
+    """What was found; of many numbers, the one that is farthest off and its place."""
+    if found.size <= SHOWN or found.shape != off.shape:
+        return f"{found.tolist()}"
+    place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
+    return f"{found[place]} at {[int(i) for i in place]}, the farthest of {found.size}"

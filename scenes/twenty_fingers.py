@@ -1,0 +1,66 @@
+"""Twenty fingers, spread evenly, hold a bumpy mesh of 20480 triangles in space against its weight and turn it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+import graspfx as gx
+
+POTATO = Path(__file__).parent / "meshes" / "potato.ply"  # [mm]
+GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad]
+
+
+def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, friction: float = 0.6) -> gx.Scene:
+    """The fingers start on the surface, on the rays of a Fibonacci spiral from the middle, and close along its normals.
+
+    The directions: z_i = 1 - (2 i + 1)/n, turned about z by i times the golden angle.
+
+    Args:
+        fingers: n.
+        squeeze: how far each of them closes [m].
+        radius: of the balls that the fingertips are [m]; 0: points.
+        friction: coefficient mu.
+    """
+    import trimesh
+
+    vertices = 0.001 * np.asarray(trimesh.load(POTATO).vertices)  # (V, 3) [m], 1 mm apart
+    i = np.arange(fingers)
+    z = 1.0 - (2.0 * i + 1.0) / fingers
+    around = np.sqrt(1.0 - z * z)
+    directions = np.stack([around * np.cos(GOLDEN_ANGLE * i), around * np.sin(GOLDEN_ANGLE * i), z], axis=1)
+    cosines = directions @ (vertices / np.linalg.norm(vertices, axis=1, keepdims=True)).T
+    starts = vertices[cosines.argmax(axis=1)] + radius * directions
+    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}  # [kg], [N s/m]
+    return gx.Scene(
+        title=f"{fingers} fingers on a bumpy mesh of 20480 triangles",
+        dimensions=3,
+        period=0.005,
+        duration=1.5,
+        gravity=[0.0, 0.0, -9.81],
+        object={
+            "density": 1000.0,  # 0.27 kg
+            "viscosity": 0.5,
+            "rotational_viscosity": 5e-4,
+            "shape": {"mesh": str(POTATO), "scale": 0.001},
+        },
+        coupling={
+            "external": {"stiffness": 200.0, "damping": 1.0},
+            "internal": {"stiffness": 400.0, "damping": 1.0},
+            "friction": friction,
+            "absent": "follow",  # all of them stay near, whatever they press
+        },
+        hand=[
+            {
+                "name": "all",
+                "arm": {"stiffness": 200.0, "damping": 4.0},
+                "grip": {"stiffness": 200.0, "damping": 4.0},
+                "squeeze": [{"to": squeeze, "begin": 0.0, "duration": 0.2}],
+                "closing": "normal",
+                "turn": {"kind": "reach", "angle": 0.5, "axis": "x", "begin": 0.3, "duration": 0.6},
+            }
+        ],
+        finger=[{"device": device, "hand": "all", "start": start.tolist(), "radius": radius} for start in starts],
+    )
