@@ -59,21 +59,21 @@ def test_the_floor_only_pushes_and_rubs(picked: tuple[Recording, FloatArray]) ->
 
 
 def test_pybullet_puts_the_box_at_the_same_place(picked: tuple[Recording, FloatArray]) -> None:
-    """Within what an edge that lands first may shift it: half its height times a swing of 0.3 degrees, 0.16 mm, twice.
+    """Within 5 um, of the 50 um that the edge which lands first shifts both: 1 um measured.
 
-    Native corners sink by m g/(4 k) = 4 um into the floor and PyBullet's do not; in the air, before the wrist turns,
-    both hang alike but for that.
+    Native corners sink by m g/(4 k) = 4 um into the floor and PyBullet's do not; in the air both hang alike but for
+    that.
     """
     pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
     native, _ = picked
     bullet = gx.run(gx.load("pick-and-place", {"object.dynamics": "bullet"}))
     assert not bullet.faults
-    assert abs(bullet.object_position[-1] - [0.08, 0.0, 0.03]).max() < 3e-4
-    assert bullet.object_position[-1, 2] == pytest.approx(0.03, abs=1e-9)
     assert not bullet.touching[-1].any()
-    orientation = bullet.object_orientation
-    assert orientation is not None
-    assert 2.0 * np.arctan2(orientation[-1, 2], orientation[-1, 3]) == pytest.approx(np.pi / 2.0, abs=1e-4)
+    assert abs(bullet.object_position[-1] - native.object_position[-1]).max() < 5e-6
+    assert bullet.object_position[-1, 2] == pytest.approx(0.03, abs=1e-9)
+    ours, theirs = native.object_orientation, bullet.object_orientation
+    assert ours is not None and theirs is not None
+    assert theirs[-1] == pytest.approx(ours[-1], abs=1e-5)
     hanging = (native.time > 2.1) & (native.time < 2.4)
     assert abs(native.object_position - bullet.object_position)[hanging].max() < 2e-5
 
