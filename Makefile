@@ -22,9 +22,11 @@ demo: $(RUN_READY) ## wave a cube with conventional and with separate gains, sid
 	@$(BIN)/graspfx run paper-waving --out $(OUT)/proposed
 	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --out $(OUT)
 
-pictures: $(RUN_READY) ## draw every scene of the shelf anew for the documents
+pictures: $(RUN_READY) ## draw every scene of the shelf anew, as docs/scenes.md says how
 	@$(INTERPRETER) -c 'from graspfx import plugins; print(*(n for n, o in plugins.names("scenes").items() if o.startswith("GraspFX")))' \
-		| xargs -n 1 | while read -r name; do $(BIN)/graspfx picture "$$name" --out "docs/pictures/scenes/$$name.png" || exit 1; done
+		| xargs -n 1 | while read -r name; do \
+			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \
+				--out "docs/pictures/scenes/$$name.png" </dev/null || exit 1; done
 
 test: $(WORK_READY) ## the tests, the documents' examples among them
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'

@@ -63,7 +63,7 @@ class Carried(BlockBody):
         self._bullet = bullet = pybullet()
         self._client = client
         self._where = _three(state, at.POSITION)
-        shaped = collision >= 0
+        self._shaped = shaped = collision >= 0
         moving = not shaped or bool(free.any())
         self.body: int = bullet.createMultiBody(
             baseMass=self._mass if moving else 0.0,
@@ -99,7 +99,9 @@ class Carried(BlockBody):
             pull = S[at.FORCE + a] + self._mass * S[at.GRAVITY + a] - b * S[at.VELOCITY + a]
             force[a] = self._share * pull
         bullet.applyExternalForce(body, -1, force, self._where, bullet.WORLD_FRAME, physicsClientId=client)
-        if self._turns:
+        if self._turns and self._shaped:  # the friction of PyBullet's contacts does not see a torque, but a velocity
+            bullet.resetBaseVelocity(body, angularVelocity=self._spin_after(T), physicsClientId=client)
+        elif self._turns:
             bullet.applyExternalTorque(body, -1, self._torque(), bullet.WORLD_FRAME, physicsClientId=client)
 
     def read(self, T: float) -> None:
@@ -160,6 +162,15 @@ class Carried(BlockBody):
         x, y, z, w = _four(S, at.QUATERNION)
         mx, my, mz = rotate(-x, -y, -z, w, mx, my, mz)
         return rotate(x, y, z, w, p * mx, q * my, r * mz)
+
+    def _spin_after(self, T: float) -> tuple[float, float, float]:
+        """w + T J^-1 M, world axes [rad/s]."""
+        S, v = self._S, at.ANGULAR_VELOCITY
+        x, y, z, w = _four(S, at.QUATERNION)
+        own = rotate(-x, -y, -z, w, *self._torque())
+        p, q, r = (T * m / J for m, J in zip(own, self._moments, strict=True))
+        p, q, r = rotate(x, y, z, w, p, q, r)
+        return float(S[v] + p), float(S[v + 1] + q), float(S[v + 2] + r)
 
     def _turned(self, T: float, quaternion: tuple[float, ...], spin: tuple[float, ...]) -> None:
         """Writes orientation and angular velocity of the free rotations into the block."""
