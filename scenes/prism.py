@@ -49,7 +49,7 @@ def scene(
         sides: three or more.
         radius: from the axis to a corner [m].
         height: [m].
-        fingers: two or more, one for a side at most; evenly about the prism where their number divides that of its sides.
+        fingers: two or more, one for a side at most; evenly about the prism where their number divides the sides'.
         pinch: with which each finger pushes [N]; together, times the friction, more than the prism weighs.
         density: [kg/m^3]; wood.
         friction: coefficient.
