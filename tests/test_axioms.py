@@ -110,6 +110,27 @@ def test_unit_of_length_changes_nothing(model, seed):
     assert np.isclose(a.condition, b.condition, rtol=1e-9)
 
 
+def test_unit_of_length_changes_no_force_of_the_law():
+    # eq. (4) of 100 random sets of soft fingers of unequal weight, in m and N m and in mm and N mm: 4e-15 was found
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        n, rho = int(rng.integers(2, 6)), rng.uniform(0.003, 0.01)  # [m]
+        points, normals = rng.normal(size=(n, 3)) * 0.03, rng.normal(size=(n, 3))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        weights, e, rate = rng.uniform(0.3, 3.0, n), rng.normal(size=4 * n) * 0.002, rng.normal(size=4 * n) * 0.05
+        kep, kip, ked, kid = [*rng.uniform(20.0, 1000.0, 2), *rng.uniform(0.0, 2.0, 2)]
+        forces = []
+        for u in (1.0, 1000.0):
+            grasp = gx.Grasp(u * points, normals, model="soft")
+            unit = np.where(grasp.torsion_columns, 1.0 / 0.006, u)  # turns are of the size of shifts over 6 mm
+            law = gx.Coupling(gx.Impedance(kep / u, ked / u), gx.Impedance(kip / u, kid / u))
+            split = grasp.split(grasp.metric(weights=weights, torsion_length=rho * u))
+            forces.append(law.force(split, e * unit, rate * unit) / np.where(grasp.torsion_columns, u, 1.0))
+        for kind in (grasp.torsion_columns, ~grasp.torsion_columns):
+            a, b = forces[0][kind], forces[1][kind]
+            assert np.abs(a - b).max() < 1e-12 * np.abs(a).max()
+
+
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("seed", range(4))
 def test_frame_turns_the_projector_with_it(d, seed):

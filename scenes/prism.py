@@ -1,0 +1,91 @@
+"""A prism of any number of sides, its mesh made by a formula, lifted by fingers in the middle of its sides."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import graspfx as gx
+from graspfx.errors import InputError
+
+KIP, HAND = 800.0, 300.0  # of the coupling and of a finger's hand [N/m]
+
+
+def prism(sides: int, radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings, and the middle of each end.
+
+    Corners lie on the radius; the first side, between corners 0 and 1, looks along x.
+    """
+    corner = np.arange(sides)
+    following = (corner + 1) % sides
+    angle = np.pi * (2 * corner - 1) / sides
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    ends = [np.insert(ring, 2, z, axis=1) for z in (-height / 2, height / 2)]
+    middles = np.array([[0.0, 0.0, -height / 2], [0.0, 0.0, height / 2]])
+    bottom, top = np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+    faces = np.stack(
+        [
+            [corner, following, following + sides],  # counter-clockwise, seen from outside
+            [corner, following + sides, corner + sides],
+            [bottom, following, corner],
+            [top, corner + sides, following + sides],
+        ]
+    )
+    return np.concatenate([*ends, middles]), faces.transpose(0, 2, 1).reshape(-1, 3)
+
+
+def scene(
+    sides: int = 6,
+    radius: float = 0.03,
+    height: float = 0.05,
+    fingers: int = 3,
+    pinch: float = 1.0,
+    density: float = 600.0,
+    friction: float = 0.6,
+) -> gx.Scene:
+    """Fingers start in the squeeze, pinch/KIP deep, and lift the prism by 30 mm.
+
+    Args:
+        sides: three or more.
+        radius: from the axis to a corner [m].
+        height: [m].
+        fingers: two or more, one for a side at most; evenly about the prism where their number divides the sides'.
+        pinch: with which each finger pushes [N]; together, times the friction, more than the prism weighs.
+        density: [kg/m^3]; wood.
+        friction: coefficient.
+    """
+    if not (isinstance(sides, int) and sides >= 3):
+        raise InputError("sides", sides, "a whole number of 3 or more")
+    if not (isinstance(fingers, int) and 2 <= fingers <= sides):
+        raise InputError("fingers", fingers, f"a whole number from 2 to {sides}, one for a side at most")
+    vertices, faces = prism(sides, radius, height)
+    angle = 2 * np.pi * (np.arange(fingers) * sides // fingers) / sides  # of the sides' normals
+    outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(fingers)], axis=1)
+    start = (radius * np.cos(np.pi / sides) - pinch / KIP) * outward
+    rest = start - pinch / HAND * outward
+    lift = {"kind": "reach", "displacement": [0.0, 0.0, 0.03], "begin": 0.5, "duration": 0.6}
+    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+    hand = {"stiffness": HAND, "damping": 6.0, "motion": lift}
+    return gx.Scene(
+        title=f"A prism of {sides} sides in {fingers} fingers",
+        dimensions=3,
+        period=0.002,
+        duration=2.0,
+        gravity=[0.0, 0.0, -9.81],
+        object={
+            "name": "prism",
+            "density": density,
+            "viscosity": 0.2,
+            "rotational_viscosity": 2e-4,
+            "shape": {"vertices": vertices.tolist(), "faces": faces.tolist()},
+        },
+        coupling={
+            "external": {"stiffness": 400.0, "damping": 1.0},
+            "internal": {"stiffness": KIP, "damping": 1.0},
+            "friction": friction,
+        },
+        finger=[
+            {"start": start[i].tolist(), "device": device, "hand": hand | {"rest": rest[i].tolist()}}
+            for i in range(fingers)
+        ],
+    )
