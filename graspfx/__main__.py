@@ -15,6 +15,7 @@ from graspfx import __version__
 from graspfx.errors import GraspFXError, InputError, RecordingError
 
 if TYPE_CHECKING:
+    from graspfx.loop.header import Header
     from graspfx.loop.record import Recording
 
 DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
@@ -211,7 +212,7 @@ def _recorded(chosen: Namespace) -> tuple[Recording, Path | None, Path]:
             raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
         file = recording_file(given)
         recording = Recording.load(file)
-        return recording, _folder_of(recording.header.scene), file.parent
+        return recording, _folder_of(recording.header), file.parent
 
     from graspfx.scene.load import load
     from graspfx.scene.run import run
@@ -221,12 +222,15 @@ def _recorded(chosen: Namespace) -> tuple[Recording, Path | None, Path]:
     return run(scene, duration=duration), scene.source.folder, Path("out") / given.stem
 
 
-def _folder_of(scene: str) -> Path | None:
-    """Of a scene on the shelf; None for what is elsewhere by now."""
+def _folder_of(header: Header) -> Path | None:
+    """Where the scene's paths start, or where a scene of that name is now; None for what is nowhere."""
     from graspfx.plugins import find
 
+    folder = Path(header.scene_folder)
+    if header.scene_folder and folder.is_dir():
+        return folder
     try:
-        return find("scenes", scene).parent
+        return find("scenes", header.scene).parent
     except GraspFXError:
         return None
 

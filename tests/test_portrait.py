@@ -13,6 +13,7 @@ from matplotlib.image import imread
 from numpy.typing import NDArray
 from recordings import layout, recording, waving
 
+import graspfx as gx
 from graspfx import plugins
 from graspfx.__main__ import main
 from graspfx.errors import InputError
@@ -294,3 +295,11 @@ def test_a_shape_stands_where_its_scene_describes_it(monkeypatch: pytest.MonkeyP
     (thing,) = instant(held({"mesh": "meshes/plate.ply", "scale": 1e-3}), folder=plugins.shelf("scenes")).things
     assert thing.surface.vertices.mean(axis=0) == pytest.approx([0.1, 0.0, 0.0], abs=1e-12)
     assert not thing.path.any()  # of the centre of mass
+
+
+def test_a_recording_knows_where_its_meshes_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawn from anywhere, after the file has been written and read."""
+    rec = gx.run(gx.load("thin-plate"), duration=0.02)
+    rec.save(tmp_path / "recording.h5")
+    monkeypatch.chdir(tmp_path)
+    assert picture(gx.Recording.load(tmp_path / "recording.h5"), tmp_path / "picture.png") == ()

@@ -18,6 +18,7 @@ class Header:
         scene: its name.
         scene_text: the scene file verbatim, or the scene as JSON when it has none.
         scene_table: the scene as it was run, overrides applied, as nested tables.
+        scene_folder: where relative paths in the scene start; empty for the current folder.
         overrides: by dotted key.
         title: of the scene.
         created: UTC, ISO 8601.
@@ -31,6 +32,7 @@ class Header:
     scene: str = ""
     scene_text: str = ""
     scene_table: Mapping[str, Any] = field(default_factory=dict)
+    scene_folder: str = ""
     overrides: Mapping[str, Any] = field(default_factory=dict)
     title: str = ""
     created: str = ""

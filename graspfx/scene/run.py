@@ -98,6 +98,7 @@ def _header(scene: Scene) -> Header:
         scene=source.path.stem.replace("_", "-") if source.path is not None else source.name,
         scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
         scene_table=scene.to_dict(),
+        scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
         overrides=dict(source.overrides),
         title=scene.title,
         created=now(),

@@ -89,13 +89,14 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
     Args:
         recording: with at least one tick.
         time: [s]; by default where most fingers touch and the sum of their forces is largest, or the end.
-        folder: where paths of meshes start.
+        folder: where paths of meshes start; the scene's own folder if not given.
 
     Raises:
         InputError: no ticks, or a time outside the recording.
     """
     k = _tick(recording, time)
     d = max(recording.layout.dimensions, 2)
+    folder = folder or Path(recording.header.scene_folder)
     notes: list[str] = []
     tips = _lifted(_tips(recording), d)  # (N, n, d)
     finite = np.isfinite(tips[k]).all(axis=1)

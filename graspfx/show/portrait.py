@@ -63,7 +63,7 @@ def picture(
         path: of the picture; its ending chooses the format.
         time: [s]; by default where most fingers touch and their forces are largest, or the end.
         view: azimuth and elevation of the viewer [degrees], in space; by default from where the fingers are seen best.
-        folder: where relative paths of meshes start; the current one if None.
+        folder: where relative paths of meshes start; that of the scene if None.
 
     Returns:
         What could not be drawn and why, a sentence each.
