@@ -127,9 +127,14 @@ def rest(n: int, c: int) -> int:
     return part(n, c) + (n * c) ** 2
 
 
+def levers(n: int, c: int) -> int:
+    """Offset of G in contact frames under the implicit integrator, six rows of n c."""
+    return rest(n, c) + n * c
+
+
 def dense(n: int, c: int) -> int:
     """Offset of K, then D, (n c) x (n c) each, in the object's axes; present only when gains are matrices."""
-    return rest(n, c) + n * c
+    return levers(n, c) + 6 * n * c
 
 
 def problems(n: int, c: int, *, matrices: bool) -> int:

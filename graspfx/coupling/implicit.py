@@ -60,18 +60,22 @@ def add_part(S: Any, size: int, m: int, elastic: bool, held: bool) -> None:
             total += S[B + p * m + k] * S[x + k]
             S[A + p * size + k] += S[B + p * m + k]
         S[q + p] += unit * total
+    G = at.levers(n, c)
+    for u in range(size - m):
+        for k in range(m):
+            S[G + u * m + k] = lever(S, u, shifts, k, c, at_tip)
     for u in range(size - m):
         for p in range(m):
             along = across = 0.0
             for k in range(m):
-                g = lever(S, u, shifts, k, c, at_tip)
+                g = S[G + u * m + k]
                 along += S[B + p * m + k] * g
                 across += g * S[B + k * m + p]
             S[A + p * size + m + u] -= along
             S[A + (m + u) * size + p] += across
             S[q + m + u] += unit * across * S[x + p]
             for v in range(size - m):
-                S[A + (m + u) * size + m + v] -= across * lever(S, v, shifts, p, c, at_tip)
+                S[A + (m + u) * size + m + v] -= across * S[G + v * m + p]
 
 
 def fill_part(S: Any, m: int, elastic: bool, held: bool) -> None:
