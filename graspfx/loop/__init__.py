@@ -1,1 +1,1 @@
-"""What happens in time: devices, the hands that hold them, plants, the clock, the servo and recordings."""
+"""What happens in time: devices, the hands that hold them, plants, the servo and recordings."""

@@ -56,7 +56,7 @@ def run(
         with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()
             servo.run(ticks, recorder, stop)
-            done, shortfall = servo.clock.ticks == ticks, servo.fade_shortfall
+            done, shortfall = servo.ticks == ticks, servo.fade_shortfall
             recording = recorder.finish(
                 perf_counter() - began if done else None, complete=done, fade_shortfall=shortfall
             )
