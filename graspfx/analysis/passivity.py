@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from graspfx.analysis.passivity_bounds import QuantisedWall, quantised_wall, quantised_wall_limit
-from graspfx.analysis.passivity_display import Display, StateSpace, device_damping, display, never_passive
+from graspfx.analysis.passivity_display import Display, StateSpace, display, never_passive, symmetric
 from graspfx.analysis.passivity_frequency import required_at, worst_on_grid
 from graspfx.analysis.passivity_grasp import (
     CouplingLimits,
@@ -21,6 +21,8 @@ from graspfx.analysis.passivity_grasp import (
 from graspfx.analysis.passivity_horizon import WorstMotion, worst_motion
 from graspfx.analysis.passivity_pencil import PositiveReal
 from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
 
 __all__ = [
     "CouplingLimits",
@@ -73,8 +75,8 @@ def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float 
     """K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))]), a = 1/2 + t_d/T, p the fraction of a sample in t_d [N/m].
 
     Safe for every operator, delay and B, and exact for B = 0: an operator may move fast while the force is still the
-    old one and slowly afterwards, which costs up to 7.2 % of the stiffness of `wall_limit` (at t_d = T/4). For delays of
-    whole samples the two are equal.
+    old one and slowly afterwards, which costs up to 7.2 % of the stiffness of `wall_limit` (at t_d = T/4). For delays
+    of whole samples the two are equal.
 
     Args and errors: as `wall_limit`.
     """
@@ -120,10 +122,10 @@ def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
         damping: B, one number, (n,) or a symmetric (n, n) [N s/m].
     """
     found = display(H, period)
-    return -_lack(found, device_damping(damping, found.channels), period)
+    return -_lack(found, symmetric("damping", damping, found.channels), period)
 
 
-def _lack(found: Display, B: np.ndarray[tuple[int, ...], np.dtype[np.float64]], T: float) -> float:
+def _lack(found: Display, B: FloatArray, T: float) -> float:
     scale = float(np.abs(required_at(found, np.array([np.pi]), T)).max()) / T
     if never_passive(found, scale):
         return math.inf

@@ -112,19 +112,19 @@ def display(H: object, period: float) -> Display:
     return StateSpace(A, B.reshape(s, n), C.reshape(n, s), D)
 
 
-def device_damping(damping: ArrayLike, n: int) -> FloatArray:
-    """A device's damping as (n, n) from one number, one per channel, or a symmetric matrix [N s/m].
+def symmetric(name: str, given: ArrayLike, n: int) -> FloatArray:
+    """A damping or a mass as (n, n), from one number, one per direction, or a symmetric matrix.
 
     Raises:
         InputError: another shape, not finite, not symmetric.
     """
-    b = np.asarray(damping, dtype=float)
-    if b.shape not in ((), (n,), (n, n)) or not np.isfinite(b).all():
-        raise InputError("damping", damping, f"one number, {n} numbers or a matrix ({n}, {n}) [N s/m], finite")
+    b = _real(name, given)
+    if b.shape not in ((), (n,), (n, n)):
+        raise InputError(name, given, f"one number, {n} numbers or a matrix ({n}, {n})")
     if b.ndim < 2:
         return np.diag(np.broadcast_to(b, n)).astype(float)
-    if np.abs(b - b.T).max() > SYMMETRIC * np.abs(b).max():
-        raise InputError("damping", b, "a symmetric matrix")
+    if b.size and np.abs(b - b.T).max() > SYMMETRIC * np.abs(b).max():
+        raise InputError(name, b, "a symmetric matrix")
     return np.asarray((b + b.T) / 2)
 
 

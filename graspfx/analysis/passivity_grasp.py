@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.passivity_display import device_damping
+from graspfx.analysis.passivity_display import symmetric
 from graspfx.errors import InputError, UnknownNameError
 
 FloatArray = NDArray[np.float64]
@@ -88,7 +88,7 @@ def coupling_limits(
         raise InputError("damping", damping, "the devices' damping [N s/m], not negative")
     G = _matrix("G", G)
     w, m = G.shape
-    Bo = device_damping(object_viscosity, w)
+    Bo = symmetric("object_viscosity", object_viscosity, w)
     internal = max(0.0, 2 / period * (damping - abs(internal_damping)))
     left, sizes, _ = np.linalg.svd(G, full_matrices=False)
     kept = sizes > max(w, m) * np.finfo(float).eps * max(sizes, default=0.0)
@@ -124,7 +124,7 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
     m = G.shape[1]
     held = period / 2 * _stiffness(K, m)
     if damping is not None:
-        values, axes = np.linalg.eigh(device_damping(damping, m))
+        values, axes = np.linalg.eigh(symmetric("damping", damping, m))
         held = held + (axes * np.abs(values)) @ axes.T
     stretch = np.vstack([np.eye(m), -G])
     return np.asarray(stretch @ held @ stretch.T)
@@ -151,9 +151,9 @@ def leak_margin(
     w, m = G.shape
     L = leak_matrix(K, G, period, damping=coupling_damping)
     B = np.zeros_like(L)
-    B[:m, :m] = device_damping(damping, m)
+    B[:m, :m] = symmetric("damping", damping, m)
     if w:
-        B[m:, m:] = device_damping(object_viscosity, w)
+        B[m:, m:] = symmetric("object_viscosity", object_viscosity, w)
     return float(np.linalg.eigvalsh(B - L)[0])
 
 
@@ -187,8 +187,8 @@ def grasp_display(
     k = _matrix("K", K)
     if k.shape != (m, m):
         raise InputError("K", k, f"a matrix ({m}, {m})")
-    d = np.zeros((m, m)) if damping is None else device_damping(damping, m)
-    M, Bo = device_damping(mass, w), device_damping(viscosity, w)
+    d = np.zeros((m, m)) if damping is None else symmetric("damping", damping, m)
+    M, Bo = symmetric("mass", mass, w), symmetric("viscosity", viscosity, w)
     if w and not np.linalg.eigvalsh(M)[0] > 0.0:
         raise InputError("mass", mass, "a positive definite mass")
     slows, pushes = np.linalg.solve(M, Bo), np.linalg.solve(M, G)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.passivity_display import StateSpace, device_damping, display
+from graspfx.analysis.passivity_display import StateSpace, display, symmetric
 from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -49,7 +49,7 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
         raise InputError("H", H, "matrices (A, B, C, D)", "a function of z has no impulse response to start from")
     if samples < 1:
         raise InputError("samples", samples, "at least 1")
-    n, B = found.channels, device_damping(damping, found.channels)
+    n, B = found.channels, symmetric("damping", damping, found.channels)
     h = [found.D]  # impulse response
     x = found.B
     for _ in range(samples - 1):
@@ -59,8 +59,7 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
     E = np.zeros((samples, n, samples, n))
     for k in range(samples):
         E[k, :, k] = B / period
-        for i in range(k):
-            E[k, :, i] = step[k - 1 - i]
+        E[k, :, :k] = step[:k][::-1].transpose(1, 0, 2)
     form = E.reshape(samples * n, samples * n)
     from scipy.linalg import eigh
 

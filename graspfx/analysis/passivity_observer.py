@@ -191,8 +191,8 @@ def brake(
     """Adds a W Q_m D/T to the forces of each account m in debt, with the least a that pays in one more such step.
 
     a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode): a leak of squeezing
-    puts no damping on moving the object. What is owed beyond `most` stays in the books. The brake is held over a sample as
-    any damping is, so `most` is what the devices' friction leaves free: b - k T/2 at the largest gain k.
+    puts no damping on moving the object. What is owed beyond `most` stays in the books. The brake is held over a sample
+    as any damping is, so `most` is what the devices' friction leaves free: b - k T/2 at the largest gain k.
 
     Returns:
         a of internal, translation, rotation [N s/m].
