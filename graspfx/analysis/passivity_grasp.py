@@ -231,7 +231,7 @@ def _stiffness(K: ArrayLike, m: int) -> FloatArray:
             "K",
             k,
             f"a symmetric matrix ({m}, {m})",
-            'an asymmetric one creates energy however damped: form="symmetric"',
+            'use form="symmetric": against a standing object an asymmetric one creates energy however damped',
         )
     k = (k + k.T) / 2
     if np.linalg.eigvalsh(k)[0] < -1e-9 * np.abs(k).max():
