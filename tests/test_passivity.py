@@ -179,6 +179,27 @@ def test_the_worst_motion_draws_the_energy_that_it_claims():
     assert worst.energy == pytest.approx(worst.margin / T)
 
 
+@pytest.mark.parametrize("radius", [0.9, 0.99, 0.9999])
+@pytest.mark.parametrize("gain", [-20.0, 20.0])
+def test_a_function_with_slow_poles_is_as_exact_as_its_matrices(radius, gain):
+    """Time constants of up to 10000 samples: what slow motion asks for is taken between rounding and the pole."""
+    coupling = np.array([[1.0, 0.4], [-0.4, 0.5]])  # at rest what is skew in it cancels
+    A, B, C = radius * np.eye(2), np.eye(2), gain * (1 - radius) * coupling
+    parts = (A, B, C, 50.0 * np.eye(2) - gain * (coupling - coupling.T) / 2)
+    expected = passivity.required_damping(parts, T)
+    # one channel, X(z) = -gain/(z - radius): T/2 H(1) - T Re X is extremal at rest or at half the rate
+    ends = [T / 2 * (50.0 + gain) + T * gain / (z - radius) for z in (1.0, -1.0)]
+    alone = (radius, 1.0, gain * (1 - radius), 50.0)
+    assert passivity.required_damping(alone, T) == pytest.approx(max(ends), rel=1e-9)
+    for display_, value in ((parts, expected), (alone, max(ends))):
+        a, b, c, d = map(np.atleast_2d, display_)
+
+        def H(z, a=a, b=b, c=c, d=d):
+            return c @ np.linalg.solve(z * np.eye(len(a)) - a, b) + d
+
+        assert passivity.required_damping(H, T) == pytest.approx(value, rel=1e-9)
+
+
 def test_every_form_of_a_display_gives_one_answer():
     found, _ = random_display(0)
     parts = (found.A, found.B, found.C, found.D)

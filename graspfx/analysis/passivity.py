@@ -93,7 +93,7 @@ def required_damping(H: object, period: float) -> float:
     (Colgate and Schenkel 1997). With n channels: largest eigenvalue of the Hermitian part, for devices of equal b.
 
     Matrices are searched without a grid, to about 1e-9 (`PositiveReal`); a function of z by an adaptive grid, to about
-    1e-9 where H has no resonance much narrower than pi/256.
+    1e-9 where H has no time constant above 10000 samples and no resonance much narrower than pi/256.
 
     Args:
         H: force that opposes the motion over position [N/m]: a function of z, a number or (n, n); (A, B, C, D); an

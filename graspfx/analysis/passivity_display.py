@@ -16,7 +16,8 @@ FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 SYMMETRIC = 1e-9  # relative: what H(1) may be off and still be taken as symmetric, or as not negative
-SLOWEST = 1e-6  # [rad] stands for the limit of slow motion where H is a function: closer to z = 1 rounding wins
+AT_REST = 1e-9  # [rad] stands for z = 1 where H is a function, which may divide by z - 1
+ROUNDED = 1e-7  # relative: what such a function may lose there
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +138,10 @@ def never_passive(found: Display, scale: float) -> bool:
     if isinstance(found, StateSpace):
         if not found.stable():
             return True
-        K = found.static()
+        K, allowed = found.static(), SYMMETRIC
     else:
-        K = found.response(np.array([SLOWEST]))[0].real
-    allowed = SYMMETRIC * max(scale, float(np.abs(K).max()))
+        K, allowed = found.response(np.array([AT_REST]))[0].real, ROUNDED
+    allowed *= max(scale, float(np.abs(K).max()))
     return bool(np.abs(K - K.T).max() > allowed or np.linalg.eigvalsh((K + K.T) / 2)[0] < -allowed)
 
 

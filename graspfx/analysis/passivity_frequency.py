@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.passivity_display import SLOWEST, Display, StateSpace
+from graspfx.analysis.passivity_display import Display, StateSpace
 
 FloatArray = NDArray[np.float64]
 
+SLOW = 10.0 ** np.arange(-6.0, -1.4, 0.25)  # [rad] where the grid may begin
+PARTED = 100.0  # times the least difference so far
 ROUNDS = 60  # halvings of an interval at most: down to the spacing of floats
 
 
@@ -27,24 +29,43 @@ def required_at(found: Display, angles: FloatArray, T: float) -> NDArray[np.comp
 
 
 def worst_on_grid(found: Display, B: FloatArray, T: float) -> tuple[float, float]:
-    """max over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
+    """sup over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
 
-    Intervals are halved as long as their curvature leaves room for a larger value, then the peak is polished.
-    Accurate to about 1e-9 of the damping where H is smooth on the scale of the first grid, pi/256; a resonance much
-    narrower than that can be missed in a function, not in matrices, whose poles are looked at.
+    Intervals are halved as long as their curvature leaves room for a larger value, then the peak is polished; slow
+    motion is extrapolated. Accurate to about 1e-9 of the damping where the time constants of H are below 10000 samples
+    and it has no resonance much narrower than the first grid's pi/256: such a one can be missed in a function; of
+    matrices the poles are looked at.
     """
-    angles = np.concatenate([np.geomspace(SLOWEST, 0.1, 80), np.linspace(0.1, np.pi, 256)[1:]])
+    first, limit = at_rest(found, T)
+    angles = np.concatenate([np.geomspace(first, 0.1, 80), np.linspace(0.1, np.pi, 256)[1:]])
     if isinstance(found, StateSpace) and found.states:
         poles = found.poles()
         near = np.abs(np.angle(poles))[:, None] + (1.0 - np.abs(poles))[:, None] * np.array([-2, -1, 0, 1, 2])
-        angles = np.concatenate([angles, near[(near > SLOWEST) & (near < np.pi)]])
+        angles = np.concatenate([angles, near[(near > first) & (near < np.pi)]])
     angles = np.unique(angles)
 
     def value(th: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.eigvalsh(required_at(found, th, T) - B)[:, -1])
 
-    best, at = refined(value, angles)
-    return polished(value, best, at)
+    best, at = polished(value, *refined(value, angles))
+    slow = float(np.linalg.eigvalsh(limit - B)[-1])
+    return (slow, 0.0) if slow > best else (best, at)
+
+
+def at_rest(found: Display, T: float) -> tuple[float, FloatArray]:
+    """An angle from which on `required_at` is free of rounding, and its limit for th -> 0, (n, n).
+
+    Close to z = 1 the rounding of H counts 2/th-fold, far from it the extrapolation of its real part, which is even,
+    from th, 2 th and 4 th fails: the angle is taken where two extrapolations differ least, on this side of where they
+    first part (on the far side of a slow pole they would agree again, on another limit).
+    """
+    G = required_at(found, (SLOW[:, None] * [1.0, 2.0, 4.0]).ravel(), T).real
+    G = G.reshape(len(SLOW), 3, *G.shape[1:])
+    limits = (64 * G[:, 0] - 20 * G[:, 1] + G[:, 2]) / 45
+    apart = np.abs(np.diff(limits, axis=0)).max(axis=(1, 2))
+    parted = apart > PARTED * np.minimum.accumulate(apart)
+    k = int(apart[: int(parted.argmax()) if parted.any() else None].argmin())
+    return float(SLOW[k]), limits[k]
 
 
 def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tuple[float, float]:
