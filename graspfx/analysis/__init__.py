@@ -1,0 +1,1 @@
+"""Sampled-data limits from matrices and numbers: stability, passivity."""
