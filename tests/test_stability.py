@@ -244,7 +244,7 @@ def test_explicit_steps_that_diverge_by_themselves_have_no_stable_gain() -> None
 @pytest.mark.parametrize(
     ("change", "name"),
     [({"mass": 0.0}, "mass"), ({"damping": -1.0}, "damping"), ({"period": math.nan}, "period"),
-     ({"delay": 0.5}, "delay"), ({"delay": -1}, "delay"), ({"fingers": 0}, "fingers"),
+     ({"delay": 0.5}, "delay"), ({"delay": -1}, "delay"), ({"delay": 21}, "delay"), ({"fingers": 0}, "fingers"),
      ({"object_mass": [1.0, 2.0]}, "object_mass"), ({"spring": "stiff"}, "spring"), ({"upper": 0.0}, "upper"),
      ({"integrator": "implicit", "object_delay": 1}, "object_delay")],
 )  # fmt: skip
@@ -252,6 +252,33 @@ def test_arguments_that_cannot_be(change: dict[str, object], name: str) -> None:
     given = {"mass": 0.1, "damping": 0.2, "period": T, "object_mass": M_V, "object_damping": 0.8} | change
     with pytest.raises(InputError, match=f"^{name}: given"):
         gx.stability.stable_intervals(**given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("integrator", "lag"), [("explicit", 1.0), ("exact", 0.5)])
+def test_first_order_formula(integrator: str, lag: float) -> None:
+    """kep = (b M^2 + B m^2)/((m + M)(t_d M + t_o m)), to 2 % for loops slower than w T = 0.5 without a spring."""
+    t_d, t_o = 0.5 * T, lag * T
+    for m in (0.05, 0.15, 0.5):
+        for b, B in ((0.05, 0.1), (0.2, 0.4), (0.1, 0.6)):
+            M = 0.05
+            limits = external_limits(m, b, T, M, B, fingers=1, integrator=integrator)
+            assert 2 * math.pi * limits.frequency * T < 0.5
+            formula = (b * M**2 + B * m**2) / ((m + M) * (t_d * M + t_o * m))
+            assert limits.limit == pytest.approx(formula, rel=0.02)
+
+
+@pytest.mark.parametrize("delay", [8, 20])
+def test_many_samples_of_delay(delay: int) -> None:
+    """The ends of all intervals to 1e-6, the spectral radius to 1e-7: what 24 coefficients keep of it."""
+    limits = external_limits(1.0, 20.0, T, 0.5, 8.0, fingers=1, spring=SPRING, delay=delay)
+    assert limits.intervals
+    for low, high in limits.intervals:
+        for end, inward in ((low, 1.0), (high, -1.0)):
+            for step, sign in ((1e-6, -1.0), (-1e-6, 1.0)):
+                k = end * (1.0 + inward * step)
+                exact = radius(external_loop(1.0, 20.0, T, 0.5, 8.0, k, spring=SPRING, delay=delay))
+                assert end == 0.0 or (exact - 1.0) * sign > 0.0
+                assert limits.spectral_radius(k) == pytest.approx(exact, abs=1e-7)
 
 
 def test_integrators_have_names() -> None:
