@@ -32,9 +32,9 @@ _HOMES = {
     "Split": "graspfx.grasp.split",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
-    "passivity": "graspfx.analysis.passivity",
+    "passivity": "graspfx.analysis",
     "run": "graspfx.scene.run",
-    "stability": "graspfx.analysis.stability",
+    "stability": "graspfx.analysis",
     "testing": "graspfx.testing",
     "unilateral_force": "graspfx.grasp.touch",
 }
@@ -61,8 +61,14 @@ def __getattr__(name: str) -> object:
     """A public name, from the module where it lives, loaded now that it is used."""
     if name not in _HOMES:
         raise AttributeError(f"module 'graspfx' has no attribute {name!r}")
-    module = import_module(_HOMES[name])
-    value = module if _HOMES[name].endswith(f".{name}") and not hasattr(module, name) else getattr(module, name)
+    home = _HOMES[name]
+    module = import_module(home)
+    if home == f"graspfx.{name}":
+        value = module
+    elif hasattr(module, name):
+        value = getattr(module, name)
+    else:
+        value = import_module(f"{home}.{name}")
     globals()[name] = value
     return value
 
