@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sampled_loops import held_device
 
 import graspfx as gx
 from graspfx.analysis.linearisation import Linearisation
@@ -115,8 +116,6 @@ def test_whole_loop_of_unequal_devices() -> None:
     K = np.array([[50.0, -20.0], [-20.0, 50.0]])
     linear = Linearisation(period=T, mass=m, friction=b, G=[[1.0, 1.0]], inertia=M, viscosity=B, stiffness=K,
                            hand_stiffness=np.diag(k_h), delay=[0, 1], integrator="semi-implicit")  # fmt: skip
-    from sampled_loops import held_device
-
     x1, v1, x2, v2, q, w, late = np.eye(7)
     f1, f2 = (row[0] * (x1 - q) + row[1] * (x2 - q) for row in K)
     A1, h1 = held_device(m[0], b[0], k_h[0], T)

@@ -40,9 +40,10 @@ def held(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray
     stiff = ~wide & (kappa * T * T >= STIFF)
     apart = T * (mean_exponential(slow * T) - mean_exponential(fast * T)) / np.where(wide, gap, 1.0)
     turn = np.where(wide, 0.0, root * T)
-    wave = np.where(real, np.cosh(np.where(real, turn, 0.0)), np.cos(turn))
-    slope = np.where(real, 1.0 + turn * turn / 6.0 * (1.0 + turn * turn / 20.0), np.sinc(turn / np.pi))
-    slope = np.where(real & (turn > 0.0), np.sinh(np.where(real, turn, 0.0)) / np.where(turn > 0.0, turn, 1.0), slope)
+    bend = np.where(real, turn, 0.0)
+    wave = np.where(real, np.cosh(bend), np.cos(turn))
+    slope = np.where(real, np.sinh(bend) / np.where(bend > 0.0, bend, 1.0), np.sinc(turn / np.pi))
+    slope = np.where(turn > 0.0, slope, 1.0)
     back = (1.0 - np.exp(-alpha * T) * (wave + alpha * T * slope)) / np.where(stiff, kappa, 1.0)
     return R, np.where(wide, apart, np.where(stiff, back, _series(p, kappa, T, ~wide & ~stiff)))
 
