@@ -361,3 +361,31 @@ def test_what_a_native_body_cannot_meet_is_refused() -> None:
         FloorBody(Member(state, CUBE), [placed("block", CUBE, 3)], Meeting())
     with pytest.raises(InputError, match="has an end"):
         features(HalfSpace((0, 0, 1)), 3)
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(1e200, 1e5), (0.1, 1e200), (1e-200, 1e5)])
+def test_numbers_at_the_end_of_their_range_are_faults_and_no_tracebacks(mass: float, stiffness: float) -> None:
+    """Whatever the sample then says: that it did not settle, or that something is not finite."""
+    import graspfx as gx
+
+    finger = {"device": {"name": "simulated", "mass": 0.1, "friction": 1.0}, "start": [0.0, 1.0]}
+    rec = gx.run(
+        gx.Scene(
+            dimensions=2,
+            period=0.001,
+            duration=0.01,
+            gravity=[0.0, -9.81],
+            object={
+                "mass": mass,
+                "viscosity": 0.0,
+                "rotational_viscosity": 0.0,
+                "shape": {"kind": "box", "size": [0.05, 0.05]},
+                "position": [0.0, 0.025],
+            },
+            obstacle=[{"shape": {"kind": "half-space", "normal": [0.0, 1.0]}}],
+            world={"stiffness": stiffness},
+            coupling={"external": {"stiffness": 10.0}, "internal": {"stiffness": 10.0}},
+            finger=[finger],
+        )
+    )
+    assert len(rec) == 10 and not rec.finger_force.any()
