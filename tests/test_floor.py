@@ -13,7 +13,7 @@ from graspfx.errors import InputError
 from graspfx.objects import kernels as at
 from graspfx.objects import rest
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
-from graspfx.objects.floor import FloorBody, clearance, features
+from graspfx.objects.floor import FloorBody, clearance, features, hull_points
 from graspfx.objects.lowest import FEATURE, MOST, lowest, thin
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
 from graspfx.surfaces.mesh import make_mesh
@@ -389,3 +389,17 @@ def test_numbers_at_the_end_of_their_range_are_faults_and_no_tracebacks(mass: fl
         )
     )
     assert len(rec) == 10 and not rec.finger_force.any()
+
+
+def test_a_sheet_without_thickness_rests_on_its_corners() -> None:
+    """A shell of two triangles has no hull with a volume: its corners carry it, m g / 4 k deep."""
+    L = 0.05
+    square = [[-L, -L, 0.0], [L, -L, 0.0], [L, L, 0.0], [-L, L, 0.0], [0.0, 0.0, 0.0]]
+    sheet = make_mesh(square, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)], shell=True)
+    turned = sheet.vertices @ np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0].T
+    for vertices in (sheet.vertices, turned):
+        assert len(hull_points(vertices)) == 4
+    state, _ = made(CUBE, position=(0.0, 0.0, 0.001))
+    body = FloorBody(Member(state, sheet), [placed("floor", HalfSpace((0, 0, 1)), 3)], Meeting(MU, 0.0, K))
+    run(body, 0.002, 1.0)
+    np.testing.assert_allclose(state[at.POSITION + 2], -0.1 * 9.81 / (4 * K), rtol=1e-6)
