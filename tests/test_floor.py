@@ -13,7 +13,7 @@ from graspfx.errors import InputError
 from graspfx.objects import kernels as at
 from graspfx.objects import rest
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
-from graspfx.objects.floor import FloorBody, clearance, features
+from graspfx.objects.floor import FloorBody, clearance, features, hull_points
 from graspfx.objects.lowest import FEATURE, MOST, lowest, thin
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
 from graspfx.surfaces.mesh import make_mesh
@@ -361,3 +361,45 @@ def test_what_a_native_body_cannot_meet_is_refused() -> None:
         FloorBody(Member(state, CUBE), [placed("block", CUBE, 3)], Meeting())
     with pytest.raises(InputError, match="has an end"):
         features(HalfSpace((0, 0, 1)), 3)
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(1e200, 1e5), (0.1, 1e200), (1e-200, 1e5)])
+def test_numbers_at_the_end_of_their_range_are_faults_and_no_tracebacks(mass: float, stiffness: float) -> None:
+    """Whatever the sample then says: that it did not settle, or that something is not finite."""
+    import graspfx as gx
+
+    finger = {"device": {"name": "simulated", "mass": 0.1, "friction": 1.0}, "start": [0.0, 1.0]}
+    rec = gx.run(
+        gx.Scene(
+            dimensions=2,
+            period=0.001,
+            duration=0.01,
+            gravity=[0.0, -9.81],
+            object={
+                "mass": mass,
+                "viscosity": 0.0,
+                "rotational_viscosity": 0.0,
+                "shape": {"kind": "box", "size": [0.05, 0.05]},
+                "position": [0.0, 0.025],
+            },
+            obstacle=[{"shape": {"kind": "half-space", "normal": [0.0, 1.0]}}],
+            world={"stiffness": stiffness},
+            coupling={"external": {"stiffness": 10.0}, "internal": {"stiffness": 10.0}},
+            finger=[finger],
+        )
+    )
+    assert len(rec) == 10 and not rec.finger_force.any()
+
+
+def test_a_sheet_without_thickness_rests_on_its_corners() -> None:
+    """A shell of two triangles has no hull with a volume: its corners carry it, m g / 4 k deep."""
+    L = 0.05
+    square = [[-L, -L, 0.0], [L, -L, 0.0], [L, L, 0.0], [-L, L, 0.0], [0.0, 0.0, 0.0]]
+    sheet = make_mesh(square, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)], shell=True)
+    turned = sheet.vertices @ np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0].T
+    for vertices in (sheet.vertices, turned):
+        assert len(hull_points(vertices)) == 4
+    state, _ = made(CUBE, position=(0.0, 0.0, 0.001))
+    body = FloorBody(Member(state, sheet), [placed("floor", HalfSpace((0, 0, 1)), 3)], Meeting(MU, 0.0, K))
+    run(body, 0.002, 1.0)
+    np.testing.assert_allclose(state[at.POSITION + 2], -0.1 * 9.81 / (4 * K), rtol=1e-6)

@@ -198,6 +198,17 @@ def test_the_warning_comes_once():
         law.stiffness(gx.Grasp([[0.0], [1.0]]).split())
 
 
+def test_the_warning_comes_again_when_its_figure_has_grown_tenfold():
+    # a finger that counts by a weight w: [[70, 5], [10, 35]] at w = 1, and next to no skew part while it is far away
+    law = gx.Coupling(gx.Impedance([80.0, 40.0]), gx.Impedance([60.0, 30.0]))
+    with pytest.warns(ActiveCouplingWarning) as told:
+        K = [law.stiffness(PAIR.split(metric=np.array([1.0, w]))) for w in (1e-6, 2e-6, 0.9, 1.0)]
+    skew = [skew_part(each) for each in K]
+    assert skew[1] < 10.0 * skew[0] < skew[2] < skew[3] < 10.0 * skew[2]
+    assert [f"{skew[i]:.3g} N/m" in str(told[j].message) for i, j in ((0, 0), (2, 1))] == [True, True]
+    assert len(told) == 2
+
+
 def test_a_literal_stiffness_with_a_negative_eigenvalue_is_named():
     # Kep 1000|0, Kip 0|1: K = 1/2 [[1000, -1], [1000, 1]], lowest eigenvalue (1001 - sqrt(999^2 + 999^2))/4
     law = gx.Coupling(gx.Impedance([1000.0, 0.0]), gx.Impedance([0.0, 1.0]))

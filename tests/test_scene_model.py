@@ -451,3 +451,27 @@ def test_an_endless_floor_that_does_not_turn_needs_no_inertia() -> None:
     """A half-space has no moments: none are asked for where nothing turns, and a clear fault says so where it could."""
     floor = put(line(), "object.shape", {"kind": "half-space", "normal": [1.0]})
     assert faults(floor) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("hand", ["left"], "hand.0: expected a table; given 'left'"),
+        ("obstacle", [{"shape": None}], "obstacle.0.shape: expected a table; given None"),
+        ("finger.0.hand.closing", {}, "expected a number or a word or a list; given {}"),
+        ("object.shape.kind", np.zeros(2), "unknown kind of shape"),
+        ("coupling.friction", np.zeros(2), "expected 0 or 'stick' or a coefficient of more than 0"),
+        ("coupling.friction", 10**400, "expected 0 or 'stick' or a coefficient of more than 0"),
+        ("finger.0.model", np.zeros(2), "finger.0.model: expected 'hard' or 'soft'"),
+        ("coupling.external.stiffness", 10**400, "coupling.external.stiffness: expected finite numbers"),
+        ("coupling.internal.damping", [-(10**400), 0], "coupling.internal.damping: expected finite numbers"),
+    ],
+)
+def test_faults_speak_of_values_and_not_of_validators(key: str, value: Any, message: str) -> None:
+    table = plane()
+    for finger in table["finger"]:
+        finger["hand"] = {"stiffness": 100.0}
+    with pytest.raises(SceneError) as caught:
+        Scene(**put(table, key, value))
+    assert message in str(caught.value)
+    assert not any(word in str(caught.value) for word in ("Input tag", "Value error", "ambiguous"))

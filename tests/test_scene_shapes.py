@@ -398,7 +398,7 @@ DENSE = {"mass": None, "density": 1000.0}
         (3, {"vertices": BLOCK["vertices"]}, "", SOURCES),
         (3, {"kind": "mesh"}, "", SOURCES),
         (3, {**BLOCK, "mesh": "a.stl"}, "vertices", "expected either a file (mesh) or vertices and faces, not both"),
-        (3, {**BLOCK, "faces": [[0, 1, 99]]}, "vertices", NUMBERS),
+        (3, {**BLOCK, "faces": [[0, 1, 99]]}, "faces", NUMBERS),
         (3, {**BLOCK, "faces": [[0, 1]]}, "faces.0.2", "required, but not given"),
         (2, BLOCK, "vertices", "there is no mesh in 2 dimension(s)"),
         (3, {"kind": "mush"}, "kind", f"unknown kind of shape 'mush'; did you mean 'mesh'? (known: {KINDS})"),

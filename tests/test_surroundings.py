@@ -212,8 +212,8 @@ def test_dynamics_of_others_get_the_world_through_create_world(tmp_path: Any) ->
     assert len(shapes) == 2 and names == ["floor"] and meeting.friction == 0.7
     file.write_text(PLUGIN.split("def create_world")[0])
     for changes in ({}, {"obstacle": [], "world": {"collide": True}}):
-        with pytest.raises(gx.errors.InputError, match="create_world"):
-            gx.run(gx.Scene(**table(*both, **changes)), duration=0.02)
+        with pytest.raises(gx.errors.SceneError, match=r"object\.0\.dynamics: .* without create_world"):
+            gx.Scene(**table(*both, **changes))
     assert not gx.run(gx.Scene(**table(*both, obstacle=[])), duration=0.02).faults
 
 
@@ -229,3 +229,18 @@ def test_a_fault_in_a_world_names_its_objects_and_stops_them_alone(tmp_path: Any
     assert "a, b: the spring broke" in fault.message
     y = {name: rec.objects[name].position[:, 1] for name in "abc"}
     assert np.ptp(y["a"][10:]) == 0.0 and np.ptp(y["b"][10:]) == 0.0 and (np.diff(y["c"][10:]) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x = 1", "object.0.dynamics: the dynamics .* have no function create"),
+        ("import nowhere_at_all", "object.0.dynamics: .* cannot be imported: .*own.py:1: ModuleNotFoundError"),
+        ("def create(state):\n    raise ValueError('no')", "own.py:2: ValueError: no"),
+    ],
+)
+def test_dynamics_that_make_no_body_say_which_file_and_why(tmp_path: Any, text: str, said: str) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(text)
+    with pytest.raises(gx.errors.GraspFXError, match=said):
+        gx.run(gx.Scene(**table(thing(dynamics=str(file)), obstacle=[])), duration=0.02)

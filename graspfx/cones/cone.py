@@ -110,7 +110,8 @@ def equations_of_modes(
         value += 0.5 * h * S[z + k] * S[z + k]
         forces += S[z + k] * S[z + k]
         worst = max(worst, abs(S[g + k]))
-        residual += (gap * S[g + k]) ** 2
+        off = gap * S[g + k]
+        residual += off * off
     return value, math.sqrt(forces), worst, math.sqrt(residual)
 
 

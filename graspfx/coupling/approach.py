@@ -14,11 +14,11 @@ from graspfx.surfaces.ball import ball_contact
 from graspfx.surfaces.proxy import MESH, closest
 from graspfx.surfaces.walk import mesh_contact
 
-NOT_FINITE = 1  # a finger's motion is NaN or infinite
+NOT_FINITE = 1  # a finger's motion is NaN or infinite, or its square would be
 UNRESOLVED = 2  # the projection did not settle
 LOST = 3  # the object's motion or a force is not finite
 AGAIN = 4  # a contact point has moved: the split and the forces are asked for once more
-LARGEST = 1e300  # NaN compares false with it
+LARGEST = 1e150  # of which the square is still a number; NaN compares false with it
 QUARTER = 2.0  # 4 cos^2 of half the angle, of a quarter turn
 
 

@@ -20,6 +20,7 @@ Form = Literal["literal", "symmetric"]
 Pair = Literal["stiffness", "damping"]
 
 LOOP_RADIUS = 0.005  # [m], of the closed motion for which the warning gives an energy
+GROWN = 10.0  # times what the last warning told: a finger that fades in begins with nearly no skew part
 
 
 class ActiveCouplingWarning(UserWarning):
@@ -57,7 +58,7 @@ class Coupling:
     and (d, d) matrices as L K L, so that contacts with a small weight get a small force; full matrices stand as given.
 
     The form "literal" is eq. (4). With gains that do not commute with P its stiffness is asymmetric: it creates energy
-    on closed motions, and a warning says how much, once. The form "symmetric",
+    on closed motions, and a warning says how much, once and whenever that has grown tenfold. The form "symmetric",
     P K_ep P' + (I - P) K_ip (I - P)', never does. With numbers for gains the two agree.
 
     Where the external and the internal stiffness are equal, f = K e without P in either form, exactly (the
@@ -75,7 +76,7 @@ class Coupling:
     external: Impedance
     internal: Impedance
     form: Form = "literal"
-    _told: set[Pair] = field(default_factory=set, init=False, repr=False)
+    _told: dict[Pair, float] = field(default_factory=dict, init=False, repr=False)
     _made: dict[Pair, tuple[Split, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -152,10 +153,14 @@ class Coupling:
         return K
 
     def _warn_if_active(self, which: Pair, K: FloatArray) -> None:
-        if which in self._told:
+        told = GROWN * self._told.get(which, 0.0)
+        if told > 0.0 and float(np.linalg.norm(K - K.T)) <= 2.0 * told:  # no less than the spectral norm, and cheap
             return
         size = float(np.abs(K).max())
         skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + K.T) / 2)[0])
+        worst = max(skew if which == "stiffness" else 0.0, -lowest)
+        if worst <= told:
+            return
         found = []
         # a skew damping does no work; a skew stiffness does, 2 pi r^2 k_s on a circle in its plane
         if which == "stiffness" and skew > SYMMETRIC * size:
@@ -168,7 +173,7 @@ class Coupling:
             unit = "N/m" if which == "stiffness" else "N s/m"
             found.append(f"its symmetric part has the eigenvalue {lowest:.3g} {unit}")
         if found:
-            self._told.add(which)
+            self._told[which] = worst
             warnings.warn(
                 f"the {which} of eq. (4) can create energy: {' and '.join(found)}; form='symmetric' cannot",
                 ActiveCouplingWarning,

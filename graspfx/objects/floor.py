@@ -18,6 +18,7 @@ from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.surfaces import proxy
 
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
+SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
 
 
 class FloorBody(NativeBody):
@@ -148,10 +149,12 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
 
 
 def hull_points(vertices: FloatArray) -> FloatArray:
-    """The vertices that lie on the convex hull, (h, 3)."""
+    """The vertices that lie on the convex hull, (h, 3); of a flat sheet, on its hull in the plane."""
     from scipy.spatial import ConvexHull
 
-    points: FloatArray = vertices[np.sort(ConvexHull(vertices).vertices)]
+    _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)
+    seen = vertices @ axes[:2].T if widths[2] <= SHEET * widths[0] else vertices
+    points: FloatArray = vertices[np.sort(ConvexHull(seen).vertices)]
     return points
 
 

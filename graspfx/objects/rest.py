@@ -221,7 +221,7 @@ def solve(S: Any, o: int, F: Any, T: float, n: int) -> bool:
         F[start + j] = F[START + j]
         q = modes + j * (1 + m)
         kappa = 1.0 / (1.0 / gain + F[q])
-        F[to + j * (1 + m)] = (gain - kappa) / (gain - least)
+        F[to + j * (1 + m)] = (gain - kappa) / (gain - least) if gain > least else 1.0
         for c in range(1, 1 + m):
             F[to + j * (1 + m) + c] = F[q + c]
     law, _, _ = friction_force(F, problem, n, d, count, least, gain, True, RESTARTS)

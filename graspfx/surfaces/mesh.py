@@ -182,7 +182,7 @@ def make_mesh(
     if v.ndim != 2 or v.shape[1] != 3 or f.ndim != 2 or f.shape[1] != 3 or not len(f):
         raise InputError(name, f"{v.shape} vertices, {f.shape} faces", "a surface of triangles: (v, 3) and (f, 3)")
     if not np.issubdtype(f.dtype, np.integer) or f.min() < 0 or f.max() >= len(v):
-        raise InputError(name, f, f"whole numbers of vertices, 0 to {len(v) - 1}")
+        raise InputError("faces", f, f"whole numbers of vertices, 0 to {len(v) - 1}")
     f = f.astype(np.intp)
     v = v * scale
     if not np.isfinite(v[f]).all():

@@ -32,6 +32,8 @@ WANTED = {
     "dict_type": "a table",
 }
 
+FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # all others: tables
+
 
 def find_faults(data: Mapping[str, Any], folder: Path | None = None) -> list[Fault]:
     """The faults of a scene given as nested tables; none means that `SceneTable` takes it.
@@ -108,6 +110,9 @@ def message(error: Any) -> str:
         return f"expected {words} {context[limit]:g}; given {given}"
     if kind in WANTED:
         return f"expected {WANTED[kind]}; given {given}"
+    if kind == "union_tag_invalid":
+        forms = [FORMS.get(tag.strip(" '<>"), "a table") for tag in context["expected_tags"].split(",")]
+        return f"expected {' or '.join(dict.fromkeys(forms))}; given {given}"
     if kind == "literal_error":
         return f"expected {context['expected']}; given {given}"
     if kind in ("too_short", "too_long"):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from graspfx import plugins
 from graspfx.errors import InputError
 from graspfx.objects.kernels import SIZE
 from graspfx.scene.making import bodies, surroundings
@@ -24,7 +25,7 @@ def meeting_faults(scene: SceneTable, folder: Path | None, known: Sequence[Found
     """What objects cannot meet, or not with these dynamics; nothing where an object or obstacle has its own fault."""
     if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in known):
         return
-    yield from _together(scene)
+    yield from _together(scene, folder)
     if not scene.obstacle:
         return
     native = [thing.name for thing in scene.object if _meets(scene, thing, "native")]
@@ -50,7 +51,7 @@ def meeting_faults(scene: SceneTable, folder: Path | None, known: Sequence[Found
             yield from _inside(scene, i, thing, folder)
 
 
-def _together(scene: SceneTable) -> Iterator[Found]:
+def _together(scene: SceneTable, folder: Path | None) -> Iterator[Found]:
     if scene.world.collide and len(scene.object) > 1:
         for i, thing in enumerate(scene.object):
             if thing.dynamics == "native" and surroundings.moves(scene, thing):
@@ -58,6 +59,13 @@ def _together(scene: SceneTable) -> Iterator[Found]:
     wanted = bool(scene.world.collide)
     for group in surroundings.groups(scene):
         if not surroundings.in_world(scene, group):
+            continue
+        name = scene.object[group[0]].dynamics
+        if (scene.obstacle or wanted) and not hasattr(plugins.load("dynamics", name, folder), "create_world"):
+            yield (
+                ("object", group[0], "dynamics"),
+                f"{name!r} without create_world lets objects meet nothing; use 'bullet'",
+            )
             continue
         for i in group:
             thing = scene.object[i]

@@ -58,7 +58,7 @@ def _mesh(scene: SceneTable, at: Location, thing: Any, folder: Path | None) -> I
         try:
             bodies.make_shape(thing, folder)
         except InputError as error:
-            yield (*at, "scale") if error.name == "scale" else source, reason(error)
+            yield (*at, error.name) if error.name == "scale" or error.name in inline else source, reason(error)
         except MissingPackageError as error:
             yield source, str(error)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from graspfx import plugins
-from graspfx.errors import InputError, UnknownNameError, closest, shown
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
 from graspfx.loop.device import Device
 from graspfx.objects.kernels import SIZE
 from graspfx.scene.checks.holding import own_hand_faults, shared_hand_faults
@@ -192,8 +192,14 @@ def _body(scene: SceneTable, at: Location, thing: Any, folder: Path | None, faul
 def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
     try:
         plugins.find("dynamics", thing.dynamics, folder)
+        if thing.dynamics not in plugins.BUILT_IN["dynamics"]:
+            module = plugins.load_blaming("dynamics", thing.dynamics, folder)
+            if not callable(getattr(module, "create", None)):
+                yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} have no function create(state)"
     except (UnknownNameError, InputError) as error:
         yield (*at, "dynamics"), reason(error)
+    except GraspFXError as error:
+        yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} cannot be imported: {error}"
     if thing.dynamics == "bullet" and find_spec("pybullet") is None:
         yield (
             (*at, "dynamics"),

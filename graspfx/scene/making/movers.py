@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.errors import InputError
 from graspfx.loop.servo import Mover
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.scene.making import surroundings
@@ -23,25 +23,25 @@ def make_movers(scene: Scene, states: Sequence[FloatArray], stack: ExitStack) ->
     """What moves the objects whose blocks are given; closed with the stack.
 
     Raises:
-        InputError: dynamics that know no world, for objects that meet something.
+        PluginError: what code of another raises when it makes a body.
     """
     world, folder = scene.world, scene.source.folder
     meeting = Meeting(world.friction, world.restitution, world.stiffness, surroundings.collide(scene))
     for group in surroundings.groups(scene):
-        name = scene.object[group[0]].dynamics
-        module = plugins.load("dynamics", name, folder)
+        module = plugins.load_blaming("dynamics", scene.object[group[0]].dynamics, folder)
+        file = Path(module.__file__ or module.__name__)
         make_world = getattr(module, "create_world", None)
-        wanted = scene.obstacle or world.collide  # else objects meet where their dynamics know how
-        if not surroundings.in_world(scene, group) or (make_world is None and not wanted):
+        if make_world is None or not surroundings.in_world(scene, group):
             for i in group:
-                body = module.create(states[i])
+                with plugins.blaming(file):
+                    body = module.create(states[i])
                 stack.callback(getattr(body, "close", _nothing))
                 yield Mover(body, [i])
             continue
-        if make_world is None:
-            raise InputError("dynamics", name, "one with create_world, as objects meet something", "use bullet")
         members = [Member(states[i], make_shape(scene.object[i], folder)) for i in group]
-        body = make_world(members, surroundings.obstacles(scene, folder), meeting)
+        obstacles = surroundings.obstacles(scene, folder)
+        with plugins.blaming(file):
+            body = make_world(members, obstacles, meeting)
         stack.callback(getattr(body, "close", _nothing))
         yield Mover(body, group)
 

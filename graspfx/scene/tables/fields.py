@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
@@ -139,7 +140,15 @@ def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
         return np.array(arrays, dtype=np.float64)
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return np.array(float(value))
+    return np.array(as_float(value))
+
+
+def as_float(value: float) -> float:
+    """A number as a float; infinite where a whole number is too large to be one."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _frozen(value: Any) -> Any:
@@ -183,7 +192,7 @@ def by_kind(
         if not isinstance(value, Mapping):
             raise PydanticCustomError("kind", "expected a table; given {given}", {"given": shown(value)})
         kind = kind_of(value)
-        if kind not in known:
+        if not isinstance(kind, str) or kind not in known:
             close = closest(kind, known) if isinstance(kind, str) else None
             hint = f"; did you mean {close!r}?" if close else ""
             context = {"given": shown(kind), "known": ", ".join(known), "what": what, "hint": hint}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -21,6 +22,7 @@ from graspfx.scene.tables.fields import (
     Switch,
     Table,
     Vector,
+    as_float,
 )
 from graspfx.scene.tables.hands import AnySharedHand, HandOrName
 from graspfx.scene.tables.shapes import Shape
@@ -89,16 +91,16 @@ class Impedance(Table):
 
 
 def _friction(value: Any) -> Any:
-    if value == "stick":
+    if isinstance(value, str) and value == "stick":
         return value
-    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < float("inf"):
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= as_float(value) < math.inf:
         return float(value)
     text = "expected 0 or 'stick' or a coefficient of more than 0; given {given}"
     raise PydanticCustomError("friction", text, {"given": shown(value)})
 
 
 def _model(value: Any) -> Any:
-    if value in ("frictionless", "full"):
+    if isinstance(value, str) and value in ("frictionless", "full"):
         text = "expected 'hard' or 'soft': {given} is a contact for analysis (gx.Grasp), no finger of a run"
         raise PydanticCustomError("model", text, {"given": shown(value)})
     return value
