@@ -110,9 +110,11 @@ def _run(chosen: Namespace) -> int:
     from graspfx.scene.load import load
     from graspfx.scene.making.meshes import mesh_notes
     from graspfx.scene.run import run
+    from graspfx.scene.settling import unsettled
+    from graspfx.show.remarks import remarks
 
     scene = load(chosen.scene, dict(chosen.overrides))
-    for note in mesh_notes(scene.object, scene.source.folder):
+    for note in [*mesh_notes(scene.object, scene.source.folder), *unsettled(scene)]:
         print(f"note: {note}", file=sys.stderr)
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
     written, picture = [folder / "recording.h5"], folder / "figure.png"
@@ -134,6 +136,8 @@ def _run(chosen: Namespace) -> int:
 
         print_summary([recording])
         _name_files(written)
+    for note in remarks(recording):
+        print(f"note: {note}", file=sys.stderr)
     return _faults(recording)
 
 
@@ -206,10 +210,11 @@ def _recorded(chosen: Namespace) -> tuple[Recording, Path | None, Path]:
     from graspfx.loop.record import Recording
 
     given = Path(chosen.recording)
-    if given.suffix == ".h5" or (given / NAME).is_file():
+    folder = given.parent != Path() and given.suffix not in (".toml", ".py")  # a scene's name has no slashes
+    if given.suffix == ".h5" or (given / NAME).is_file() or folder:
         if chosen.overrides:
             raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
-        file = recording_file(given)
+        file = recording_file(given) if given.suffix == ".h5" else given / NAME
         recording = Recording.load(file)
         return recording, _folder_of(recording.header.scene), file.parent
 

@@ -11,6 +11,7 @@ from graspfx.scene.making.holding import descriptions, holdings
 from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.making.surroundings import meeting
 from graspfx.scene.model import Scene
+from graspfx.scene.settling import unsettled
 from graspfx.scene.tables.hands import Moving, listed
 from graspfx.scene.tables.parts import Device, Object, SceneTable
 from graspfx.scene.tables.shapes import MeshShape
@@ -56,6 +57,8 @@ def _rows(scene: Scene) -> Iterator[Row]:
     if scene.obstacle:
         yield "fingers on obstacles", False, "obstacles are for objects: fingers pass through them"
     yield _hand(scene)
+    for note in unsettled(scene):
+        yield "settle", False, note
     yield "record", True, "a row per tick, to disk in blocks outside it"
     yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
 

@@ -178,7 +178,7 @@ def _named(label: str) -> str:
 
 
 def _titles(recordings: Sequence[Recording], titles: Sequence[str] | None, share: float) -> list[str]:
-    """One per column: the recording's, over the first of its objects where there are several, and each object's name."""
+    """One per column: the recording's, over the first of its objects if there are several, and each object's name."""
     found = []
     longest = share * LONGEST_TITLE * (CROWDED if len(recordings) > 1 else 1.0)
     for number, recording in enumerate(recordings):
