@@ -111,10 +111,11 @@ def _run(chosen: Namespace) -> int:
     from graspfx.scene.making.meshes import mesh_notes
     from graspfx.scene.run import run
     from graspfx.scene.settling import unsettled
+    from graspfx.scene.units import unit_notes
     from graspfx.show.remarks import remarks
 
     scene = load(chosen.scene, dict(chosen.overrides))
-    for note in [*mesh_notes(scene.object, scene.source.folder), *unsettled(scene)]:
+    for note in [*mesh_notes(scene.object, scene.source.folder), *unit_notes(scene), *unsettled(scene)]:
         print(f"note: {note}", file=sys.stderr)
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
     written, picture = [folder / "recording.h5"], folder / "figure.png"

@@ -15,6 +15,7 @@ from graspfx.scene.settling import unsettled
 from graspfx.scene.tables.hands import Moving, listed
 from graspfx.scene.tables.parts import Device, Object, SceneTable
 from graspfx.scene.tables.shapes import MeshShape
+from graspfx.scene.units import unit_notes
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ def _rows(scene: Scene) -> Iterator[Row]:
     if scene.obstacle:
         yield "fingers on obstacles", False, "obstacles are for objects: fingers pass through them"
     yield _hand(scene)
+    for note in unit_notes(scene):
+        yield "units", False, note
     for note in unsettled(scene):
         yield "settle", False, note
     yield "record", True, "a row per tick, to disk in blocks outside it"

@@ -29,7 +29,7 @@ def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
     layout = recording.layout
     for i in np.flatnonzero(~recording.touching.any(axis=0)):
         name = layout.objects[layout.finger_objects[i]]
-        yield f"{layout.fingers[i]} never touches {name}: {1e3 * gap[:, i].min():.3g} mm away at the nearest"
+        yield f"{layout.fingers[i]} never touches {name}: {_length(gap[:, i].min())} away at the nearest"
 
 
 def _lost(recording: Recording) -> Iterator[str]:
@@ -48,7 +48,7 @@ def _lost(recording: Recording) -> Iterator[str]:
         position = recording.objects[name].position[last:] @ down
         fell = float(np.nanmax(position) - position[0])
         found = ["slides out of the fingers"] if slid else []
-        found += [f"falls by {1e3 * fell:.3g} mm"] if fell > FELL else []
+        found += [f"falls by {_length(fell)}"] if fell > FELL else []
         if found:
             yield f"{name} {' and '.join(found)}: none touches it after {recording.time[last]:.4g} s"
 
@@ -61,3 +61,7 @@ def _chatter(recording: Recording) -> Iterator[str]:
         names = ", ".join(recording.layout.fingers[i] for i in often)
         verb = "touches and lets" if often.size == 1 else "touch and let"
         yield f"{names} {verb} go up to {touches.max()} times: contacts ring where stiffness and period are too large"
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.3g} m" if metres >= 1.0 else f"{1e3 * metres:.3g} mm"
