@@ -6,7 +6,7 @@ import os
 import sys
 import warnings
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from graspfx.errors import GraspFXError, InputError, RecordingError
 
 if TYPE_CHECKING:
     from graspfx.loop.record import Recording
+    from graspfx.scene.model import Scene
 
 DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
 
@@ -110,13 +111,11 @@ def _run(chosen: Namespace) -> int:
     from graspfx.scene.load import load
     from graspfx.scene.making.meshes import mesh_notes
     from graspfx.scene.run import run
-    from graspfx.scene.settling import unsettled
-    from graspfx.scene.units import unit_notes
     from graspfx.show.remarks import remarks
 
     scene = load(chosen.scene, dict(chosen.overrides))
-    for note in [*mesh_notes(scene.object, scene.source.folder), *unit_notes(scene), *unsettled(scene)]:
-        print(f"note: {note}", file=sys.stderr)
+    _note(mesh_notes(scene.object, scene.source.folder))
+    _note(_doubts(scene))
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
     written, picture = [folder / "recording.h5"], folder / "figure.png"
     if not chosen.no_figure:
@@ -137,8 +136,7 @@ def _run(chosen: Namespace) -> int:
 
         print_summary([recording])
         _name_files(written)
-    for note in remarks(recording):
-        print(f"note: {note}", file=sys.stderr)
+    _note(remarks(recording))
     return _faults(recording)
 
 
@@ -150,6 +148,8 @@ def _check(chosen: Namespace) -> int:
     scene.require_reach()
     for row in plan(scene):
         print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
+    sys.stdout.flush()
+    _note(_doubts(scene))
     return DONE
 
 
@@ -199,8 +199,7 @@ def _picture(chosen: Namespace) -> int:
     make_folder(path.parent)
     with _placing(path):
         notes = picture(recording, path, chosen.time, view=chosen.view, folder=meshes)
-    for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+    _note(notes)
     _name_files([path])
     return _faults(recording)
 
@@ -305,6 +304,19 @@ def _labels(paths: Sequence[Path]) -> list[str]:
     """What tells recordings apart: their folders' names if those differ, else their paths."""
     folders = [path.resolve().parent.name for path in paths]
     return folders if len(set(folders)) == len(paths) else [str(path) for path in paths]
+
+
+def _doubts(scene: Scene) -> list[str]:
+    """What is no fault of a scene and yet may not be meant."""
+    from graspfx.scene.settling import unsettled
+    from graspfx.scene.units import unit_notes
+
+    return [*unit_notes(scene), *unsettled(scene)]
+
+
+def _note(notes: Iterable[str]) -> None:
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def _faults(recording: Recording) -> int:

@@ -180,6 +180,14 @@ def test_a_run_says_what_its_author_may_not_have_meant(capsys: pytest.CaptureFix
     assert after.startswith("note: finger0 never touches object: 3")  # it sets out 375 mm from the cube
 
 
+def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    changes = ["finger.0.hand.squeeze=3.0", "coupling.internal.stiffness=9000.0"]
+    assert main(["check", "paper-spring", "--set", *changes]) == 0
+    unit, settle = capsys.readouterr().err.splitlines()
+    assert unit == "note: finger.0.hand.squeeze = 3 m: check the unit"
+    assert settle.startswith("note: at a period of 5 ms finger0 does not settle under kip = 9000 N/m")
+
+
 def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.CaptureFixture[str]) -> None:
     """A device whose reading becomes NaN after 10 samples: zero force from there on, and a fault that is said."""
     Path("worn.py").write_text(WORN)

@@ -8,7 +8,6 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.scene.plan import plan
 from graspfx.scene.units import unit_notes
 
 
@@ -33,9 +32,7 @@ from graspfx.scene.units import unit_notes
     ],
 )
 def test_a_wrong_unit_is_asked_about(name: str, changes: dict[str, Any], said: str) -> None:
-    scene = gx.load(name, changes)
-    assert unit_notes(scene) == [said]
-    assert said in [row.why for row in plan(scene) if row.step == "units"]
+    assert unit_notes(gx.load(name, changes)) == [said]
 
 
 def test_the_shelf_is_in_si_units() -> None:

@@ -11,11 +11,9 @@ from graspfx.scene.making.holding import descriptions, holdings
 from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.making.surroundings import meeting
 from graspfx.scene.model import Scene
-from graspfx.scene.settling import unsettled
 from graspfx.scene.tables.hands import Moving, listed
 from graspfx.scene.tables.parts import Device, Object, SceneTable
 from graspfx.scene.tables.shapes import MeshShape
-from graspfx.scene.units import unit_notes
 
 
 @dataclass(frozen=True)
@@ -58,10 +56,6 @@ def _rows(scene: Scene) -> Iterator[Row]:
     if scene.obstacle:
         yield "fingers on obstacles", False, "obstacles are for objects: fingers pass through them"
     yield _hand(scene)
-    for note in unit_notes(scene):
-        yield "units", False, note
-    for note in unsettled(scene):
-        yield "settle", False, note
     yield "record", True, "a row per tick, to disk in blocks outside it"
     yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
 
