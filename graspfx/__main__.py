@@ -6,7 +6,7 @@ import os
 import sys
 import warnings
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from graspfx.errors import GraspFXError, InputError, RecordingError
 if TYPE_CHECKING:
     from graspfx.loop.header import Header
     from graspfx.loop.record import Recording
+    from graspfx.scene.model import Scene
 
 DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
 
@@ -111,10 +112,11 @@ def _run(chosen: Namespace) -> int:
     from graspfx.scene.load import load
     from graspfx.scene.making.meshes import mesh_notes
     from graspfx.scene.run import run
+    from graspfx.show.remarks import remarks
 
     scene = load(chosen.scene, dict(chosen.overrides))
-    for note in mesh_notes(scene.object, scene.source.folder):
-        print(f"note: {note}", file=sys.stderr)
+    _note(mesh_notes(scene.object, scene.source.folder))
+    _note(_doubts(scene))
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
     written, picture = [folder / "recording.h5"], folder / "figure.png"
     if not chosen.no_figure:
@@ -135,6 +137,7 @@ def _run(chosen: Namespace) -> int:
 
         print_summary([recording])
         _name_files(written)
+    _note(remarks(recording))
     return _faults(recording)
 
 
@@ -146,6 +149,8 @@ def _check(chosen: Namespace) -> int:
     scene.require_reach()
     for row in plan(scene):
         print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
+    sys.stdout.flush()
+    _note(_doubts(scene))
     return DONE
 
 
@@ -195,8 +200,7 @@ def _picture(chosen: Namespace) -> int:
     make_folder(path.parent)
     with _placing(path):
         notes = picture(recording, path, chosen.time, view=chosen.view, folder=meshes)
-    for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+    _note(notes)
     _name_files([path])
     return _faults(recording)
 
@@ -207,10 +211,11 @@ def _recorded(chosen: Namespace) -> tuple[Recording, Path | None, Path]:
     from graspfx.loop.record import Recording
 
     given = Path(chosen.recording)
-    if given.suffix == ".h5" or (given / NAME).is_file():
+    folder = given.parent != Path() and given.suffix not in (".toml", ".py")  # a scene's name has no slashes
+    if given.suffix == ".h5" or (given / NAME).is_file() or folder:
         if chosen.overrides:
             raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
-        file = recording_file(given)
+        file = recording_file(given) if given.suffix == ".h5" else given / NAME
         recording = Recording.load(file)
         return recording, _folder_of(recording.header), file.parent
 
@@ -303,6 +308,19 @@ def _labels(paths: Sequence[Path]) -> list[str]:
     """What tells recordings apart: their folders' names if those differ, else their paths."""
     folders = [path.resolve().parent.name for path in paths]
     return folders if len(set(folders)) == len(paths) else [str(path) for path in paths]
+
+
+def _doubts(scene: Scene) -> list[str]:
+    """What is no fault of a scene and yet may not be meant."""
+    from graspfx.scene.settling import unsettled
+    from graspfx.scene.units import unit_notes
+
+    return [*unit_notes(scene), *unsettled(scene)]
+
+
+def _note(notes: Iterable[str]) -> None:
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def _faults(recording: Recording) -> int:

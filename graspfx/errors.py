@@ -78,9 +78,9 @@ class SceneError(GraspFXError, ValueError):
         super().__init__("\n".join(fault.text(source) for fault in self.faults))
 
 
-def closest(name: str, known: Iterable[str]) -> str | None:
-    """The known name nearest to a misspelt one, or None."""
-    found = get_close_matches(name, list(known), n=1, cutoff=0.6)
+def closest(name: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
+    """The known name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only."""
+    found = get_close_matches(name, list(known), n=1, cutoff=likeness)
     return found[0] if found else None
 
 

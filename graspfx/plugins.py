@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Literal
 
-from graspfx.errors import GraspFXError, InputError, UnknownNameError
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest
 
 Group = Literal["devices", "hands", "scenes", "dynamics"]
 
@@ -142,6 +142,9 @@ def _file_hint(group: Group, text: str, folder: Path) -> str:
     for suffix in SUFFIXES[group]:
         if text and (folder / f"{text}{suffix}").is_file():
             return f"there is a file {text}{suffix}: name it with its ending"
+        close = closest(text, [path.stem for path in folder.glob(f"*{suffix}")]) if folder.is_dir() else None
+        if close:
+            return f"there is a file {close}{suffix}; a file is named with its ending"
     return f"a file is named with its {SUFFIXES[group][0]}"
 
 

@@ -221,11 +221,17 @@ def test_a_wrong_override_says_so_without_a_line(key: str, value: Any, message: 
     assert report(write(GOOD), {key: value})[0] == f"scene.toml: {message} (set by an override)"
 
 
+def test_an_override_picks_a_table_by_its_name() -> None:
+    text = GOOD.replace("[[finger]]", '[[finger]]\nname = "thumb"', 1)
+    scene = load(write(text), {"finger.thumb.hand.stiffness": 10.0})
+    assert [f.hand.stiffness for f in scene.finger] == [10.0, 33.0]  # type: ignore[union-attr]
+
+
 @pytest.mark.parametrize(
     ("key", "message"),
     [
         ("finger.7.start", "finger has 2, the last is finger.1"),
-        ("finger.start", "finger is a list of 2: name one by its number, or all with '*'"),
+        ("finger.start", "finger is a list of 2: name one by its number or name, or all with '*'"),
         ("period.x", "period is a value and has no parts"),
         ("object..mass", "an override needs a key between its dots"),
     ],

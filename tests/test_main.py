@@ -94,6 +94,13 @@ def test_json_is_all_that_is_printed(capsys: pytest.CaptureFixture[str]) -> None
     assert isinstance(json.loads(capsys.readouterr().out), dict)
 
 
+def test_a_picture_of_a_folder_that_is_not_there_names_the_recording_it_looked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["picture", "out/nowhere"]) == 2
+    assert capsys.readouterr().err == "out/nowhere/recording.h5: there is no such file\n"
+
+
 def test_set_may_be_repeated_and_takes_several() -> None:
     changes = ["object.mass=0.2", "object.viscosity=1.0", "--set", "coupling.internal.stiffness=50.0"]
     assert main(["run", "reference-1dof", "--duration", "0.05", "--no-figure", "--out", "here", "--set", *changes]) == 0
@@ -163,6 +170,22 @@ def test_a_recording_that_is_none_is_an_error(capsys: pytest.CaptureFixture[str]
     assert main(["plot", "notes.h5"]) == 2
     assert main(["plot", "missing.h5"]) == 2
     assert "notes.h5" in capsys.readouterr().err
+
+
+def test_a_run_says_what_its_author_may_not_have_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    far = "finger.0.start=[-0.4]", "finger.0.hand.rest=[-0.4]", "coupling.internal.stiffness=9000.0"
+    main(["run", "paper-spring", "--set", *far, "--duration", "0.3", "--no-figure"])
+    before, after = capsys.readouterr().err.splitlines()
+    assert "does not settle under kip = 9000 N/m" in before
+    assert after.startswith("note: finger0 never touches object: 3")  # it sets out 375 mm from the cube
+
+
+def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    changes = ["finger.0.hand.squeeze=3.0", "coupling.internal.stiffness=9000.0"]
+    assert main(["check", "paper-spring", "--set", *changes]) == 0
+    unit, settle = capsys.readouterr().err.splitlines()
+    assert unit == "note: finger.0.hand.squeeze = 3 m: check the unit"
+    assert settle.startswith("note: at a period of 5 ms finger0 does not settle under kip = 9000 N/m")
 
 
 def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.CaptureFixture[str]) -> None:

@@ -232,7 +232,20 @@ def test_every_object_that_fingers_touch_has_its_column(drawn: Any) -> None:
     assert set(lines(left)) == {"object", "finger0", "finger2"}
     assert set(lines(right)) == {"object", "finger1", "finger3"}
     assert lines(right)["object"].get_ydata()[-1] == pytest.approx(-100.0)
-    assert [each.get_title(loc="left") for each in (left, right)] == ["two\nobject object0", "two\nobject object1"]
+    assert [each.get_title(loc="left") for each in (left, right)] == ["two\nobject object0", "object object1"]
+
+
+@pytest.mark.parametrize(("count", "objects"), [(1, 2), (2, 1), (2, 2)])
+def test_a_title_ends_before_the_next_one_begins(drawn: Any, count: int, objects: int) -> None:
+    """One over several objects may go on above the next object's name, which stands a line lower."""
+    found = {f"objects/object{i}/position": np.linspace(0.0, 0.1, 5) for i in range(objects)}
+    title = "A title of many words that is as long as a line in it may be, and then goes on"
+    picture = drawn(*[recording(found, layout(1, 4, objects=objects), title=title) for _ in range(count)])
+    picture.canvas.draw()
+    titles = [axes._left_title for axes in picture.axes[: count * objects]]
+    ends = [each.get_window_extent().x1 for each in titles[::objects]]
+    assert all(end < begin.get_window_extent().x0 for end, begin in zip(ends, titles[objects::objects], strict=False))
+    assert sum(title[:7] in each.get_text() for each in titles) == count
 
 
 def test_two_recordings_share_their_axes(drawn: Any) -> None:

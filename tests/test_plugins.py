@@ -141,6 +141,12 @@ def test_an_unknown_name_gets_the_closest_one(shelf: Path) -> None:
         plugins.load("devices", "two_link")
 
 
+def test_an_unknown_name_gets_the_closest_file_too(tmp_path: Path) -> None:
+    (tmp_path / "cone.toml").touch()
+    with pytest.raises(UnknownNameError, match=r"unknown scene 'cnoe' .*; there is a file cone\.toml"):
+        plugins.find("scenes", "cnoe", tmp_path)
+
+
 def test_two_plugins_of_one_name_are_refused_by_both_names(shelf: Path, acme: Path) -> None:
     (shelf / "thumb.py").touch()
     with pytest.raises(InputError, match=r"devices/thumb\.py.* and acme-haptics 1\.2"):

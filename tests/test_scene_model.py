@@ -200,6 +200,7 @@ WRONG: list[tuple[Any, str, Any, str]] = [
     (line, "finger.0.hand", {"stifness": 1}, "finger.0.hand.stifness: unknown key; did you mean 'stiffness'?"),
     (line, "finger", [], "finger: expected at least one"),
     (line, "object", [], "object: expected at least one"),
+    (line, "coupling.kep", 30.0, "coupling.kep: unknown key; here it is external.stiffness"),
     (line, "objct", {}, "objct: unknown key; did you mean 'object'?"),
     # relations
     (line, "gravity", [0.0, -9.81], "gravity: expected 1 number (dimensions = 1); given [0.0, -9.81]"),
@@ -272,6 +273,11 @@ def test_one_slip_is_one_fault(make: Any, key: str, value: Any, message: str) ->
     found = faults(put(make(), key, value))
     assert len(found) == 1
     assert found[0].startswith(message)
+
+
+def test_a_key_that_is_given_is_meant_only_by_one_very_near() -> None:
+    assert faults(put(plane(), "object.shape.sides", 4)) == ["object.shape.sides: unknown key"]  # not 'size'
+    assert faults(put(plane(), "object.shape.sze", 4)) == ["object.shape.sze: unknown key; did you mean 'size'?"]
 
 
 MOTIONS: list[tuple[dict[str, Any], str | None]] = [

@@ -45,7 +45,7 @@ class Measures:
 
     @property
     def volume(self) -> float:
-        """sqrt(det(G_s G_s')) = sigma_1 ... sigma_w, the ellipsoid's volume over the unit ball's."""
+        """sqrt(det(G_s G_s')) = sigma_1 ... sigma_w, manipulability: the ellipsoid's volume over the unit ball's."""
         return float(np.prod(self.singular_values))
 
     @property

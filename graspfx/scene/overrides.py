@@ -14,8 +14,9 @@ Key = tuple[str | int, ...]
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
     """A copy of nested tables with values replaced, the keys that were, and a fault for each that leads nowhere.
 
-    A number picks a table or value of a list, `*` takes all of them; a lone table counts as a list of one. Tables on
-    the way that are missing are made: whether a key exists is for the scene's validation to say.
+    A number picks a table or value of a list, a name one of several tables, `*` takes all of them; a lone table counts
+    as a list of one. Tables on the way that are missing are made: whether a key exists is for the scene's validation
+    to say.
     """
     changed: dict[str, Any] = deepcopy(dict(data))
     replaced: set[Key] = set()
@@ -60,8 +61,10 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
     elif len(items) == 1:
         yield from _replace(items[0], (*at, 0), [part, *rest], value)
         return
+    elif part in (named := [item.get("name", item.get("label")) for item in items if isinstance(item, dict)]):
+        numbers = range(named.index(part), named.index(part) + 1)
     else:
-        yield f"{_dotted(at)} is a list of {len(items)}: name one by its number, or all with '*'"
+        yield f"{_dotted(at)} is a list of {len(items)}: name one by its number or name, or all with '*'"
         return
     for i in numbers:
         if i >= len(items):

@@ -29,6 +29,7 @@ GRID, NOTE = "#e4e4e4", "#444444"
 SMALL = 9.0  # [points]
 SMALLEST = 7.5
 LONGEST_TITLE = 56  # characters in a line
+CROWDED = 0.8  # of it where the next column begins beside it
 BELOW_ZERO = 0.05  # of a distance's range, so that a line along zero is clear of the axis
 NOTE_LINE = 0.09  # of a panel's height
 MARKERS = 6  # on a line
@@ -177,13 +178,17 @@ def _named(label: str) -> str:
 
 
 def _titles(recordings: Sequence[Recording], titles: Sequence[str] | None, share: float) -> list[str]:
-    """One per column: the recording's, and the object's name where there are several."""
+    """One per column: the recording's, over the first of its objects if there are several, and each object's name."""
     found = []
+    longest = share * LONGEST_TITLE * (CROWDED if len(recordings) > 1 else 1.0)
     for number, recording in enumerate(recordings):
-        title = titles[number] if titles is not None else _title(recording, int(share * LONGEST_TITLE))
         own = views([recording])
-        several = len(own) > 1
-        found += [f"{title}\nobject {recording.layout.objects[view.number]}" if several else title for view in own]
+        title = titles[number] if titles is not None else _title(recording, int(len(own) * longest))
+        if len(own) == 1:
+            found.append(title)
+            continue
+        names = [f"object {recording.layout.objects[view.number]}" for view in own]
+        found += [f"{title}\n{names[0]}", *names[1:]]
     return found
 
 

@@ -27,7 +27,7 @@ ROWS: tuple[Row, ...] = (
     ("object vibration above 5 Hz, RMS", "object_vibration", "um", 1e6),
     ("energy at each device port", "port_energy", "mJ", 1e3),
     ("share of time in touch, per finger", "touching", "%", 100.0),
-    ("fade begins too near by, at most", "fade_shortfall", "mm", 1e3),
+    ("coupling.fade too short by", "fade_shortfall", "mm", 1e3),
     ("samples with the associated law", "associated", "%", 100.0),
     ("friction law's largest residual", "friction_residual", "N", 1.0),
     ("ticks", "ticks", "", 1.0),

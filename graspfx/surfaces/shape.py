@@ -240,18 +240,11 @@ class Plane(HalfSpace):
 
 
 @dataclass(frozen=True)
-class Capsule(Shape):
-    """All within `radius` [m] of a straight segment of `length` [m]: along z in space, along x in the plane.
-
-    From end to end it measures length + 2 radius.
-
-    Raises:
-        InputError: a length that is not finite and above zero.
-    """
+class Round(Shape):
+    """What is round about an axis, with a radius and a length along it [m]."""
 
     radius: float
     length: float
-    kind = proxy.CAPSULE
 
     def __post_init__(self) -> None:
         for name in ("radius", "length"):
@@ -260,6 +253,19 @@ class Capsule(Shape):
     @property
     def parameters(self) -> tuple[float, float, float]:
         return self.radius, 0.5 * self.length, 0.0
+
+
+@dataclass(frozen=True)
+class Capsule(Round):
+    """All within `radius` [m] of a straight segment of `length` [m]: along z in space, along x in the plane.
+
+    From end to end it measures length + 2 radius.
+
+    Raises:
+        InputError: a length that is not finite and above zero.
+    """
+
+    kind = proxy.CAPSULE
 
     def dimensions_ok(self, d: int) -> bool:
         return d in (2, 3)
@@ -282,24 +288,14 @@ class Capsule(Shape):
 
 
 @dataclass(frozen=True)
-class Cylinder(Shape):
+class Cylinder(Round):
     """A solid cylinder of `radius` and `length` [m] about z; in space only, in the plane it is a box.
 
     Raises:
         InputError: a length that is not finite and above zero.
     """
 
-    radius: float
-    length: float
     kind = proxy.CYLINDER
-
-    def __post_init__(self) -> None:
-        for name in ("radius", "length"):
-            object.__setattr__(self, name, _length(name, getattr(self, name)))
-
-    @property
-    def parameters(self) -> tuple[float, float, float]:
-        return self.radius, 0.5 * self.length, 0.0
 
     def dimensions_ok(self, d: int) -> bool:
         return d == 3

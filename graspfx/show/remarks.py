@@ -1,0 +1,67 @@
+"""What a run's author may not have meant: fingers that never touch, objects that are lost, contacts that chatter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.cones.cone import SLIDE
+
+if TYPE_CHECKING:
+    from graspfx.loop.record import Recording
+
+FELL = 1e-3  # [m]: an object that is put down sinks less
+MOST_TOUCHES = 10  # of one finger: a hand does not close as often in a run
+FASTEST = 5.0  # [1/s]: nor as fast
+
+
+def remarks(recording: Recording) -> list[str]:
+    """A sentence for each; none for a run of attached contacts, or without a tick."""
+    if recording.gap is None or not len(recording):
+        return []
+    return [*_untouched(recording, recording.gap), *_lost(recording), *_chatter(recording)]
+
+
+def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
+    layout = recording.layout
+    for i in np.flatnonzero(~recording.touching.any(axis=0)):
+        name = layout.objects[layout.finger_objects[i]]
+        yield f"{layout.fingers[i]} never touches {name}: {_length(gap[:, i].min())} away at the nearest"
+
+
+def _lost(recording: Recording) -> Iterator[str]:
+    """Objects that every finger leaves for good, and that slide out of the last ones or fall afterwards."""
+    layout = recording.layout
+    down = np.array(recording.header.scene_table.get("gravity") or [0.0] * layout.dimensions, dtype=float)
+    down /= np.linalg.norm(down) or 1.0
+    for number, name in enumerate(layout.objects):
+        own = np.flatnonzero(np.array(layout.finger_objects) == number)
+        held = np.flatnonzero(recording.touching[:, own].any(axis=1))
+        if not held.size or held[-1] == len(recording) - 1:
+            continue
+        last = held[-1]
+        left = own[recording.touching[last, own]]
+        slid = recording.status is not None and bool((recording.status[last, left] == SLIDE).all())
+        position = recording.objects[name].position[last:] @ down
+        fell = float(np.nanmax(position) - position[0])
+        found = ["slides out of the fingers"] if slid else []
+        found += [f"falls by {_length(fell)}"] if fell > FELL else []
+        if found:
+            yield f"{name} {' and '.join(found)}: none touches it after {recording.time[last]:.4g} s"
+
+
+def _chatter(recording: Recording) -> Iterator[str]:
+    touching = recording.touching
+    touches = (touching[1:] & ~touching[:-1]).sum(axis=0)
+    often = np.flatnonzero(touches > max(MOST_TOUCHES, FASTEST * len(recording) * recording.period))
+    if often.size:
+        names = ", ".join(recording.layout.fingers[i] for i in often)
+        verb = "touches and lets" if often.size == 1 else "touch and let"
+        yield f"{names} {verb} go up to {touches.max()} times: contacts ring where stiffness and period are too large"
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.3g} m" if metres >= 1.0 else f"{1e3 * metres:.3g} mm"
