@@ -112,6 +112,12 @@ def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
 
 def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
     """A on the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
+    basis = drift_free(linear, len(A))
+    return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
+
+
+def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
+    """An orthonormal basis of the states without the motions that change no force; None where all of them count."""
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness
@@ -126,10 +132,9 @@ def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
     _, sizes, motions = np.linalg.svd(stretch)
     free = motions[sizes <= DRIFT * max(float(sizes[0]), 1e-300)] / length
     if not len(free):
-        return A
-    states = np.zeros((len(A), len(free)))
-    states[:m], states[2 * m : 2 * m + r] = free.T[:m], free.T[m:]
+        return None
+    drifts = np.zeros((states, len(free)))
+    drifts[:m], drifts[2 * m : 2 * m + r] = free.T[:m], free.T[m:]
     if linear.rate == "difference" and linear.damping.any():
-        states[2 * (m + r) : 3 * m + 2 * r] = free.T[:m]
-    basis = np.linalg.qr(states, mode="complete")[0][:, len(free) :]
-    return np.asarray(basis.T @ A @ basis, dtype=float)
+        drifts[2 * (m + r) : 3 * m + 2 * r] = free.T[:m]
+    return np.linalg.qr(drifts, mode="complete")[0][:, len(free) :]

@@ -256,6 +256,12 @@ def _matrices(
         if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
             N[:] = 0.0
             G = G_e = _wrenches(contacts, grip)
+    viscosity = np.diag(np.where(grip.axes < 3, state[body.VISCOSITY], state[body.ROTATIONAL_VISCOSITY]))
+    if g.soft and J is not None and D.any():
+        turning = grip.axes >= 3
+        extra = (grip.turning_damping() - G @ D @ G_e.T)[np.ix_(turning, turning)]
+        viscosity[np.ix_(turning, turning)] += extra
+        assumed.append("the damping of torsion counts as the object's own viscosity")
     return _Part(
         name=table.name,
         fingers=fingers,
@@ -270,7 +276,7 @@ def _matrices(
         G_e=G_e,
         N=N,
         inertia=_inertia(state, R, grip),
-        viscosity=np.where(grip.axes < 3, state[body.VISCOSITY], state[body.ROTATIONAL_VISCOSITY]),
+        viscosity=viscosity,
         integrator="bullet" if table.dynamics == "bullet" else table.integrator,
     )
 
@@ -329,7 +335,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         friction=np.diag(friction),
         G=G,
         inertia=_block_diagonal([part.inertia for part in parts]),
-        viscosity=np.concatenate([part.viscosity for part in parts]),
+        viscosity=_block_diagonal([part.viscosity for part in parts]),
         stiffness=stiffness(1.0, 1.0, 1.0),
         damping=turned([part.damping for part in parts]),
         hand_stiffness=V.T @ moved.stiffness[np.ix_(columns, columns)] @ V,

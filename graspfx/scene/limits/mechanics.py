@@ -112,7 +112,7 @@ def _still(scene: Scene, holding: Holding, start: FloatArray, inward: FloatArray
             closed = table.squeeze_ramp
         else:
             most = max(listed(table.squeeze), key=lambda step: step.to)
-            closed = most.begin + most.duration
+            closed = most.begin + most.duration if most.to > 0.0 else 0.0  # they begin with none
         holding = replace(holding, table=table)
     return Held(hold(scene, scene.source.folder, holding, start, inward), holding.fingers, closed)
 

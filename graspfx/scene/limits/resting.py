@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 STEPS = 24  # in which the hands close, then the weight comes on
 SETTLING = 40  # further steps, each longer than the last
 SETTLED = 1e-9  # of the largest force: what may be left unbalanced
+RATE = 1e-5  # of a difference quotient [rad/s]
 SHIFT = 2e-6  # of a difference quotient [m]: 1e-9 of a radius of 25 mm, squared, and 1e-10 in rounding
 
 
@@ -81,6 +82,23 @@ class Grip:
                 return None
             J[:, i] = (ahead - behind) / (2 * lengths[i] if both else lengths[i])
         return J
+
+    def turning_damping(self) -> FloatArray:
+        """-d wrench/d(angular velocity) on the free freedoms (r, r), what torsion adds to the law's damping included."""
+        o = at.BODY + body.ANGULAR_VELOCITY
+        B = np.zeros((self.r, self.r))
+        for i, axis in enumerate(self.axes):
+            kept = self.grasped.block.copy()
+            if axis >= 3:
+                found = []
+                for rate in (RATE, -RATE):
+                    self.grasped.block[:] = kept
+                    self.grasped.block[o + axis - 3] = rate
+                    now = self.forces()
+                    found.append(np.zeros(self.m + self.r) if now is None else now)
+                B[:, i] = (found[1] - found[0])[self.m :] / (2 * RATE)
+            self.grasped.block[:] = kept
+        return B
 
     def lengths(self) -> FloatArray:
         """A small motion for each coordinate: that of `SHIFT` at the fingertips."""
