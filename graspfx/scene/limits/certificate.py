@@ -15,8 +15,6 @@ from graspfx.analysis.modes import Mode, modes
 from graspfx.analysis.passivity_grasp import CouplingLimits, coupling_limits
 from graspfx.analysis.pushing import kept
 from graspfx.errors import InputError
-from graspfx.grasp.matrix import Grasp
-from graspfx.grasp.split import Split
 from graspfx.scene.limits.linearise import Linearised, linearise
 from graspfx.scene.limits.whole import Family, Reach, reach
 from graspfx.scene.model import Scene
@@ -236,16 +234,15 @@ def _passive(scene: Scene, found: Linearised) -> tuple[CouplingLimits | None, st
         return None, "its damping is given by matrices"
     if linear.delay.any():
         return None, "its devices display forces late"
-    if linear.integrator not in ("exact", "implicit"):
-        return None, f"the object's integrator, {linear.integrator}, makes energy by itself"
-    if found.contacts.shape[1] > 1 and coupling.contact != "attached" and not (
-        coupling.friction == "stick" or any(scene.coefficients)
-    ):
-        G = linear.G
-    b = float(linear.friction.min())
-    G = linear.G
+    if linear.integrator != "exact":
+        return None, f"it takes an object with the integrator exact, not {linear.integrator}"
     limits = coupling_limits(
-        G, b, linear.period, np.diag(np.diag(linear.viscosity)), external_damping=dampings[0], internal_damping=dampings[1]
+        linear.G,
+        float(linear.friction.min()),
+        linear.period,
+        np.diag(np.diag(linear.viscosity)),
+        external_damping=dampings[0],
+        internal_damping=dampings[1],
     )
     return limits, ""
 
@@ -262,39 +259,44 @@ def _over(limit: float, gain: float) -> float:
     return limit / gain if gain > 0.0 else math.inf
 
 
-def grasp_split(found: Linearised) -> Split:
-    """Of the fingers of a single object."""
-    return Split(Grasp(found.contacts - found.contacts.mean(axis=0)))
-
-
 def lines(certificate: Certificate) -> Iterator[str]:
-    """A certificate as lines of text, one per mode."""
+    """A certificate as lines of text: one per mode, fingers that push alike in one."""
     of = f"of {certificate.object}, {'squeezed' if certificate.at == 'squeezed' else 'at the start, not squeezed'}"
     radius = certificate.spectral_radius
-    verdict = "stable" if radius < 1.0 else "NOT STABLE"
-    yield f"stability {of}: {verdict}, spectral radius {radius:.6f}"
+    yield f"stability {of}: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    alike: dict[str, list[str]] = {}
     for row in certificate.limits:
-        if math.isinf(row.limit) or math.isinf(row.margin):
-            edge = "no limit"
-        else:
-            limit = f"{row.limit:.4g}" if not math.isnan(row.limit) else "-"
-            edge = f"limit {limit}, margin {row.margin:.2f}"
-            edge += f", lost at {row.frequency:.3g} Hz" if not math.isnan(row.frequency) else ""
-        gain = "gains as they are" if math.isnan(row.gain) else f"{row.gain:.4g} N/m"
-        yield f"  {row.mode} {gain}: {edge}"
+        alike.setdefault(_said(row), []).append(row.mode)
+    for said, names in alike.items():
+        first, *others = names
+        more = [name.removeprefix("pushing with ") for name in others]
+        yield f"  {' | '.join([first, *more])} {said}"
     if any(row.exact for row in certificate.limits):
         differences = [row.difference for row in certificate.limits if not math.isnan(row.difference)]
-        if differences:
-            yield f"  modes by themselves; the whole loop has the same limits to {max(differences):.0e}"
+        checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""
+        yield f"  internal and external modes by themselves{checked}; pushing by the whole loop"
     elif certificate.limits:
-        yield "  by the whole loop, each gain with the others as they are"
-    if certificate.passive is not None:
-        inner, outer = certificate.passive.internal, certificate.passive.external
-        shown = ", ".join(
-            f"{name} {value:.4g} N/m" for name, value in (("internal", inner), ("external", outer)) if value < math.inf
-        )
-        yield f"  passive for any operator: {shown}"
-    else:
-        yield f"  passivity: not said, {certificate.why_not_passive}"
+        yield "  by the whole loop, each gain with the others as they are; pushing, what is left of them together"
+    yield f"  {_said_of_passivity(certificate)}"
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
+
+
+def _said(row: Limit) -> str:
+    gain = "gains as they are" if math.isnan(row.gain) else f"{row.gain:.4g} N/m"
+    if math.isinf(row.margin):
+        return f"{gain}: no limit"
+    limit = "" if math.isnan(row.limit) else f"limit {row.limit:.4g}, "
+    lost = "" if math.isnan(row.frequency) else f", lost at {row.frequency:.3g} Hz"
+    return f"{gain}: {limit}margin {row.margin:.2f}{lost}"
+
+
+def _said_of_passivity(certificate: Certificate) -> str:
+    passive = certificate.passive
+    if passive is None:
+        return f"passivity is not judged: {certificate.why_not_passive}"
+    values = {"internal": passive.internal, "external": passive.external}
+    if all(value == 0.0 for value in values.values()):
+        return "passive for any operator: no gain; friction of devices and object does not cover what damping leaks"
+    shown = ", ".join(f"{name} up to {value:.4g} N/m" for name, value in values.items() if value < math.inf)
+    return f"passive for any operator: {shown}"

@@ -9,14 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.fullloop import drift_free, loop_matrix
+from graspfx.analysis.fullloop import drift_free, loop_matrix, uncoupled
 from graspfx.analysis.linearisation import Linearisation
 
 FloatArray = NDArray[np.float64]
 Stiffness = Callable[[float], FloatArray]
 
-LEAST, MOST = 1e-3, 1e3  # of a gain: where it is looked for
-GRID = 160  # factors between them, 9 % apart: an interval of loss narrower than that can be missed
+LEAST, MOST = 0.01, 100.0  # of a gain: where it is looked for
+GRID = 64  # factors between them, 16 % apart: a gap in what is stable narrower than that can be missed
+BATCH = 16  # of them looked at together, upwards until one is not stable
 ON = 1e-11  # what |z| may exceed 1 by rounding
 
 
@@ -34,11 +35,12 @@ class Family:
     def __init__(self, linear: Linearisation, stiffness: Stiffness) -> None:
         self._linear, self._stiffness = linear, stiffness
         m, r = linear.coordinates
-        self._still = loop_matrix(linear.with_changes(stiffness=0.0))
+        self._motions = uncoupled(linear)
+        self._still = loop_matrix(linear.with_changes(stiffness=0.0), self._motions)
         self._basis = drift_free(linear, len(self._still))
         self._W: FloatArray | None = None
         if linear.integrator != "implicit":
-            unit = loop_matrix(linear.with_changes(stiffness=1.0))
+            unit = loop_matrix(linear.with_changes(stiffness=1.0), self._motions)
             self._W = (unit - self._still)[:, :m]
             self._C = np.zeros((m, len(unit)))
             self._C[:, :m], self._C[:, 2 * m : 2 * m + r] = np.eye(m), -linear.G_displacement.T
@@ -56,7 +58,7 @@ class Family:
 
     def _matrix(self, K: FloatArray) -> FloatArray:
         if self._W is None:
-            return loop_matrix(self._linear.with_changes(stiffness=K))
+            return loop_matrix(self._linear.with_changes(stiffness=K), self._motions)
         return self._still + self._W @ (K @ self._C)
 
 
@@ -68,19 +70,27 @@ def reach(linear: Linearisation, stiffness: Stiffness) -> Reach:
         stiffness: K(s).
     """
     family = Family(linear, stiffness)
-    factors = np.unique(np.concatenate([np.geomspace(LEAST, MOST, GRID), [1.0]]))
-    stable = np.abs(family.roots(factors)).max(axis=1, initial=0.0) <= 1.0 + ON
-    here = int(np.searchsorted(factors, 1.0))
-    if not stable[here]:
-        if not stable.any():
-            return Reach(0.0, math.nan)
-        here = int(np.argmax(stable))
-    lost = np.flatnonzero(~stable[here:])
-    if not len(lost):
+    above = np.geomspace(1.0, MOST, GRID // 2)
+    factors = above if family.radius(1.0) <= 1.0 + ON else np.geomspace(LEAST, 1.0, GRID // 2)
+    before: float | None = None  # the last factor that is stable
+    lost: float | None = None
+    for start in range(0, len(factors), BATCH):
+        some = factors[start : start + BATCH]
+        for s, size in zip(some.tolist(), np.abs(family.roots(some)).max(axis=1, initial=0.0).tolist(), strict=True):
+            if size <= 1.0 + ON:
+                before = s
+            elif before is not None:
+                lost = s
+                break
+        if lost is not None:
+            break
+    if before is None:
+        return Reach(0.0, math.nan)
+    if lost is None:
         return Reach(math.inf, math.nan)
+    low, high = before, lost
     from scipy.optimize import brentq
 
-    low, high = factors[here + lost[0] - 1], factors[here + lost[0]]
     if family.radius(low) >= 1.0:  # on the circle to rounding
         edge = float(low)
     else:
