@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, list, schema, plot and picture."""
+"""The graspfx command: run, check, stability, list, schema, plot and picture."""
 
 from __future__ import annotations
 
@@ -15,9 +15,14 @@ from graspfx import __version__
 from graspfx.errors import GraspFXError, InputError, RecordingError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from graspfx.loop.header import Header
     from graspfx.loop.record import Recording
     from graspfx.scene.model import Scene
+
+    FloatArray = NDArray[np.float64]
 
 DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
 
@@ -57,6 +62,21 @@ def parser() -> ArgumentParser:
     check = commands.add_parser("check", help="show a scene's faults, or what each sample will do and why")
     check.set_defaults(command=_check)
     _add_scene(check)
+
+    stability = commands.add_parser(
+        "stability", help="how far the gains of a scene can go, also over ranges of its keys"
+    )
+    stability.set_defaults(command=_stability)
+    _add_scene(stability)
+    stability.add_argument(
+        "--sweep",
+        metavar="KEY=FROM:TO:COUNT",
+        action="append",
+        default=[],
+        help="a range of one key; a second one makes a map",
+    )
+    stability.add_argument("--out", metavar="DIR", type=Path, help="folder of stability.png (out/SCENE)")
+    stability.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
 
     listing = commands.add_parser("list", help="name the scenes, devices, hands and dynamics there are")
     listing.set_defaults(command=_list)
@@ -149,9 +169,80 @@ def _check(chosen: Namespace) -> int:
     scene.require_reach()
     for row in plan(scene):
         print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
+    _certify(scene)
     sys.stdout.flush()
     _note(_doubts(scene))
     return DONE
+
+
+def _certify(scene: Scene) -> None:
+    from graspfx.scene.limits.certificate import certificates, lines
+
+    try:
+        found = certificates(scene)
+    except GraspFXError as error:
+        print(f"stability is not judged: {' '.join(str(error).split())}")
+        return
+    for certificate in found:
+        print(*lines(certificate), sep="\n")
+
+
+def _stability(chosen: Namespace) -> int:
+    from graspfx.scene.limits.sweep import Sweep, limits_of_scene, swept_limits
+    from graspfx.scene.load import load
+
+    sweeps = [Sweep.read(text) for text in chosen.sweep]
+    scene = load(chosen.scene, dict(chosen.overrides))
+    scene.require_reach()
+    if not sweeps:
+        if chosen.json:
+            names = ("internal_limit", "external_limit", "conventional_limit")
+            values = [_bounded(value) for value in limits_of_scene(scene)]
+            _print_json({"sweep": [], **dict(zip(names, values, strict=True))})
+        else:
+            _certify(scene)
+        return DONE
+    from graspfx.loop.file import make_folder
+    from graspfx.show.limits import limits_figure
+
+    folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
+    picture = folder / "stability.png"
+    _require_place(picture)
+    limits = swept_limits(scene, sweeps)
+    make_folder(folder)
+    with _placing(picture):
+        limits_figure(limits, picture, scene.title)
+    parts = {"internal": limits.internal, "external": limits.external, "conventional": limits.conventional}
+    if chosen.json:
+        values = [sweep.values.tolist() for sweep in limits.sweeps]
+        _print_json(
+            {"keys": [sweep.key for sweep in limits.sweeps], "sweep": values[0] if len(values) == 1 else values}
+            | {f"{name}_limit": _bounded(part.tolist()) for name, part in parts.items()}
+        )
+        return DONE
+    for sweep in limits.sweeps:
+        print(f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values")
+    for name, part in parts.items():
+        print(f"  {name:<13} {_from_to(part)}")
+    how = "modes in closed form" if limits.modal else "a scene linearised for each point"
+    print(f"  {limits.internal.size} points, {how}, {limits.seconds:.2g} s")
+    _name_files([picture])
+    return DONE
+
+
+def _from_to(part: FloatArray) -> str:
+    """Where limits begin and end, and the range that they cover."""
+    first, last = (f"{value:.4g}" if value < float("inf") else "no limit" for value in (part.flat[0], part.flat[-1]))
+    finite = part[part < float("inf")]
+    span = f", within {finite.min():.4g} ... {finite.max():.4g} N/m" if finite.size else ""
+    return f"{first} -> {last}{span}"
+
+
+def _bounded(value: Any) -> Any:
+    """No limit as null, in nested lists."""
+    if isinstance(value, list):
+        return [_bounded(item) for item in value]
+    return value if value < float("inf") else None
 
 
 def _list(chosen: Namespace) -> int:

@@ -12,10 +12,17 @@ FloatArray = NDArray[np.float64]
 DRIFT = 1e-10  # relative: motions that stretch nothing more than this part of the stiffest are free
 
 
-def loop_matrix(linear: Linearisation) -> FloatArray:
+Motions = tuple[FloatArray, ...]
+
+
+def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatArray:
     """A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), forces not yet displayed, wrenches not yet felt).
 
     Devices and hands by the exponential of their coupled equations, the object by its integrator.
+
+    Args:
+        linear: the grasp.
+        motions: `uncoupled` of it, if known: gains are no part of it.
     """
     m, r = linear.coordinates
     T = linear.period
@@ -31,7 +38,7 @@ def loop_matrix(linear: Linearisation) -> FloatArray:
         start += width
 
     rate = (at["x"] - at["old"]) / T if differenced else at["v"]
-    p, q, R, s = object_matrices(linear.integrator, linear.inertia, linear.viscosity, T)
+    E, H, p, q, R, s = uncoupled(linear) if motions is None else motions
     moved, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
     N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
     K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
@@ -47,12 +54,17 @@ def loop_matrix(linear: Linearisation) -> FloatArray:
     late = [shown, *(at[f"f{i}"] for i in range(1, lag + 1))]
     displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
     wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
-    E, H = held_devices(linear)
     state = E @ np.concatenate([at["x"], at["v"]]) - H @ displayed
     rows = [state, moved + q @ wrench, spun + s @ wrench]
     rows += [at["x"]] if differenced else []
     rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
     return np.concatenate(rows)
+
+
+def uncoupled(linear: Linearisation) -> Motions:
+    """`held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
+    moved = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
+    return *held_devices(linear), *moved
 
 
 def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
@@ -112,6 +124,12 @@ def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
 
 def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
     """A on the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
+    basis = drift_free(linear, len(A))
+    return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
+
+
+def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
+    """An orthonormal basis of the states without the motions that change no force; None where all of them count."""
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness
@@ -126,10 +144,9 @@ def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
     _, sizes, motions = np.linalg.svd(stretch)
     free = motions[sizes <= DRIFT * max(float(sizes[0]), 1e-300)] / length
     if not len(free):
-        return A
-    states = np.zeros((len(A), len(free)))
-    states[:m], states[2 * m : 2 * m + r] = free.T[:m], free.T[m:]
+        return None
+    drifts = np.zeros((states, len(free)))
+    drifts[:m], drifts[2 * m : 2 * m + r] = free.T[:m], free.T[m:]
     if linear.rate == "difference" and linear.damping.any():
-        states[2 * (m + r) : 3 * m + 2 * r] = free.T[:m]
-    basis = np.linalg.qr(states, mode="complete")[0][:, len(free) :]
-    return np.asarray(basis.T @ A @ basis, dtype=float)
+        drifts[2 * (m + r) : 3 * m + 2 * r] = free.T[:m]
+    return np.linalg.qr(drifts, mode="complete")[0][:, len(free) :]

@@ -40,10 +40,11 @@ def pushing(
     names = sorted(set(which.tolist()))
     for size in range(1, len(names) + bool(loose.any())):
         for touching in combinations(names, size):
-            yield touching, _kept(linear, np.isin(which, touching) & ~loose)
+            yield touching, kept(linear, np.isin(which, touching) & ~loose)
 
 
-def _kept(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
+def kept(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
+    """The loop of the device coordinates `a` (m,), a mask, the others without force; no preload."""
     block = np.ix_(a, a)
     return linear.with_changes(
         mass=linear.mass[a],

@@ -85,6 +85,12 @@ def _masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray | None:
 
 
 def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
+    grasped, fingers = grasped_object(scene, index, masses)
+    return Held(scene.object[index].name, grasped, fingers)
+
+
+def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple[GraspedObject, NDArray[np.intp]]:
+    """An object as the coupling sees it, and the numbers of its fingers; masses of all fingers' devices for a metric."""
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     folder = scene.source.folder
@@ -108,7 +114,7 @@ def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
         shape=make_shape(table, folder),
         radius=[scene.finger[f].radius for f in fingers],
     )
-    return Held(table.name, grasped, fingers)
+    return grasped, fingers
 
 
 def make_law(scene: Scene, fingers: NDArray[np.intp]) -> Coupling:
