@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.analysis import passivity_observer as po
+from graspfx.analysis.passivity_observer import balance
+from graspfx.analysis.passivity_observer import brake as least_damping
 from graspfx.coupling import block as at
 from graspfx.coupling.sample import react
 from graspfx.loop import ledger
+from graspfx.loop.ledger import modes
 from graspfx.objects import kernels as body
 
 ROUNDING = 1e-12  # of the largest energy so far: a smaller debt is none
@@ -27,14 +29,14 @@ def control(S: Any, B: Any, T: float) -> bool:
     least = ROUNDING * B[ledger.SCALE]
     owes = False
     for j in range(3):
-        owes = owes or po.balance(B, ledger.LEDGER, j) < -least
+        owes = owes or balance(B, ledger.LEDGER, j) < -least
     if not owes or B[ledger.STARTED] == 0.0:
         return False
     n = int(S[at.FINGERS])
     width = 4 if S[at.COORDINATES] > 3.0 else 3
-    found = po.brake(
+    found = least_damping(
         B, ledger.LEDGER, ledger.ROWS, ledger.STRIDE, n, width, ledger.BRAKE, ledger.STEP, ledger.WEIGHT,
-        ledger.modes(n), int(S[at.SHIFTS]), int(B[ledger.COUNT]), ledger.ROW, T, bound(S, T, B[ledger.LIGHT]),
+        modes(n), int(S[at.SHIFTS]), int(B[ledger.COUNT]), ledger.ROW, T, bound(S, T, B[ledger.LIGHT]),
     )  # fmt: skip
     B[DAMPING], B[DAMPING + 1], B[DAMPING + 2] = found
     for i in range(n):
@@ -57,8 +59,8 @@ def bound(S: Any, T: float, light: float) -> float:
     if S[at.SHIFTS] > 0.0:
         light += total / S[o + body.MASS]
     if S[at.TURNS] > 0.0:
-        I = o + body.INERTIA
-        least = S[I + 2] if d == 2 else min(S[I], S[I + 1], S[I + 2])
+        J = o + body.INERTIA
+        least = S[J + 2] if d == 2 else min(S[J], S[J + 1], S[J + 2])
         light += squares / least
     return float(0.5 / (T * light)) if light > 0.0 else 0.0
 

@@ -1,7 +1,7 @@
 """The energy of a grasp, sample by sample: from the fingers through the coupling to the object, entry by entry.
 
-Between two samples the held forces f = fe + fd + fb (springs, damping, brake) move by d, the step of the fingers against
-the object in its axes. With the displacement h that the springs hold, fe = K h, and a_j the part of fe in mode j,
+Between two samples the held forces f = fe + fd + fb (springs, damping, brake) move by d, the step of the fingers
+against the object in its axes. With the displacement h that the springs hold, fe = K h, and a_j fe's part in mode j,
 
     stored      V_j = 1/2 a_j'h
     damped      fd_j'd
@@ -20,11 +20,12 @@ from __future__ import annotations
 from typing import Any
 
 from graspfx.analysis import passivity_observer as po
+from graspfx.analysis.passivity_observer import balance, book, squares
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import pose
 from graspfx.grasp.kernels import rigid_modes
 from graspfx.objects import energy
-from graspfx.objects import kernels as body
+from graspfx.objects.energy import keep, kinetic, settle
 
 # The buffer beside the object's block. Sums stand in fours, each with what rounding left out of them.
 STARTED = 0
@@ -98,7 +99,7 @@ def observe(S: Any, B: Any, T: float) -> None:
         if B[STARTED] == 0.0:
             B[LEDGER + po.OPENED + j] = 0.5 * total
     if B[STARTED] == 0.0:
-        B[FIRST] = energy.kinetic(S, at.BODY)
+        B[FIRST] = kinetic(S, at.BODY)
     for i in range(n):
         for a in range(4):
             B[ROWS + i * STRIDE + BRAKE + a] = 0.0
@@ -107,15 +108,15 @@ def observe(S: Any, B: Any, T: float) -> None:
 def move(S: Any, B: Any, T: float) -> None:
     """The motion of the sample that has ended, and all that was done along it but the springs' share."""
     n, o = int(S[at.FINGERS]), at.BODY
-    work, fallen, met, loss, turning_loss, defect, turning_defect = energy.settle(S, o, B, BODY, T)
+    work, fallen, met, loss, turning_loss, defect, turning_defect = settle(S, o, B, BODY, T)
     if B[OTHERS] != 0.0:
-        gained = energy.kinetic(S, o) - B[BODY + energy.ENERGY]
+        gained = kinetic(S, o) - B[BODY + energy.ENERGY]
         met = gained - work - fallen + loss + turning_loss - defect - turning_defect
-    po.book(B, DONE, 1, work)
-    po.book(B, DONE, 2, fallen)
-    po.book(B, DONE, 3, met)
-    po.book(B, LOST, 0, loss + turning_loss)
-    po.book(B, LOST, 1, defect + turning_defect)
+    book(B, DONE, 1, work)
+    book(B, DONE, 2, fallen)
+    book(B, DONE, 3, met)
+    book(B, LOST, 0, loss + turning_loss)
+    book(B, LOST, 1, defect + turning_defect)
     x, t = BODY + energy.SHIFT, BODY + energy.TURN
     tx, ty, tz = B[t], B[t + 1], B[t + 2]
     for i in range(n):
@@ -125,7 +126,7 @@ def move(S: Any, B: Any, T: float) -> None:
             step = S[s + at.POSITION + a] - B[r + PLACE + a]
             B[r + NEXT + a] = step
             done += B[r + PUSH + a] * step
-        po.book(B, DONE, 0, done)
+        book(B, DONE, 0, done)
         ax, ay, az = B[r + ARM], B[r + ARM + 1], B[r + ARM + 2]
         dx = B[r + NEXT] - B[x] - (ty * az - tz * ay)
         dy = B[r + NEXT + 1] - B[x + 1] - (tz * ax - tx * az)
@@ -140,7 +141,7 @@ def move(S: Any, B: Any, T: float) -> None:
     lead = LEDGER
     if B[DRAG] > 0.0:
         width, shifts = 4 if S[at.COORDINATES] > 3.0 else 3, int(S[at.SHIFTS])
-        moved = po.squares(B, ROWS, STRIDE, n, width, TIP, WEIGHT, modes(n), shifts, int(B[COUNT]), ROW)
+        moved = squares(B, ROWS, STRIDE, n, width, TIP, WEIGHT, modes(n), shifts, int(B[COUNT]), ROW)
         B[lead + po.SPENT + po.INTERNAL] += B[DRAG] / T * moved[0]
         B[lead + po.SPENT + po.TRANSLATION] += B[DRAG] / T * moved[1]
         B[lead + po.SPENT + po.ROTATION] += B[DRAG] / T * moved[2]
@@ -249,14 +250,14 @@ def book_springs(B: Any, n: int) -> None:
                 slipped += fe * (d - (now - h))
                 reshaped += 0.5 * (fe * now - new * h)
                 leaked += 0.5 * (new - fe) * (now - h)
-        po.book(B, LEDGER, j, work)
-        po.book(B, DAMPED, j, damped)
-        po.book(B, BRAKED, j, braked)
-        po.book(B, SLIPPED, j, slipped)
-        po.book(B, RESHAPED, j, reshaped)
-        po.book(B, LEAKED, j, leaked)
+        book(B, LEDGER, j, work)
+        book(B, DAMPED, j, damped)
+        book(B, BRAKED, j, braked)
+        book(B, SLIPPED, j, slipped)
+        book(B, RESHAPED, j, reshaped)
+        book(B, LEAKED, j, leaked)
         total += work
-    po.book(B, LEDGER, po.WHOLE, total)
+    book(B, LEDGER, po.WHOLE, total)
 
 
 def hold(S: Any, B: Any) -> None:
@@ -292,7 +293,7 @@ def hold(S: Any, B: Any) -> None:
         split(B, n, width, shifts, NEXT, PARTS)
     if braked:
         split(B, n, width, shifts, BRAKE, BRAKES)
-    energy.keep(S, o, B, BODY)
+    keep(S, o, B, BODY)
     B[STARTED] = 1.0
 
 
@@ -302,9 +303,9 @@ def total_of(B: Any, group: int, lane: int) -> float:
 
 def report(S: Any, B: Any) -> None:
     """What is recorded, to OUT: nine quantities by mode, and nine of the object."""
-    kinetic = energy.kinetic(S, at.BODY)
+    moving = kinetic(S, at.BODY)
     fingers = total_of(B, DONE, 0)
-    gap = fingers - (kinetic - B[FIRST]) + total_of(B, DONE, 2) + total_of(B, DONE, 3)
+    gap = fingers - (moving - B[FIRST]) + total_of(B, DONE, 2) + total_of(B, DONE, 3)
     gap += total_of(B, LOST, 1) - total_of(B, LOST, 0)
     for j in range(3):
         stored = B[LEDGER + po.STORED + j]
@@ -317,15 +318,15 @@ def report(S: Any, B: Any) -> None:
         B[OUT + 9 + j] = slipped
         B[OUT + 12 + j] = reshaped
         B[OUT + 15 + j] = leaked
-        B[OUT + 18 + j] = po.balance(B, LEDGER, j)
+        B[OUT + 18 + j] = balance(B, LEDGER, j)
         B[OUT + 21 + j] = braked
         B[SCALE] = max(B[SCALE], abs(B[OUT + j]), stored, leaked)
     B[OUT + 27] = fingers
     B[OUT + 28] = total_of(B, DONE, 1)
-    B[OUT + 29] = kinetic
+    B[OUT + 29] = moving
     B[OUT + 30] = total_of(B, DONE, 2)
     B[OUT + 31] = total_of(B, DONE, 3)
     B[OUT + 32] = total_of(B, LOST, 0)
     B[OUT + 33] = total_of(B, LOST, 1)
     B[OUT + 34] = gap
-    B[SCALE] = max(B[SCALE], abs(fingers), kinetic, abs(B[OUT + 30]), B[OUT + 32])
+    B[SCALE] = max(B[SCALE], abs(fingers), moving, abs(B[OUT + 30]), B[OUT + 32])

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop import brake, ledger
+from graspfx.objects import energy
 from graspfx.objects.body import NativeBody
 
 FloatArray = NDArray[np.float64]
 
 BY_MODE = ("work", "stored", "damped", "slipped", "reshaped", "leaked", "balance", "braked", "damping")
 OF_OBJECT = ("fingers", "wrench", "kinetic", "gravity", "contact", "viscous", "defect", "gap")
+
+MET = ledger.BODY + energy.CONTACT
 
 
 class Observer:
@@ -53,15 +56,15 @@ class Observer:
         B[ledger.LIGHT] = max(share / mass, default=0.0)
         B[ledger.OTHERS] = not isinstance(body, NativeBody)
         B[ledger.GIVEN] = grasped.matrices and not S[at.ATTACHED]
-        self._body = body if hasattr(body, "contact_wrench") and isinstance(body, NativeBody) else None
+        native = isinstance(body, NativeBody)
+        self._met: FloatArray | None = getattr(body, "contact_wrench", None) if native else None  # of a body on planes
         self.where = self._entries()
 
     def sample(self) -> None:
         """Books the sample that has ended, brakes if asked to, and keeps what the next one holds."""
         S, B = self._S, self._B
-        if self._body is not None:
-            o = ledger.BODY + ledger.energy.CONTACT
-            self.buffer[o : o + 6] = self._body.contact_wrench
+        if self._met is not None:
+            self.buffer[MET : MET + 6] = self._met
         if B[ledger.GIVEN]:
             self._solve()
         ledger.observe(S, B, self._T)

@@ -154,11 +154,11 @@ def turned(S: Any, o: int, K: Any, k: int) -> None:
     """TURN, the rotation vector from the orientation kept to the present one; zero about locked axes."""
     p, q = o + QUATERNION, k + QUATERNION - POSITION
     x, y, z, w = S[p], S[p + 1], S[p + 2], S[p + 3]
-    i, j, l, r = -K[q], -K[q + 1], -K[q + 2], K[q + 3]
-    a = w * i + x * r + y * l - z * j
-    b = w * j + y * r + z * i - x * l
-    c = w * l + z * r + x * j - y * i
-    s = w * r - x * i - y * j - z * l
+    i, j, n, r = -K[q], -K[q + 1], -K[q + 2], K[q + 3]
+    a = w * i + x * r + y * n - z * j
+    b = w * j + y * r + z * i - x * n
+    c = w * n + z * r + x * j - y * i
+    s = w * r - x * i - y * j - z * n
     sine = math.sqrt(a * a + b * b + c * c)
     scale = 2.0
     if s < 0.0:
