@@ -48,9 +48,6 @@ LEVELS = 9
 
 def limits_figure(limits: SweptLimits, path: str | PathLike[str], title: str = "") -> Path:
     """Curves of the three limits over one key; over two, maps of each, and where k_ep = k_ip."""
-    import matplotlib
-
-    matplotlib.use("Agg", force=False)
     from matplotlib.figure import Figure
 
     target = Path(fspath(path))
@@ -71,7 +68,7 @@ def _curves(ax: Axes, limits: SweptLimits) -> None:
     marked = "o" if len(x) <= 30 else ""
     ax.plot(x, _finite(limits.conventional), color="#b8b8b8", lw=6, solid_capstyle="round", label="$k_p$ conventional")
     ax.plot(x, _finite(limits.internal), color=INTERNAL, ls="--", lw=1.4, label="$k_{ip}$ internal")
-    ax.plot(x, _finite(limits.external), color=EXTERNAL, lw=1.4, marker=marked, ms=3.5, label="$k_{ep}$ external")
+    ax.plot(x, _finite(limits.external), color=EXTERNAL, lw=1.4, marker=marked, ms=3.5, clip_on=False, zorder=3, label="$k_{ep}$ external")
     values = np.concatenate([limits.internal, limits.external])
     finite = values[np.isfinite(values)]
     if len(finite):

@@ -30,7 +30,8 @@ class Limit:
     """One mode of a grasp.
 
     Attributes:
-        mode: "internal", "external", "external translation", "external rotation" or "pushing with ...".
+        mode: "internal", "external" (k_ep as it stands in the scene), "external translation" and "external rotation" (as
+            if shifts and turns each had a k_ep of their own) or "pushing with ...".
         gain: as the scene has it: kip, kep, and of pushing the stiffest that is left [N/m]; nan for matrices.
         limit: of that gain [N/m]; inf where none is too large.
         margin: limit over gain.
@@ -98,13 +99,15 @@ def _certificate(scene: Scene, found: Linearised) -> Certificate:
     )
 
 
-def mode_limits(scene: Scene, found: Linearised, *, compare: bool = True) -> list[Limit]:
-    """Of internal and external gains; of the external ones, shifts and turns by themselves."""
+def mode_limits(scene: Scene, found: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
+    """Of the internal and the external gain, and of the external one's shifts and turns by themselves."""
     kep, kip = (_number(part.stiffness) for part in (scene.coupling.external, scene.coupling.internal))
     exact = reduced(found)
     rows = []
     others: float | None = None
     for name, which in _parts(found):
+        if " " in name and not halves:
+            continue
         gain = kip if name == "internal" else kep
         mode = exact.get(name)
         if mode is not None and not math.isnan(gain):
@@ -133,7 +136,8 @@ def reduced(found: Linearised) -> dict[str, tuple[float, float]]:
             return {}
         name = _name(part, found)
         entry = (part.limits.limit, part.limits.frequency)
-        weakest[name] = min(weakest.get(name, (math.inf, math.nan)), entry, key=lambda pair: pair[0])
+        for each in dict.fromkeys([name, name.split()[0]]):
+            weakest[each] = min(weakest.get(each, (math.inf, math.nan)), entry, key=lambda pair: pair[0])
     return weakest
 
 
@@ -144,13 +148,18 @@ def _parts(found: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
     d = found.contacts.shape[1]
     if rank < m:
         yield "internal", (False, False, True)
-    if d == 1:
-        yield "external", (True, True, False)
+    if not rank:
         return
-    if np.abs(found.stiffness(1.0, 0.0, 0.0)).max() > 1e-9 * np.abs(found.linear.stiffness).max():
-        yield "external translation", (True, False, False)
-    if np.abs(found.stiffness(0.0, 1.0, 0.0)).max() > 1e-9 * np.abs(found.linear.stiffness).max():
-        yield "external rotation", (False, True, False)
+    yield "external", (True, True, False)
+    least = 1e-9 * np.abs(found.linear.stiffness).max()
+    halves = (("translation", (True, False, False)), ("rotation", (False, True, False)))
+    there = [
+        (f"external {name}", which)
+        for name, which in halves
+        if np.abs(found.stiffness(float(which[0]), float(which[1]), 0.0)).max() > least
+    ]
+    if len(there) == 2 and d > 1:
+        yield from there
 
 
 def _name(mode: Mode, found: Linearised) -> str:
@@ -256,12 +265,12 @@ def _over(limit: float, gain: float) -> float:
 
 
 def lines(certificate: Certificate) -> Iterator[str]:
-    """A certificate as lines of text: one per mode, fingers that push alike in one."""
+    """A certificate as lines of text: one per mode, fingers that push alike in one, of larger sets the weakest."""
     of = f"of {certificate.object}, {'squeezed' if certificate.at == 'squeezed' else 'at the start, not squeezed'}"
     radius = certificate.spectral_radius
     yield f"stability {of}: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
     alike: dict[str, list[str]] = {}
-    for row in certificate.limits:
+    for row in _worth_saying(certificate.limits):
         alike.setdefault(_said(row), []).append(row.mode)
     for said, names in alike.items():
         first, *others = names
@@ -276,6 +285,18 @@ def lines(certificate: Certificate) -> Iterator[str]:
     yield f"  {_said_of_passivity(certificate)}"
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
+
+
+def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
+    """All but the sets of several fingers that push with more room than another set of as many."""
+    weakest: dict[int, Limit] = {}
+    for row in limits:
+        count = row.mode.count(", ") + 1
+        if count == 1:
+            yield row
+        elif count not in weakest or row.margin < weakest[count].margin:
+            weakest[count] = row
+    yield from weakest.values()
 
 
 def _said(row: Limit) -> str:

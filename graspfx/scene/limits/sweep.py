@@ -79,7 +79,7 @@ class SweptLimits:
     Attributes:
         sweeps: one or two.
         internal: of kip, kep as it is.
-        external: of kep, kip as it is: the weakest of shifts and turns.
+        external: of kep, kip as it is: shifts and turns together.
         conventional: of one gain for both, kp = kep = kip.
         modal: in closed form, from modes by themselves; else from a scene made for each point.
         seconds: that it took.
@@ -148,10 +148,9 @@ def _require_numbers(scene: Scene) -> None:
 
 def _point(scene: Scene, at: str) -> tuple[float, float, float]:
     found = linearise(scene, at)
-    rows = mode_limits(scene, found, compare=False)
-    internal = min((row.limit for row in rows if row.mode == "internal"), default=math.inf)
-    external = min((row.limit for row in rows if row.mode != "internal"), default=math.inf)
-    if all(row.exact for row in rows):
+    rows = {row.mode: row for row in mode_limits(scene, found, halves=False, compare=False)}
+    internal, external = (rows[name].limit if name in rows else math.inf for name in ("internal", "external"))
+    if all(row.exact for row in rows.values()):
         return internal, external, min(internal, external)
     unit = float(found.linear.mass.mean()) / scene.period**2 / 100.0
     # from one hundredth of what a bare mass allows: the first loss above whatever is stable
