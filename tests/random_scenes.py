@@ -78,8 +78,8 @@ def random_case(seed: int, size: float = 1e-9) -> Case:
     force = (K @ e.ravel()).reshape(n, d)
     reaction = str(rng.choice(["fingertip", "contact"]))
     made = preloaded(contacts, e, force, free=free, reaction=reaction)
-    if np.abs(made.G @ force.ravel()).max(initial=0.0) > 1e-12:  # forces with a shear are at rest only at their contacts
-        reaction = "contact"
+    if np.abs(made.G @ force.ravel()).max(initial=0.0) > 1e-12:
+        reaction = "contact"  # forces with a shear are in balance where they touch, not at the tips
         made = preloaded(contacts, e, force, free=free, reaction=reaction)
 
     linear = Linearisation(
