@@ -15,14 +15,9 @@ from graspfx import __version__
 from graspfx.errors import GraspFXError, InputError, RecordingError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from graspfx.loop.header import Header
     from graspfx.loop.record import Recording
     from graspfx.scene.model import Scene
-
-    FloatArray = NDArray[np.float64]
 
 DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
 
@@ -63,9 +58,7 @@ def parser() -> ArgumentParser:
     check.set_defaults(command=_check)
     _add_scene(check)
 
-    stability = commands.add_parser(
-        "stability", help="how far the gains of a scene can go, also over ranges of its keys"
-    )
+    stability = commands.add_parser("stability", help="say how far gains can go, also over ranges of keys")
     stability.set_defaults(command=_stability)
     _add_scene(stability)
     stability.add_argument(
@@ -196,9 +189,7 @@ def _stability(chosen: Namespace) -> int:
     scene.require_reach()
     if not sweeps:
         if chosen.json:
-            names = ("internal_limit", "external_limit", "conventional_limit")
-            values = [_bounded(value) for value in limits_of_scene(scene)]
-            _print_json({"sweep": [], **dict(zip(names, values, strict=True))})
+            _print_json(limits_of_scene(scene).to_dict())
         else:
             _certify(scene)
         return DONE
@@ -212,37 +203,12 @@ def _stability(chosen: Namespace) -> int:
     make_folder(folder)
     with _placing(picture):
         limits_figure(limits, picture, scene.title)
-    parts = {"internal": limits.internal, "external": limits.external, "conventional": limits.conventional}
     if chosen.json:
-        values = [sweep.values.tolist() for sweep in limits.sweeps]
-        _print_json(
-            {"keys": [sweep.key for sweep in limits.sweeps], "sweep": values[0] if len(values) == 1 else values}
-            | {f"{name}_limit": _bounded(part.tolist()) for name, part in parts.items()}
-        )
+        _print_json(limits.to_dict())
         return DONE
-    for sweep in limits.sweeps:
-        print(f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values")
-    for name, part in parts.items():
-        print(f"  {name:<13} {_from_to(part)}")
-    how = "modes in closed form" if limits.modal else "a scene linearised for each point"
-    print(f"  {limits.internal.size} points, {how}, {limits.seconds:.2g} s")
+    print(*limits.lines(), sep="\n")
     _name_files([picture])
     return DONE
-
-
-def _from_to(part: FloatArray) -> str:
-    """Where limits begin and end, and the range that they cover."""
-    first, last = (f"{value:.4g}" if value < float("inf") else "no limit" for value in (part.flat[0], part.flat[-1]))
-    finite = part[part < float("inf")]
-    span = f", within {finite.min():.4g} ... {finite.max():.4g} N/m" if finite.size else ""
-    return f"{first} -> {last}{span}"
-
-
-def _bounded(value: Any) -> Any:
-    """No limit as null, in nested lists."""
-    if isinstance(value, list):
-        return [_bounded(item) for item in value]
-    return value if value < float("inf") else None
 
 
 def _list(chosen: Namespace) -> int:

@@ -16,16 +16,22 @@ def limit_of(certificate: Certificate, mode: str) -> float:
     return next(row.limit for row in certificate.limits if row.mode == mode)
 
 
-def rate(rec: gx.Recording, windows: int = 12) -> float:
-    """Growth [1/s] of the fast part of the object's motion: differences of velocity, the first half left out."""
-    velocity = rec.object_velocity
-    turning = rec.objects["object"].angular_velocity
+def fast_motion(rec: gx.Recording) -> np.ndarray:
+    """Of the object: second differences of its velocity, in which nothing but oscillation is left, (N - 2, w)."""
+    velocity, turning = rec.object_velocity, rec.objects["object"].angular_velocity
     if turning is not None:
         velocity = np.hstack([velocity, 0.03 * turning.reshape(len(rec), -1)])
-    fast = np.diff(velocity, 2, axis=0)
-    parts = fast[len(fast) % windows :].reshape(windows, -1)
-    size = np.log(np.sqrt((parts**2).mean(axis=1)))[windows // 2 :]
-    return float(np.polyfit(np.arange(len(size)) * (rec.time[-1] / windows), size, 1)[0])
+    return np.diff(velocity, 2, axis=0)
+
+
+def unexplained(motion: np.ndarray, poles: np.ndarray) -> float:
+    """The share of a motion, as a root mean square, that is no sum of powers of the poles."""
+    k = np.arange(len(motion))[:, None]
+    with np.errstate(under="ignore"):
+        powers = poles[np.abs(poles) > 0.9] ** k
+    basis = np.hstack([powers.real, powers.imag])
+    left = motion - basis @ np.linalg.lstsq(basis, motion, rcond=1e-9)[0]
+    return float(np.sqrt((left**2).mean() / (motion**2).mean()))
 
 
 def test_reference() -> None:
@@ -65,22 +71,27 @@ def test_pushing_can_be_unstable_where_the_grasp_is_not() -> None:
     assert single.margin < 1.0
 
 
-@pytest.mark.parametrize(("d", "integrator", "squeeze"), [(1, "explicit", 0.003), (2, "explicit", 0.003), (3, "exact", 0.003)])
-def test_runs_grow_and_decay_on_either_side_of_a_limit(d: int, integrator: str, squeeze: float) -> None:
-    """kep 3 % below and above what the certificate says, in motion from a slight push; rates to 5 % and 0.02/s."""
-    scene = attached(d, integrator, squeeze)
+@pytest.mark.parametrize(("d", "integrator"), [(1, "explicit"), (2, "explicit"), (3, "exact")])
+def test_runs_grow_and_decay_on_either_side_of_a_limit(d: int, integrator: str) -> None:
+    """kep 3 % below and above what the certificate says, squeezed by 3 mm: the last seconds shrink and grow.
+
+    They are sums of powers of the linearised loop's poles to 2 %, and of no others: the motion is small by then.
+    """
+    scene = attached(d, integrator, 0.003)
     (found,) = certificates(scene)
     edge = limit_of(found, "external")
     assert 0.0 < edge < math.inf
-    push = {"object.velocity": [1e-4] * d} | ({} if d == 1 else {"object.angular_velocity": [2e-3] * 3 if d == 3 else 2e-3})
+    turning = {1: {}, 2: {"object.angular_velocity": 0.02}, 3: {"object.angular_velocity": [0.02] * 3}}[d]
     for factor, sign in ((0.97, -1.0), (1.03, 1.0)):
-        near = scene.replace({"coupling.external.stiffness": factor * edge} | push)
-        rec = gx.run(near, duration=8.0)
+        near = scene.replace({"coupling.external.stiffness": factor * edge})
+        rec = gx.run(near.replace({"object.velocity": [1e-3] * d} | turning), duration=6.0 if d == 3 else 10.0)
         assert not rec.faults
-        expected = math.log(gx.stability.spectral_radius(near)) / near.period
-        assert expected * sign > 0.0
-        assert rate(rec) * sign > 0.0
-        assert rate(rec) == pytest.approx(expected, rel=0.05, abs=0.02)
+        late = fast_motion(rec)[-600:]
+        first, last = (np.sqrt((part**2).mean()) for part in (late[:200], late[-200:]))
+        assert (last - first) * sign > 0.0
+        poles = np.linalg.eigvals(gx.stability.loop_matrix(near.linearise()))
+        assert (np.abs(poles).max() - 1.0) * sign > 0.0
+        assert unexplained(late, poles) < 0.02
 
 
 def test_a_prism_in_space_has_every_mode() -> None:

@@ -14,6 +14,11 @@ from graspfx.errors import InputError
 from graspfx.scene.limits.sweep import Sweep, limits_of_scene, swept_limits
 
 
+def three(scene: gx.Scene) -> list[float]:
+    found = limits_of_scene(scene)
+    return [float(part) for part in (found.internal, found.external, found.conventional)]
+
+
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, list[float]]:
     assert main(["stability", *arguments, "--json"]) == 0
     result: dict[str, list[float]] = json.loads(capsys.readouterr().out)
@@ -41,7 +46,7 @@ def test_closed_forms_are_scenes_one_by_one() -> None:
     assert found.external.shape == (2, 3)
     for i, m_v in enumerate(sweeps[0].values):
         for j, m in enumerate(sweeps[1].values):
-            one = limits_of_scene(scene.replace({"object.mass": float(m_v), "finger.*.device.mass": float(m)}))
+            one = three(scene.replace({"object.mass": float(m_v), "finger.*.device.mass": float(m)}))
             here = [part[i, j] for part in (found.internal, found.external, found.conventional)]
             assert here == pytest.approx(one, rel=1e-9)
 
@@ -55,19 +60,15 @@ def test_rotation_by_its_closed_form() -> None:
     found = swept_limits(scene, sweeps)
     for i, m_v in enumerate(sweeps[0].values):
         for j, b_w in enumerate(sweeps[1].values):
-            one = limits_of_scene(
-                scene.replace({"object.mass": float(m_v), "object.rotational_viscosity": float(b_w)})
-            )
+            one = three(scene.replace({"object.mass": float(m_v), "object.rotational_viscosity": float(b_w)}))
             here = [part[i, j] for part in (found.internal, found.external, found.conventional)]
             assert here == pytest.approx(one, rel=1e-8)
 
 
 def test_other_keys_make_a_scene_for_each_point(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A squeeze has no closed form: it lowers the limit of a turning cube, and the command says how it was done."""
-    arguments = ["paper-waving-turning", "--set", "coupling.contact=attached", "--out", str(tmp_path)]
-    assert main(["stability", *arguments, "--sweep", "finger.0.device.friction=0.2:0.3:2"]) in (0, 2)
-    capsys.readouterr()
-    assert main(["stability", "paper-spring", "--sweep", "finger.0.hand.stiffness=20:40:3", "--out", str(tmp_path)]) == 0
+    """One hand softer than the other: no modes by themselves, and the command says how it was done."""
+    sweep = "finger.0.hand.stiffness=20:40:3"
+    assert main(["stability", "paper-spring", "--sweep", sweep, "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     assert "a scene linearised for each point" in text
     assert "wrote" in text
@@ -115,7 +116,7 @@ def test_faults(sweep: str, said: str, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_gains_that_are_matrices_have_no_single_limit() -> None:
     scene = gx.load("paper-spring", {"coupling.external.stiffness": [50.0, 60.0]})
-    with pytest.raises(InputError, match="coupling.external.stiffness"):
+    with pytest.raises(InputError, match=r"coupling\.external\.stiffness"):
         swept_limits(scene, [Sweep("object.viscosity", np.array([1.0]))])
     with pytest.raises(InputError, match="two different keys"):
         swept_limits(scene, [Sweep("period", np.array([1.0])), Sweep("period", np.array([1.0]))])

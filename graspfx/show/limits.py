@@ -66,15 +66,24 @@ def limits_figure(limits: SweptLimits, path: str | PathLike[str], title: str = "
 def _curves(ax: Axes, limits: SweptLimits) -> None:
     x = limits.sweeps[0].values
     marked = "o" if len(x) <= 30 else ""
+    values = np.concatenate([limits.internal, limits.external])
+    known = np.isfinite(values) & (values > 0.0)
+    top = min(float(values[known].max()), LARGEST * float(values[known].min())) if known.any() else 1.0
     ax.plot(x, _finite(limits.conventional), color="#b8b8b8", lw=6, solid_capstyle="round", label="$k_p$ conventional")
     ax.plot(x, _finite(limits.internal), color=INTERNAL, ls="--", lw=1.4, label="$k_{ip}$ internal")
-    ax.plot(x, _finite(limits.external), color=EXTERNAL, lw=1.4, marker=marked, ms=3.5, clip_on=False, zorder=3, label="$k_{ep}$ external")
-    values = np.concatenate([limits.internal, limits.external])
-    finite = values[np.isfinite(values)]
-    if len(finite):
-        top = min(float(finite.max()), LARGEST * max(float(finite.min()), 1e-9))
-        ax.set_ylim(0.0, 1.08 * top if top > 0.0 else 1.0)
-    else:
+    ax.plot(
+        x,
+        _finite(limits.external),
+        color=EXTERNAL,
+        lw=1.4,
+        marker=marked,
+        ms=3.5,
+        clip_on=bool((limits.external > top).any()),  # a mark at the frame is whole, one beyond it is left out
+        zorder=3,
+        label="$k_{ep}$ external",
+    )
+    ax.set_ylim(0.0, 1.08 * top)
+    if not known.any():
         ax.text(0.5, 0.5, "no gain is too large", transform=ax.transAxes, ha="center")
     if len(x) > 1:
         ax.set_xlim(x[0], x[-1])

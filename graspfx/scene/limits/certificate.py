@@ -30,8 +30,8 @@ class Limit:
     """One mode of a grasp.
 
     Attributes:
-        mode: "internal", "external" (k_ep as it stands in the scene), "external translation" and "external rotation" (as
-            if shifts and turns each had a k_ep of their own) or "pushing with ...".
+        mode: "internal", "external" (k_ep as it stands in the scene), "external translation" and "external rotation"
+            (as if shifts and turns each had a k_ep of their own) or "pushing with ...".
         gain: as the scene has it: kip, kep, and of pushing the stiffest that is left [N/m]; nan for matrices.
         limit: of that gain [N/m]; inf where none is too large.
         margin: limit over gain.
@@ -92,7 +92,7 @@ def _certificate(scene: Scene, found: Linearised) -> Certificate:
         object=found.objects[0],
         at=found.at[0],
         spectral_radius=whole.radius(1.0),
-        limits=tuple([*mode_limits(scene, found), *_pushing(scene, found)]),
+        limits=(*mode_limits(scene, found), *_pushing(scene, found)),
         assumed=found.assumed,
         passive=passive,
         why_not_passive=why,

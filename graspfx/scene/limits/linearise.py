@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
@@ -25,6 +25,7 @@ from graspfx.scene.model import Scene
 FloatArray = NDArray[np.float64]
 
 WHERE = ("squeezed", "start")
+UNFORCED = "contacts as at the start and no force on them: "
 STIFFEST = 1e-6  # of the stiffest: what a preload adds below this is rounding of its difference quotients
 
 
@@ -81,14 +82,15 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _Gains:
-    """K of the law on one grasp: external for shifts, for turns, internal, each times a factor; then what slips let go."""
+    """K of the law on one grasp: external for shifts, for turns, internal, each times a factor, without what slips."""
 
     law: Coupling
     split: Split
+    fingers: int
     normals: FloatArray | None  # (m, n) where tangents carry no force
 
     def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
-        n, m = self.split.grasp.fingers if self.split.grasp is not None else 0, self.split.components
+        n, m = self.fingers, self.split.components
         d = m // n
         zero = Impedance(0.0)
         form = self.law.form
@@ -96,10 +98,10 @@ class _Gains:
         inner = Coupling(external=zero, internal=Impedance(self.law.internal.stiffness), form=form)
         K_e = outer.stiffness(self.split)
         if shifts != turns:
-            P = np.tile(np.eye(d), (n, 1)) / np.sqrt(n)
-            weight = np.ones(m) if self.split.metric is None else np.asarray(self.split.metric)
-            Q = P @ P.T * weight if weight.ndim == 1 else P @ P.T @ weight
-            Q = Q / max(float(np.trace(Q)) / d, 1e-300)
+            # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
+            one = np.tile(np.eye(d), (n, 1))
+            weighed = one if self.split.metric is None else (self.split.metric * one.T).T
+            Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
             K_t = (K_e @ Q + (K_e @ Q).T) / 2
             K_e = shifts * K_t + turns * (K_e - K_t)
         else:
@@ -153,7 +155,7 @@ def linearise(scene: Scene, at: str = "squeezed", object: str | None = None) -> 
 
 
 def _part(scene: Scene, index: int, where: str) -> _Part:
-    table, d = scene.object[index], scene.dimensions
+    table = scene.object[index]
     # forces as functions of the pose: under "implicit" those of the predicted one, which is for the analysis to insert
     plain = table.model_copy(update={"integrator": "semi-implicit"}) if table.integrator == "implicit" else table
     posed = scene.model_copy(update={"object": tuple(plain if t is table else t for t in scene.object)})
@@ -188,7 +190,7 @@ def _squeezed(
         closed[held.fingers] = held.hand.target(held.closed)[0]
         for a in range(d):
             K[np.ix_(held.fingers, [a], held.fingers, [a])] = held.hand.stiffness[a][:, None, :, None]
-    own = K[np.ix_(fingers, range(d), fingers, range(d))].reshape(grip.m, grip.m)
+    own = K[fingers][:, :, fingers].reshape(grip.m, grip.m)
     mass = float(grip.grasped.body_state[body.MASS])
     weight = np.zeros(6)
     rules = scene.coupling
@@ -199,16 +201,14 @@ def _squeezed(
         assumed.append("the weight is carried by something else")
     grip.grasped.finger_position[:] = start[fingers]
     if not settle(grip, start[fingers].ravel(), closed[fingers].ravel(), own, weight[grip.axes]):
-        assumed.append(
-            "contacts as at the start and no force on them: with still hands the grasp does not come to rest"
-        )
+        assumed.append(UNFORCED + "with still hands the grasp does not come to rest")
         return None
     if not grip.grasped.touching.all():
-        assumed.append("contacts as at the start and no force on them: closed, the hands do not reach the object")
+        assumed.append(UNFORCED + "closed, the hands do not reach the object")
         return None
     J = grip.stiffness(grip.lengths())
     if J is None or not np.isfinite(J).all():
-        assumed.append("contacts as at the start and no force on them: the forces have no derivative at rest")
+        assumed.append(UNFORCED + "the forces have no derivative at rest")
         return None
     return J
 
@@ -243,7 +243,7 @@ def _matrices(
     if rules.contact != "attached":
         assumed.append("no finger lets go")
     law = make_law(scene, fingers)
-    gains = _Gains(law, split, normals)
+    gains = _Gains(law, split, n, normals)
     D = gains.held(law.damping(split))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
@@ -296,7 +296,7 @@ def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
     full = np.zeros((6, 6))
     full[:3, :3] = state[body.MASS] * np.eye(3)
     full[3:, 3:] = R @ np.diag(state[body.INERTIA : body.INERTIA + 3]) @ R.T
-    return full[np.ix_(grip.axes, grip.axes)]
+    return np.asarray(full[np.ix_(grip.axes, grip.axes)])
 
 
 def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
@@ -377,7 +377,10 @@ def _preload(parts: Sequence[_Part], V: FloatArray) -> FloatArray | None:
     return N
 
 
-def _block_diagonal(blocks: Sequence[ArrayLike]) -> FloatArray:
-    from scipy.linalg import block_diag
-
-    return np.asarray(block_diag(*blocks), dtype=float)
+def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        whole[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    return whole

@@ -84,7 +84,7 @@ class Grip:
         return J
 
     def turning_damping(self) -> FloatArray:
-        """-d wrench/d(angular velocity) on the free freedoms (r, r), what torsion adds to the law's damping included."""
+        """-d wrench/d(angular velocity) on the free freedoms (r, r), the damping of torsion included."""
         o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from time import perf_counter
@@ -77,7 +77,7 @@ class SweptLimits:
     """Limits [N/m] in the shape of the sweeps' values, (n,) or (n1, n2); inf where no gain is too large.
 
     Attributes:
-        sweeps: one or two.
+        sweeps: one or two; none for a scene as it is.
         internal: of kip, kep as it is.
         external: of kep, kip as it is: shifts and turns together.
         conventional: of one gain for both, kp = kep = kip.
@@ -91,6 +91,27 @@ class SweptLimits:
     conventional: FloatArray
     modal: bool
     seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
+        values = [sweep.values.tolist() for sweep in self.sweeps]
+        found = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
+        return found | {f"{name}_limit": _bounded(part.tolist()) for name, part in self._parts()}
+
+    def lines(self) -> Iterator[str]:
+        """Ranges, how limits begin and end over them, and how they were found."""
+        for sweep in self.sweeps:
+            yield f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values"
+        for name, part in self._parts():
+            first, last = (f"{v:.4g}" if v < math.inf else "no limit" for v in (part.flat[0], part.flat[-1]))
+            finite = part[part < math.inf]
+            span = f", within {finite.min():.4g} ... {finite.max():.4g} N/m" if finite.size else ""
+            yield f"  {name:<13} {first} -> {last}{span}"
+        how = "modes in closed form" if self.modal else "a scene linearised for each point"
+        yield f"  {self.internal.size} points, {how}, {self.seconds:.2g} s"
+
+    def _parts(self) -> list[tuple[str, FloatArray]]:
+        return [("internal", self.internal), ("external", self.external), ("conventional", self.conventional)]
 
 
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
@@ -128,10 +149,19 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
     return SweptLimits(tuple(sweeps), internal, external, conventional, False, perf_counter() - began)
 
 
-def limits_of_scene(scene: Scene, at: str = "squeezed") -> tuple[float, float, float]:
-    """(internal, external, conventional) [N/m] of a scene as it is."""
+def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
+    """The three limits of a scene as it is, each an array without axes."""
     _require_numbers(scene)
-    return _point(scene, at)
+    began = perf_counter()
+    internal, external, conventional = (np.array(value) for value in _point(scene, at))
+    return SweptLimits((), internal, external, conventional, False, perf_counter() - began)
+
+
+def _bounded(value: Any) -> Any:
+    """No limit as None, in nested lists."""
+    if isinstance(value, list):
+        return [_bounded(item) for item in value]
+    return value if value < math.inf else None
 
 
 def _overrides(sweeps: Sequence[Sweep], values: Sequence[float]) -> Mapping[str, Any]:

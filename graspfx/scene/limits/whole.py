@@ -23,7 +23,7 @@ ON = 1e-11  # what |z| may exceed 1 by rounding
 
 @dataclass(frozen=True)
 class Reach:
-    """The largest factor of a gain, and the frequency of the oscillation that begins there [Hz]; inf, nan without one."""
+    """The largest factor of a gain and the frequency of the oscillation that begins there [Hz]; inf, nan for none."""
 
     factor: float
     frequency: float

@@ -94,7 +94,7 @@ def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
 
 
 def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple[GraspedObject, NDArray[np.intp]]:
-    """An object as the coupling sees it, and the numbers of its fingers; masses of all fingers' devices for a metric."""
+    """An object as the coupling sees it, and the numbers of its fingers; `masses` of all devices, if weighed."""
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     folder = scene.source.folder
