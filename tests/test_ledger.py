@@ -68,7 +68,8 @@ def spinning(**changes: Any) -> gx.Scene:
     made = gx.Scene(
         dimensions=3, period=0.002, duration=0.4, gravity=[0.0, 0.0, -9.81],
         object={
-            "mass": 0.1, "viscosity": 0.5, "rotational_viscosity": 1e-4, "shape": {"kind": "box", "size": [0.06, 0.08, 0.1]},
+            "mass": 0.1, "viscosity": 0.5, "rotational_viscosity": 1e-4,
+            "shape": {"kind": "box", "size": [0.06, 0.08, 0.1]},
             "angular_velocity": [3.0, -2.0, 4.0], "velocity": [0.02, 0.0, 0.1], "inertia": [8e-5, 1.1e-4, 1.7e-4],
         },
         coupling={
@@ -126,7 +127,7 @@ def test_coulomb_slip_takes_what_friction_does() -> None:
     grasp, observer = held(n=2, d=2, kep=200.0, kip=200.0, shaped=True, friction=mu)
     p = np.array([[-0.02 + depth, 0.0], [0.02 - depth, 0.0]])
     for k in range(200):
-        grasp.finger_position[:] = p + [0.0, speed * 1e-3 * k]
+        grasp.finger_position[:] = p + np.array([0.0, speed * 1e-3 * k])
         assert grasp.sample() == 0
         observer.sample()
     slid = read(observer, "slipped")
