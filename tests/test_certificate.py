@@ -84,10 +84,10 @@ def test_runs_grow_and_decay_on_either_side_of_a_limit(d: int, integrator: str) 
     turning = {1: {}, 2: {"object.angular_velocity": 0.02}, 3: {"object.angular_velocity": [0.02] * 3}}[d]
     for factor, sign in ((0.97, -1.0), (1.03, 1.0)):
         near = scene.replace({"coupling.external.stiffness": factor * edge})
-        rec = gx.run(near.replace({"object.velocity": [1e-3] * d} | turning), duration=6.0 if d == 3 else 10.0)
+        rec = gx.run(near.replace({"object.velocity": [1e-3] * d} | turning), duration=9.0 if d == 3 else 14.0)
         assert not rec.faults
-        late = fast_motion(rec)[-600:]
-        first, last = (np.sqrt((part**2).mean()) for part in (late[:200], late[-200:]))
+        late = fast_motion(rec)[-900:]
+        first, last = (np.sqrt((part**2).mean()) for part in (late[:300], late[-300:]))
         assert (last - first) * sign > 0.0
         poles = np.linalg.eigvals(gx.stability.loop_matrix(near.linearise()))
         assert (np.abs(poles).max() - 1.0) * sign > 0.0

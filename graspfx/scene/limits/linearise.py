@@ -100,7 +100,7 @@ class _Gains:
         if shifts != turns:
             # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
             one = np.tile(np.eye(d), (n, 1))
-            weighed = one if self.split.metric is None else (self.split.metric * one.T).T
+            weighed = (self.split.metric * one.T).T
             Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
             K_t = (K_e @ Q + (K_e @ Q).T) / 2
             K_e = shifts * K_t + turns * (K_e - K_t)
