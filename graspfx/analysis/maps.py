@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis import characteristic
+from graspfx.analysis import characteristic, map_compiled
 from graspfx.analysis.arguments import count, lag_of_object, numbers, one_of
 from graspfx.analysis.critical import edges, first_loss, is_stable
 from graspfx.analysis.discrete import INTEGRATORS
@@ -27,13 +27,22 @@ def wall_limit_map(
     wall_damping: ArrayLike = 0.0,
     delay: int = 0,
     spring_damping: ArrayLike = 0.0,
+    engine: str = "auto",
 ) -> FloatArray:
-    """`wall_limit` for arrays of parameters that broadcast against one another, in their common shape."""
+    """`wall_limit` for arrays of parameters that broadcast against one another, in their common shape.
+
+    Args:
+        engine: as in `external_limit_map`.
+    """
     given = _device(mass, damping, period, spring, spring_damping)
     given.append(numbers("wall_damping", wall_damping, "N s/m", negative=True))
     lag = count("delay", delay)
     shape = np.broadcast_shapes(*(a.shape for a in given))
     limit = np.empty(shape).reshape(-1)
+    if map_compiled.is_compiled(engine, limit.size, covered=not lag and not given[-1].any()):
+        for start, (m, b, T, k_s, b_s, _) in _blocks(given, shape, map_compiled.BLOCK):
+            limit[start : start + map_compiled.BLOCK] = map_compiled.wall_limits(m, b + b_s, T, k_s)
+        return limit.reshape(shape)
     for start, (m, b, T, k_s, b_s, B) in _blocks(given, shape):
         D, N = characteristic.wall(m, b + b_s, T, spring=k_s, damping=B, delay=lag)
         limit[start : start + BLOCK] = first_loss(*edges(D, N, m / T**2))[0].ravel()
@@ -54,13 +63,28 @@ def external_limit_map(
     object_delay: int = 0,
     coupling_damping: ArrayLike = 0.0,
     spring_damping: ArrayLike = 0.0,
+    engine: str = "auto",
 ) -> FloatArray:
-    """`external_limit` for arrays of parameters that broadcast against one another, in their common shape."""
+    """`external_limit` for arrays of parameters that broadcast against one another, in their common shape.
+
+    Args:
+        engine: "numpy", or "compiled" by numba, which takes seconds the first time and a fraction of the time from then
+            on, for maps without delay and damping of the coupling; "auto" compiles only for maps of millions of points.
+    """
     given = _external(
         mass, damping, period, object_mass, object_damping, fingers, spring, coupling_damping, spring_damping
     )
     shape = np.broadcast_shapes(*(a.shape for a in given))
     limit = np.empty(shape).reshape(-1)
+    kind, lag, object_lag = _names(integrator, delay, object_delay)
+    covered = not lag and not object_lag and not np.any(coupling_damping)
+    if map_compiled.is_compiled(engine, limit.size, covered=covered):
+        place = INTEGRATORS.index(kind)
+        for start, (m, b, T, m_v, b_v, n, k_s, _, b_s) in _blocks(given, shape, map_compiled.BLOCK):
+            limit[start : start + map_compiled.BLOCK] = map_compiled.external_limits(
+                m, b + b_s, T, k_s, m_v / n, b_v / n, integrator=place
+            )
+        return limit.reshape(shape)
     blocks = external_limit_blocks(
         mass,
         damping,
@@ -186,11 +210,16 @@ def _names(integrator: str, delay: int, object_delay: int) -> tuple[str, int, in
     return kind, count("delay", delay), lag_of_object(object_delay, kind)
 
 
-def _blocks(given: list[FloatArray], shape: tuple[int, ...]) -> Iterator[tuple[int, list[FloatArray]]]:
+def _blocks(
+    given: list[FloatArray], shape: tuple[int, ...], size: int = BLOCK
+) -> Iterator[tuple[int, list[FloatArray]]]:
     """Consecutive points of the common shape: the first index, and each parameter there, constants as one number."""
     total = int(np.prod(shape, dtype=np.int64))
     views = [np.broadcast_to(a, shape) if a.size > 1 else a.reshape(()) for a in given]
-    for start in range(0, total, BLOCK):
-        stop = min(start + BLOCK, total)
-        index = np.unravel_index(np.arange(start, stop), shape) if shape else ()
+    if 0 < total <= size:
+        yield 0, [a.reshape(-1) if a.ndim else a for a in views]
+        return
+    for start in range(0, total, size):
+        stop = min(start + size, total)
+        index = np.unravel_index(np.arange(start, stop), shape)
         yield start, [a[index] if a.ndim else a for a in views]
