@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 ENGINES = ("auto", "numpy", "compiled")
 PAYS = 2_000_000  # points from which compiling, some seconds, is made good by the first map
 BLOCK = 65536  # points held at once
-SHARE = 2048  # points below which another core costs more than it saves
+SHARE = 4096  # points handed to a core at once: more than the handing costs, and a busy core holds nothing up
 
 
 def is_compiled(engine: str, points: int, *, covered: bool) -> bool:
@@ -80,8 +80,9 @@ def _flat(parameters: tuple[FloatArray, ...]) -> FloatArray:
 def _shared_out(kernel: Callable[..., None], points: FloatArray, width: int, *more: int) -> FloatArray:
     total = len(points) // width
     limits = np.empty(total)
-    cores = max(1, min(os.cpu_count() or 1, total // SHARE))
-    bounds = [total * i // cores for i in range(cores + 1)]
+    pieces = max(1, total // SHARE)
+    cores = min(os.cpu_count() or 1, pieces)
+    bounds = [total * i // pieces for i in range(pieces + 1)]
     if cores == 1:
         kernel(points, limits, 0, total, *more)
         return limits
