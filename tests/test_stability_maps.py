@@ -80,3 +80,15 @@ def test_arguments_that_cannot_be() -> None:
         gx.stability.wall_limit_map([0.1, 0.0], 0.2, T)
     with pytest.raises(InputError, match=r"^fingers: given"):
         gx.stability.external_limit_map(0.1, 0.2, T, 0.1, 0.8, fingers=[2, 0.5])
+
+
+def test_maps_over_the_damping_of_the_coupling_alone() -> None:
+    """One array among numbers, as a plot of stiffness over damping (Z-width) needs it."""
+    dampings, wall, free = np.linspace(0.0, 0.5, 6), gx.stability.wall_limit, gx.stability.external_limits
+    walls = maps.wall_limit_map(0.15, 0.2, 0.005, wall_damping=dampings)
+    assert walls == pytest.approx([wall(0.15, 0.2, 0.005, wall_damping=B) for B in dampings], rel=1e-12)
+    moved = maps.external_limit_map(0.15, 0.2, 0.005, 0.1, 0.8, coupling_damping=dampings)
+    assert moved == pytest.approx(
+        [free(0.15, 0.2, 0.005, 0.1, 0.8, coupling_damping=B).limit for B in dampings],
+        rel=1e-12,
+    )

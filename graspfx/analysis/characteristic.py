@@ -32,7 +32,7 @@ def wall(
     more = int(np.any(damping))
     D = times(denominator, power(delay + more))
     if more:
-        D = plus(D, times(numerator, S) * damping / period)
+        D = plus(D, times(numerator, S, constant(np.divide(damping, period))))
     return D, pad(times(numerator, power(more)), D)
 
 
@@ -67,11 +67,16 @@ def external(
     )
     if more:
         rate = plus(
-            times(numerator, S, body, power(L - delay - 1)) / period,
+            times(numerator, S, body, power(L - delay - 1), constant(np.divide(1.0, period))),
             times(velocity, denominator, power(L - object_delay)),
         )
-        D = plus(D, rate * damping)
+        D = plus(D, times(rate, constant(damping)))
     return without_drift(D, pad(N, D))
+
+
+def constant(value: Numbers) -> FloatArray:
+    """Numbers as polynomials of degree zero, so that they broadcast against coefficients of others."""
+    return np.asarray(value, dtype=float)[None]
 
 
 def _check(name: str, delay: int) -> None:
