@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from graspfx import testing as testing
+    from graspfx.analysis import passivity as passivity
+    from graspfx.analysis import stability as stability
     from graspfx.grasp.impedance import Coupling as Coupling
     from graspfx.grasp.impedance import Impedance as Impedance
     from graspfx.grasp.matrix import Grasp as Grasp
@@ -30,7 +32,9 @@ _HOMES = {
     "Split": "graspfx.grasp.split",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
+    "passivity": "graspfx.analysis",
     "run": "graspfx.scene.run",
+    "stability": "graspfx.analysis",
     "testing": "graspfx.testing",
     "unilateral_force": "graspfx.grasp.touch",
 }
@@ -46,6 +50,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "stability",
+    "passivity",
     "testing",
     "__version__",
 ]
@@ -55,8 +61,14 @@ def __getattr__(name: str) -> object:
     """A public name, from the module where it lives, loaded now that it is used."""
     if name not in _HOMES:
         raise AttributeError(f"module 'graspfx' has no attribute {name!r}")
-    module = import_module(_HOMES[name])
-    value = module if _HOMES[name] == f"graspfx.{name}" else getattr(module, name)
+    home = _HOMES[name]
+    module = import_module(home)
+    if home == f"graspfx.{name}":
+        value = module
+    elif hasattr(module, name):
+        value = getattr(module, name)
+    else:
+        value = import_module(f"{home}.{name}")
     globals()[name] = value
     return value
 

@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, list, schema, plot and picture."""
+"""The graspfx command: run, check, stability, list, schema, plot and picture."""
 
 from __future__ import annotations
 
@@ -57,6 +57,19 @@ def parser() -> ArgumentParser:
     check = commands.add_parser("check", help="show a scene's faults, or what each sample will do and why")
     check.set_defaults(command=_check)
     _add_scene(check)
+
+    stability = commands.add_parser("stability", help="say how far gains can go, also over ranges of keys")
+    stability.set_defaults(command=_stability)
+    _add_scene(stability)
+    stability.add_argument(
+        "--sweep",
+        metavar="KEY=FROM:TO:COUNT",
+        action="append",
+        default=[],
+        help="a range of one key; a second one makes a map",
+    )
+    stability.add_argument("--out", metavar="DIR", type=Path, help="folder of stability.png (out/SCENE)")
+    stability.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
 
     listing = commands.add_parser("list", help="name the scenes, devices, hands and dynamics there are")
     listing.set_defaults(command=_list)
@@ -149,8 +162,52 @@ def _check(chosen: Namespace) -> int:
     scene.require_reach()
     for row in plan(scene):
         print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
+    _certify(scene)
     sys.stdout.flush()
     _note(_doubts(scene))
+    return DONE
+
+
+def _certify(scene: Scene) -> None:
+    from graspfx.scene.limits.certificate import certificates, lines
+
+    try:
+        found = certificates(scene)
+    except GraspFXError as error:
+        print(f"stability is not judged: {' '.join(str(error).split())}")
+        return
+    for certificate in found:
+        print(*lines(certificate), sep="\n")
+
+
+def _stability(chosen: Namespace) -> int:
+    from graspfx.scene.limits.sweep import Sweep, limits_of_scene, swept_limits
+    from graspfx.scene.load import load
+
+    sweeps = [Sweep.read(text) for text in chosen.sweep]
+    scene = load(chosen.scene, dict(chosen.overrides))
+    scene.require_reach()
+    if not sweeps:
+        if chosen.json:
+            _print_json(limits_of_scene(scene).to_dict())
+        else:
+            _certify(scene)
+        return DONE
+    from graspfx.loop.file import make_folder
+    from graspfx.show.limits import limits_figure
+
+    folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
+    picture = folder / "stability.png"
+    _require_place(picture)
+    limits = swept_limits(scene, sweeps)
+    make_folder(folder)
+    with _placing(picture):
+        limits_figure(limits, picture, scene.title)
+    if chosen.json:
+        _print_json(limits.to_dict())
+        return DONE
+    print(*limits.lines(), sep="\n")
+    _name_files([picture])
     return DONE
 
 

@@ -119,7 +119,10 @@ def test_an_unknown_scene_is_one_line_on_stderr(capsys: pytest.CaptureFixture[st
 def test_check_shows_a_plan_with_reasons(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "reference-1dof"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert {line.split()[0] for line in lines} == {"runs", "skipped"}
+    end = next(i for i, line in enumerate(lines) if line.startswith("stability of"))
+    plan, certificate = lines[:end], lines[end:]
+    assert {line.split()[0] for line in plan} == {"runs", "skipped"}
+    assert any(line.startswith("  internal 70 N/m: limit ") for line in certificate)
 
 
 def test_check_shows_every_fault_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

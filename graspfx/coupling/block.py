@@ -38,7 +38,8 @@ RESIDUAL = 33  # of that law [N]
 PROBLEM = 34  # offset of the friction problem of the elastic force
 BRAKE = 35  # and of the damping force
 RAYS = 36  # without friction, and gains are numbers: forces along the normals
-AXES = 37  # free directions in the object's frame, 6 x 3
+OBSERVED = 37  # ELASTIC is wanted
+AXES = 38  # free directions in the object's frame, 6 x 3
 BODY = AXES + 18
 
 ROW = BODY + body.SIZE  # the first finger
@@ -71,7 +72,8 @@ KEPT = 67  # torsion at that rotation, rho theta [m]
 TWIST_AXIS = 68  # direction in which torsion acts on the object, O
 MOMENT = 71  # torsion on the object, W [N m]
 RADIUS = 74  # of a ball fingertip, 0 for a point [m]
-STRIDE = 75
+ELASTIC = 75  # LOCAL without damping, four entries, where it is wanted
+STRIDE = 79
 
 
 def modes(n: int) -> int:

@@ -52,6 +52,14 @@ def combine(S: Any, kep: float, ked: float, kip: float, kid: float) -> None:
                 S[r + at.LOCAL + a] += share * S[q + width * i + a]
 
 
+def keep_elastic(S: Any) -> None:
+    """Keeps the forces in LOCAL, to which damping has not been added yet."""
+    for i in range(int(S[at.FINGERS])):
+        r = at.ROW + i * at.STRIDE
+        for a in range(4):
+            S[r + at.ELASTIC + a] = S[r + at.LOCAL + a]
+
+
 def combine_matrices(S: Any, elastic: bool, damping: bool) -> None:
     """f = K e + D e' with the squares that stand in the block."""
     n = int(S[at.FINGERS])

@@ -9,19 +9,28 @@ from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
 from graspfx.coupling.implicit import LEAST, assemble_implicitly, is_held
-from graspfx.coupling.law import bilateral
+from graspfx.coupling.law import bilateral, keep_elastic
 
 
 def attached(S: Any) -> int:
     """Bilateral contact: eq. (4) as it stands, for the object's new state under the implicit integrator."""
     n = int(S[at.FINGERS])
     damped = S[at.DAMPED] != 0.0
+    if S[at.OBSERVED] != 0.0:
+        attach(S, n, False)
+        keep_elastic(S)
+    if damped or S[at.OBSERVED] == 0.0:
+        attach(S, n, damped)
+    return 0
+
+
+def attach(S: Any, n: int, damped: bool) -> None:
+    """Eq. (4) into LOCAL, with or without its damping."""
     if S[at.IMPLICIT] != 0.0:
         assemble_implicitly(S, True, damped, False)
         out_of_frames(S, at.vector(n, int(S[at.COORDINATES])), at.LOCAL)
     else:
         bilateral(S, True, damped)
-    return 0
 
 
 def unilateral(S: Any, again: bool) -> int:
@@ -52,6 +61,8 @@ def unilateral(S: Any, again: bool) -> int:
             anew = True
     if fault == 0 and anew:
         return AGAIN
+    if S[at.OBSERVED] != 0.0:
+        keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         if alone:
             damp_alone(S)

@@ -9,7 +9,7 @@ from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.friction import friction_force, turn_modes
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import UNRESOLVED
-from graspfx.coupling.law import bilateral
+from graspfx.coupling.law import bilateral, keep_elastic
 from graspfx.coupling.slip import brake, grip, pose_problem
 
 
@@ -23,6 +23,8 @@ def press(S: Any) -> int:
         fault = along_normals(S, int(S[at.PROBLEM]), True)
     else:
         fault = grip(S)
+    if S[at.OBSERVED] != 0.0:
+        keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         if S[at.EXTERNAL_DAMPING] <= S[at.INTERNAL_DAMPING]:
             fault = along_normals(S, int(S[at.BRAKE]), False)

@@ -12,7 +12,7 @@ from graspfx.coupling import block as at
 from graspfx.coupling.approach import UNRESOLVED, set_anchor
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
 from graspfx.coupling.implicit import assemble_implicitly
-from graspfx.coupling.law import bilateral
+from graspfx.coupling.law import bilateral, keep_elastic
 
 RESTARTS = 2  # of Coulomb's law in a sample: the last sample's answer is nearly always a start that leads there
 SYMMETRIC = 1e-12  # of a square's largest entry
@@ -26,6 +26,8 @@ def rub(S: Any) -> int:
     it sticks; RETAINED tells the next sample where the contact of one that slips or is free has to be.
     """
     fault = grip(S)
+    if S[at.OBSERVED] != 0.0:
+        keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         fault = brake(S)
     return fault

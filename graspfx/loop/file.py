@@ -31,6 +31,7 @@ SCALES = {
     "axis": ("x", "y", "z"),
     "turn": ("x", "y", "z"),
     "quaternion": ("x", "y", "z", "w"),
+    "mode": ("internal", "translation", "rotation"),
 }
 
 

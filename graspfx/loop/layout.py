@@ -37,6 +37,8 @@ class Layout:
         moments: whether fingers exert moments.
         slips: whether some finger has a coefficient of friction.
         simulated: whether true positions are known.
+        observed: whether the energy of each grasp is booked.
+        controlled: whether what leaks is damped.
     """
 
     dimensions: int
@@ -47,6 +49,8 @@ class Layout:
     moments: bool = False
     slips: bool = False
     simulated: bool = True
+    observed: bool = False
+    controlled: bool = False
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
@@ -97,3 +101,27 @@ class Layout:
                 yield at + "law", (), "1", "that the elastic force satisfies: 0 Coulomb's, 1 the associated one"
                 yield at + "residual", (), "N", "of that law"
             yield at + "wrench", (wrench,), "N, N m", "of the fingers on the object, about its centre, in world axes"
+            if self.observed:
+                yield from self._energies(at + "energy/")
+
+    def _energies(self, at: str) -> Iterator[tuple[str, tuple[tuple[str, int], ...], str, str]]:
+        """All since the start but `stored` and `kinetic`, which are what is there now."""
+        mode = (("mode", 3),)
+        yield at + "work", mode, "J", "of the held forces on the fingers' motion against the object"
+        yield at + "stored", mode, "J", "in the springs of eq. (4)"
+        yield at + "damped", mode, "J", "taken by the damping of eq. (4)"
+        yield at + "slipped", mode, "J", "taken where contacts slide or let go"
+        yield at + "reshaped", mode, "J", "taken where the split, a weight or a skew stiffness changes what is stored"
+        yield at + "leaked", mode, "J", "made by holding the springs' forces over samples"
+        yield at + "balance", mode, "J", "taken beyond what is stored, with frictions; below zero energy was made"
+        if self.controlled:
+            yield at + "braked", mode, "J", "taken by the damping that control added"
+            yield at + "damping", mode, "N s/m", "added in this sample"
+        yield at + "fingers", (), "J", "work of the fingers on coupling and object, by the positions read"
+        yield at + "wrench", (), "J", "work of the fingers' wrench on the object"
+        yield at + "kinetic", (), "J", "of the object"
+        yield at + "gravity", (), "J", "work of gravity"
+        yield at + "contact", (), "J", "work of obstacles and other objects; what is left over, if not native"
+        yield at + "viscous", (), "J", "taken by the object's viscosity"
+        yield at + "defect", (), "J", "made by the object's integrator"
+        yield at + "gap", (), "J", "by which the fingers' work misses all the rest"

@@ -265,6 +265,20 @@ class Recording:
             )
         return MappingProxyType(motions)
 
+    @cached_property
+    def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
+        """The ledger of each object, by its name: quantities (N, 3) by mode (internal, translation, rotation) or (N,).
+
+        Empty unless the scene asks for it (`coupling.passivity`). The names are those of `graspfx.loop.layout`.
+        """
+        found: dict[str, dict[str, FloatArray]] = {}
+        for name in self.layout.objects:
+            at = f"objects/{name}/energy/"
+            books = {column.removeprefix(at): self.array(column) for column in self.layout.columns if at in column}
+            if books:
+                found[name] = books
+        return MappingProxyType(found)
+
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
         """Where the frame is in which the scene describes an object's shape: position (N, d) [m] and orientation.
 
@@ -345,6 +359,7 @@ class Recording:
             faults=len(self.faults),
             law=[motion.law for motion in self.objects.values() if motion.law is not None],
             residual=[motion.residual for motion in self.objects.values() if motion.residual is not None],
+            energy=list(self.energy.values()),
         )
 
     def save(self, path: str | PathLike[str]) -> None:

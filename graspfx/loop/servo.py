@@ -15,6 +15,7 @@ from graspfx.coupling.grasped import GraspedObject, fault_text
 from graspfx.errors import DeviceError, GraspFXError
 from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.layout import Layout
+from graspfx.loop.observer import BY_MODE, OF_OBJECT, Observer
 from graspfx.loop.plant import Hand, Plant
 from graspfx.loop.record import Recorder
 
@@ -86,10 +87,12 @@ class Servo:
         objects: Sequence[Held],
         movers: Sequence[Mover],
         moved: Sequence[Moved] = (),
+        observers: Sequence[Observer] = (),
     ) -> None:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
         self.period, self.layout = period, layout
         self.stations, self.objects, self.movers, self.moved = stations, objects, movers, moved
+        self.observers = observers  # one for each object, or none at all
         self.faulted = False
         self._stuck: set[int] = set()  # movers, then plants, that could not go on
         self._mover_of = {i: number for number, mover in enumerate(movers) for i in mover.objects}
@@ -106,6 +109,7 @@ class Servo:
         self._efforts = [np.concatenate([d.effort for d in m.devices]) for m in moved]
         self._into = [self._pairs(held, READ) for held in objects]
         self._out_of = [self._pairs(held, COMPUTED, OBJECT) for held in objects]
+        self._booked = [self._accounts(held, each) for held, each in zip(objects, observers, strict=False)]
         self._predicted = [mover.body for mover in movers if any(objects[i].grasped.implicit for i in mover.objects)]
 
     @property
@@ -152,6 +156,13 @@ class Servo:
         pairs = list(each())
         return np.concatenate([a.ravel() for a, _ in pairs]), np.concatenate([b.ravel() for _, b in pairs])
 
+    def _accounts(self, held: Held, observer: Observer) -> tuple[Index, Index]:
+        """Entries of the row and the entries of an observer's buffer that hold the same."""
+        numbers, columns = np.arange(self.layout.width), self.layout.columns
+        found = {name: columns.get(f"objects/{held.name}/energy/{name}") for name in (*BY_MODE, *OF_OBJECT)}
+        pairs = [(numbers[column.where], observer.where[name]) for name, column in found.items() if column is not None]
+        return np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
+
     def _read(self, k: int, recorder: Recorder) -> None:
         for station, used in zip(self.stations, self._used, strict=True):
             try:
@@ -179,6 +190,8 @@ class Servo:
                     self._fault(k, recorder, fault_text(code, [self.layout.fingers[f] for f in held.fingers]))
                 if code == LOST:
                     self._stuck.add(self._mover_of[i])
+                if self.observers and not self.faulted:
+                    self.observers[i].sample()
         if k and not self.faulted:
             self._energy += (self._displayed * (self._place - self._before)).sum(axis=1)
         self._before[:] = self._place
@@ -190,6 +203,8 @@ class Servo:
             if self.faulted:
                 held.grasped.let_go()
             self.row[row] = held.grasped.block[block]
+        for observer, (row, buffer) in zip(self.observers, self._booked, strict=True):
+            self.row[row] = observer.buffer[buffer]
 
     def _display(self, k: int, recorder: Recorder) -> None:
         np.negative(self.force, out=self._displayed)

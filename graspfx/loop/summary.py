@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import pi, sin
 from typing import Any
 
@@ -35,6 +35,7 @@ def summarise(
     faults: int = 0,
     law: Sequence[NDArray[np.int8]] = (),
     residual: Sequence[FloatArray] = (),
+    energy: Sequence[Mapping[str, FloatArray]] = (),
 ) -> dict[str, Any]:
     """A run in numbers, SI units; None for what this run does not have.
 
@@ -54,6 +55,10 @@ def summarise(
         associated: share of samples in which an object's forces satisfy the associated law instead of Coulomb's; None
             without a coefficient of friction.
         friction_residual: the largest of either law [N]; None without a coefficient.
+        leak: by mode, the most energy that was made beyond what frictions had taken, the largest of any object [J].
+        braking: by mode, the largest damping that control added [N s/m]; None without control.
+        braked: by mode, what that took in all [J]; None without control.
+        ledger_gap: the largest gap of an object's ledger over its largest entry; these four None unless observed.
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
         faults: how many.
 
@@ -71,6 +76,7 @@ def summarise(
         fade_shortfall: as in the recording's outcome [m].
         faults: how many there were.
         law, residual: (N,) per object with a coefficient of friction, as recorded.
+        energy: per observed object, the columns of its ledger.
     """
     N, n, _ = finger_position.shape
     groups = [[i for i in range(n) if finger_objects[i] == k] for k in range(len(object_position))]
@@ -105,11 +111,29 @@ def summarise(
         "fade_shortfall": fade_shortfall or None,
         "associated": _mean(np.stack(law) == 1) if law else None,
         "friction_residual": _peak(np.stack(residual)) if residual else None,
+        **_books(energy),
         "wall_time": wall_time,
         "ticks_per_second": N / wall_time if timed and wall_time else None,
         "tick_cost": wall_time / N * MICROSECONDS if timed and wall_time else None,
         "faults": faults,
     }
+
+
+def _books(ledgers: Sequence[Mapping[str, FloatArray]]) -> dict[str, Any]:
+    found: dict[str, Any] = dict.fromkeys(("leak", "braking", "braked", "ledger_gap"))
+    if not ledgers or not len(ledgers[0]["gap"]):
+        return found
+    found["leak"] = np.max([np.maximum(-each["balance"], 0.0).max(axis=0) for each in ledgers], axis=0).tolist()
+    found["ledger_gap"] = max(_gap(each) for each in ledgers)
+    if "damping" in ledgers[0]:
+        found["braking"] = np.max([each["damping"].max(axis=0) for each in ledgers], axis=0).tolist()
+        found["braked"] = np.sum([each["braked"][-1] for each in ledgers], axis=0).tolist()
+    return found
+
+
+def _gap(ledger: Mapping[str, FloatArray]) -> float:
+    largest = max(float(np.abs(values).max()) for name, values in ledger.items() if name not in ("gap", "damping"))
+    return float(np.abs(ledger["gap"]).max()) / largest if largest > 0.0 else 0.0
 
 
 def internal_deformation(

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import PrivateAttr
 
@@ -16,6 +16,9 @@ from graspfx.scene.lines import KeyLines
 from graspfx.scene.making.wiring import placing_faults
 from graspfx.scene.overrides import Key, overridden
 from graspfx.scene.tables.parts import SceneTable
+
+if TYPE_CHECKING:
+    from graspfx.analysis.linearisation import Linearisation
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,20 @@ class Scene(SceneTable):
         table = tomllib.loads(source.text) if is_toml else self.to_dict()
         _, replaced, _ = overridden(table, source.overrides)
         return _placed(source, as_faults(table, found), replaced, source.text if is_toml else None)
+
+    def linearise(self, at: str = "squeezed") -> Linearisation:
+        """Small motions about the scene's grasp at rest, as matrices: what `gx.stability` takes a scene for.
+
+        Args:
+            at: "squeezed", where still hands closed as far as they ever are come to rest; or "start", where the fingers
+                meet the object at first, without a force. `scene.limits.linearise` also says what is taken for granted.
+
+        Raises:
+            InputError: a device that does not tell its mass or friction.
+        """
+        from graspfx.scene.limits.linearise import linearise
+
+        return linearise(self, at).linear
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """The scene with values replaced by dotted key, as on the command line."""

@@ -47,6 +47,7 @@ def _rows(scene: Scene) -> Iterator[Row]:
     yield _projection(scene)
     yield _torsion(scene)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
+    yield _energy(scene)
     yield "write", True, "the negative of each finger's force"
     for thing in scene.object:
         yield _named(scene, thing, "move"), True, _body(scene, thing)
@@ -187,6 +188,15 @@ def _torsion(scene: SceneTable) -> Row:
     limit = ", at most mu rho f_n" if any(scene.coefficients) else ""
     why = f"{count} soft of {len(scene.finger)} fingers: about the normal{limit}; it acts on the object"
     return "torsion", True, f"{why}, and devices that display forces do not display it"
+
+
+def _energy(scene: SceneTable) -> Row:
+    if scene.coupling.passivity == "off":
+        return "energy", False, "coupling.passivity = 'off': no ledger, no brake"
+    why = "booked for each object: of squeezing, shifting and turning, and of the object"
+    if scene.coupling.passivity == "observe":
+        return "energy", True, f"{why}; observed only"
+    return "energy", True, f"{why}; a mode that makes some is damped, the least that pays, fingers still only push"
 
 
 def _body(scene: SceneTable, thing: Object) -> str:

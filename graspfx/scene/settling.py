@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import inf, log
+from math import inf, isfinite, log
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graspfx.analysis.stability import external_limits, wall_limits
 from graspfx.scene.making.bodies import mass
 from graspfx.scene.making.holding import holdings
 from graspfx.scene.making.wiring import wires
@@ -24,7 +24,7 @@ def unsettled(scene: Scene) -> list[str]:
     Each finger is taken as one of n alike. Squeezing, it swings against an object that stays: kip, and the grip.
     Moving, all n swing along with the object: kep, and the arm. Velocities count as known and forces as undelayed, and
     rotations are left out, so that silence is no proof. Nothing is said where a device does not tell its mass, of
-    hands of a plug-in's own, and of gains that are not one number.
+    hands and dynamics of a plug-in's own, and of gains that are not one number.
     """
     external, internal = scene.coupling.external, scene.coupling.internal
     if not all(isinstance(g, float) for each in (external, internal) for g in (each.stiffness, each.damping)):
@@ -41,9 +41,9 @@ def unsettled(scene: Scene) -> list[str]:
         share = {i: devices[i][0] / float(mean) if scene.coupling.metric == "mass" else 1.0 for i in own}
         squeezing = {i: _growth(scene.period, devices[i], grips[i], (share[i] * kip, share[i] * kid)) for i in own}
         found += _told(scene, squeezing, f"kip = {kip:g} N/m")
-        implicit = thing.dynamics == "native" and thing.integrator == "implicit"
-        if any(scene.free(thing)[: scene.dimensions]) and not implicit:
-            body = len(own), mass(thing, scene.source.folder), thing.viscosity
+        if any(scene.free(thing)[: scene.dimensions]) and thing.dynamics in ("native", "bullet"):
+            kind = thing.integrator if thing.dynamics == "native" else "bullet"
+            body = len(own), mass(thing, scene.source.folder), thing.viscosity, kind
             moving = {
                 i: _growth(scene.period, devices[i], arms[i], (share[i] * kep, share[i] * ked), body) for i in own
             }
@@ -94,31 +94,20 @@ def _softest(table: object) -> Spring:
 
 
 def _growth(
-    T: float, device: Spring, hand: Spring, gains: Spring, body: tuple[int, float, float] | None = None
+    T: float, device: Spring, hand: Spring, gains: Spring, body: tuple[int, float, float, str] | None = None
 ) -> float:
-    """The fastest growth [1/s] of x, x' and of the object's y, y' when f = k (x - y) + d (x' - y') is held for T.
+    """The fastest growth [1/s] of a device m, b behind a hand K, B and gains k, d, held for T.
 
-        m x'' + (b + B) x' + K x = -f,    M y'' + c y' = n f
-
-    Args:
-        T: period [s].
-        device: m, b.
-        hand: K, B.
-        gains: k, d.
-        body: n, M, c; without it y stays at 0.
+    Against an object that stays; or with `body`, n such devices that swing with an object of mass M and viscosity c,
+    moved by the integrator named.
     """
-    from scipy.linalg import expm
-
     (m, b), (K, B), (k, d) = device, hand, gains
-    plant = np.zeros((5, 5))  # of x, x', y, y' and of f, which stays
-    plant[0, 1], plant[1] = 1.0, [-K / m, -(b + B) / m, 0.0, 0.0, -1.0 / m]
-    law = np.array([k, d, 0.0, 0.0])
-    if body is not None:
-        n, M, c = body
-        plant[2, 3], plant[3] = 1.0, [0.0, 0.0, 0.0, -c / M, n / M]
-        law = np.array([k, d, -k, -d])
-    step: NDArray[np.float64] = np.asarray(expm(plant * T))
-    closed = step[:4, :4] + np.outer(step[:4, 4], law)
-    if not np.isfinite(closed).all():
-        return inf
-    return log(float(np.abs(np.linalg.eigvals(closed)).max())) / T
+    if body is None:
+        limits = wall_limits(m, b, T, spring=K, spring_damping=B, wall_damping=d)
+    else:
+        n, M, c, integrator = body
+        limits = external_limits(
+            m, b, T, M, c, fingers=n, spring=K, spring_damping=B, coupling_damping=d, integrator=integrator
+        )
+    radius = limits.spectral_radius(k)
+    return log(radius) / T if isfinite(radius) else inf

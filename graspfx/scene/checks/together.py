@@ -19,7 +19,7 @@ from graspfx.scene.checks.lengths import length_faults as _length
 from graspfx.scene.checks.meeting import meeting_faults
 from graspfx.scene.checks.settings import reason, setting_faults
 from graspfx.scene.checks.solids import mass_faults, shape_faults
-from graspfx.scene.checks.touching import metric_faults, own_coefficient, soft_faults
+from graspfx.scene.checks.touching import control_faults, metric_faults, own_coefficient, soft_faults
 from graspfx.scene.checks.viscosity import may_turn, viscosity_faults
 from graspfx.scene.making import bodies
 from graspfx.scene.making.wiring import wiring_faults
@@ -81,6 +81,7 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
     yield _channels(scene)
     yield wiring_faults(scene, connected)
     yield metric_faults(scene, connected)
+    yield control_faults(scene, connected)
     for table in ("device", "hand"):
         yield _unused(scene, table)
     for share in ("external", "internal"):

@@ -1,4 +1,4 @@
-"""Faults of friction, soft fingers and the metric of unequal devices."""
+"""Faults of friction, soft fingers, and of what asks for the masses of devices."""
 
 from __future__ import annotations
 
@@ -50,6 +50,17 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
             yield ("finger", i, "model"), "a soft finger expects an object with a shape: torsion is about its normal"
     elif coupling.friction != "stick" and scene.coefficients[i] == 0.0:
         yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
+
+
+def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
+    """Devices that do not tell the mass that limits the damping which control adds."""
+    if scene.coupling.passivity != "control":
+        return
+    for at, device in connected.items():
+        if device.features.mass is None:
+            where = ".".join(map(str, at))
+            text = f"'control' expects every device to tell its mass, which limits damping; that of {where} does not"
+            yield ("coupling", "passivity"), f"{text} ('observe' needs none)"
 
 
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:

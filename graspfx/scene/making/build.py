@@ -14,7 +14,8 @@ from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import join
 from graspfx.loop.layout import Layout
-from graspfx.loop.servo import Held, Moved, Servo, Station
+from graspfx.loop.observer import Observer
+from graspfx.loop.servo import Held, Moved, Mover, Servo, Station
 from graspfx.scene.making.bodies import fill, make_shape
 from graspfx.scene.making.holding import Holding, hold, holdings
 from graspfx.scene.making.movers import make_movers
@@ -54,7 +55,8 @@ def build(scene: Scene) -> Iterator[Servo]:
             wire.device.open(scene.period)
         stations = [Station(wire.device, wire.fingers) for wire in wired]
         layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
-        yield Servo(scene.period, layout, stations, objects, movers, moved)
+        observers = list(_observers(scene, wired, objects, movers))
+        yield Servo(scene.period, layout, stations, objects, movers, moved, observers)
 
 
 def make_layout(scene: Scene, *, simulated: bool) -> Layout:
@@ -68,6 +70,8 @@ def make_layout(scene: Scene, *, simulated: bool) -> Layout:
         moments=any(finger.model == "soft" for finger in scene.finger),
         slips=any(scene.coefficients),
         simulated=simulated,
+        observed=scene.coupling.passivity != "off",
+        controlled=scene.coupling.passivity == "control",
     )
 
 
@@ -85,6 +89,12 @@ def _masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray | None:
 
 
 def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
+    grasped, fingers = grasped_object(scene, index, masses)
+    return Held(scene.object[index].name, grasped, fingers)
+
+
+def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple[GraspedObject, NDArray[np.intp]]:
+    """An object as the coupling sees it, and the numbers of its fingers; `masses` of all devices, if weighed."""
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     folder = scene.source.folder
@@ -108,7 +118,29 @@ def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
         shape=make_shape(table, folder),
         radius=[scene.finger[f].radius for f in fingers],
     )
-    return Held(table.name, grasped, fingers)
+    return grasped, fingers
+
+
+def _observers(
+    scene: Scene, wired: Sequence[Wire], objects: Sequence[Held], movers: Sequence[Mover]
+) -> Iterator[Observer]:
+    if scene.coupling.passivity == "off":
+        return
+    friction, mass = np.zeros(len(scene.finger)), np.full(len(scene.finger), np.inf)
+    for wire in wired:
+        used, told = wire.fingers[wire.fingers >= 0], wire.device.features
+        friction[used] = told.friction or 0.0
+        mass[used] = told.mass or np.inf
+    body_of = {i: mover.body for mover in movers for i in mover.objects}
+    for i, held in enumerate(objects):
+        yield Observer(
+            held.grasped,
+            body_of[i],
+            scene.period,
+            control=scene.coupling.passivity == "control",
+            friction=friction[held.fingers],
+            mass=mass[held.fingers],
+        )
 
 
 def make_law(scene: Scene, fingers: NDArray[np.intp]) -> Coupling:

@@ -122,6 +122,9 @@ class Coupling(Table):
     )
     absent: Literal["fade", "follow"] = "fade"
     fade: Pair = Field(default=(0.002, 0.01), description="gaps between which a free finger leaves the split [m]")
+    passivity: Literal["off", "observe", "control"] = Field(
+        default="off", description="energies by mode: none, booked and recorded, or also damped where they are made"
+    )
     blend: Pair = Field(
         default=(0.00025, 0.001), description="rms arms between which a rotation joins the external space [m]"
     )

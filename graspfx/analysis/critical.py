@@ -1,0 +1,191 @@
+"""Every gain at which D + k N has a root on the unit circle, and the stable intervals between them."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import zip_longest
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.discrete import plus, times
+
+FloatArray = NDArray[np.float64]
+
+TRIM = 1e-12  # leading coefficients below this part of the largest are rounding
+REAL = 1e-4  # |Im y|/|y| up to which a root counts as real: one gain too many does no harm, one too few would
+LEAST = 1e-13  # gains below this part of m/T^2 are zero
+WIDTH = 1e-9  # intervals narrower than this part of their upper end are rounding
+
+
+@cache
+def to_half_plane(n: int) -> FloatArray:
+    """Maps coefficients in s of degree n to those in w, z = (1 + w)/(1 - w): s^k -> (2 w)^k (1 - w)^(n - k)."""
+    W = np.zeros((n + 1, n + 1))
+    for k in range(n + 1):
+        row = np.ones(1)
+        for _ in range(n - k):
+            row = np.convolve(row, [1.0, -1.0])
+        W[k, k:] = 2.0**k * row
+    return W
+
+
+def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); not finite is none.
+
+    On |z| = 1, w = j sqrt(y) and y = (1 - cos theta)/(1 + cos theta): Im(N conj D)/sin theta is a polynomial in cos
+    theta, here in y, which keeps its digits near z = 1, where slow loops live. The last two are z = 1 and z = -1.
+
+    Args:
+        D, N: (n + 1, ...) coefficients in ascending powers of s = z - 1.
+    """
+    a, b = in_half_plane(D), in_half_plane(N)
+    a0, a1, b0, b1 = _alternating(a[::2]), _alternating(a[1::2]), _alternating(b[::2]), _alternating(b[1::2])
+    y = positive_roots(plus(times(b1, a0), -times(b0, a1)))
+    with np.errstate(all="ignore"):
+        A, B, C, E = (_value(c, y) for c in (a0, a1, b0, b1))
+        k = -(A * C + y * B * E) / (C * C + y * E * E)
+        ends = np.stack([-a[0] / b[0], -a[-1] / b[-1]])
+    at = np.zeros(ends.shape)
+    at[1] = np.inf
+    return np.concatenate([k, ends]), np.concatenate([y, at])
+
+
+def in_half_plane(D: FloatArray) -> FloatArray:
+    """Coefficients in w = (z - 1)/(z + 1) of (1 - w)^n D."""
+    W = to_half_plane(len(D) - 1)
+    return np.stack([sum((w * d for w, d in zip(row, D, strict=True) if w), np.zeros(D.shape[1:])) for row in W.T])
+
+
+def _alternating(a: FloatArray) -> FloatArray:
+    """Coefficients in y = -w^2."""
+    value = a.copy()
+    value[1::2] *= -1.0
+    return value
+
+
+def _value(a: FloatArray, y: FloatArray) -> FloatArray:
+    total = np.zeros_like(y)
+    for c in a[::-1]:
+        total = total * y + c
+    return total
+
+
+def positive_roots(h: FloatArray) -> FloatArray:
+    """Positive real roots (n, ...) of polynomials with ascending coefficients (n + 1, ...), NaN for the others."""
+    n = len(h) - 1
+    flat = h.reshape(n + 1, -1)
+    found = np.full((n, flat.shape[1]), np.nan)
+    size = np.abs(flat)
+    kept = size > TRIM * size.max(axis=0, initial=0.0)
+    degree = np.where(kept.any(axis=0), n - np.argmax(kept[::-1], axis=0), 0)
+    for d in np.unique(degree):
+        if d == 0:
+            continue
+        points = degree == d
+        monic = flat[:d, points] / flat[d, points]
+        roots = _cubic(monic) if d == 3 else _eigenvalues(monic)
+        y = np.where(np.abs(roots.imag) <= REAL * np.abs(roots), roots.real, np.nan)
+        found[:d, points] = _polished(monic, np.where(y > 0.0, y, np.nan))
+    return found.reshape(n, *h.shape[1:])
+
+
+def _eigenvalues(monic: FloatArray) -> NDArray[np.complex128]:
+    d = len(monic)
+    companion = np.zeros((monic.shape[1], d, d))
+    companion[:, np.arange(1, d), np.arange(d - 1)] = 1.0
+    companion[:, :, -1] = -monic.T
+    return np.linalg.eigvals(companion).astype(complex).T
+
+
+def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
+    """The three roots by Cardano's formula, first guesses for `_polished`."""
+    c, b, a = monic
+    shift = a / 3.0
+    p, q = b / 3.0 - shift * shift, shift * shift * shift + 0.5 * (c - shift * b)
+    D = q * q + p * p * p
+    three = D <= 0.0
+    size = np.sqrt(np.maximum(-p, 0.0))
+    with np.errstate(all="ignore"):
+        angle = np.arccos(np.clip(np.where(size > 0.0, -q / (size * size * size), 0.0), -1.0, 1.0)) / 3.0
+    u = -np.copysign(np.cbrt(np.abs(q) + np.sqrt(np.maximum(D, 0.0))), q)
+    v = np.where(u != 0.0, -p / np.where(u != 0.0, u, 1.0), 0.0)
+    roots = np.empty((3, monic.shape[1]), dtype=complex)
+    for k in range(3):
+        turn = np.exp(2j * np.pi * k / 3.0)
+        roots[k].real = np.where(three, 2.0 * size * np.cos(angle - 2.0 * np.pi * k / 3.0), turn.real * (u + v)) - shift
+        roots[k].imag = np.where(three, 0.0, turn.imag * (u - v))
+    return roots
+
+
+def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
+    """Newton's steps on positive roots, kept where they lower |h|: what cancelled in a closed form is made good."""
+    h = np.concatenate([monic, np.ones((1, monic.shape[1]))])
+    slope: FloatArray = h[1:] * np.arange(1.0, len(h))[:, None]
+    with np.errstate(all="ignore"):
+        value = _value(h, y)
+        for _ in range(steps):
+            new = y - value / _value(slope, y)
+            next_value = _value(h, new)
+            better = (new > 0.0) & (np.abs(next_value) < np.abs(value))
+            y, value = np.where(better, new, y), np.where(better, next_value, value)
+    return y
+
+
+def is_stable(D: FloatArray, N: FloatArray, k: FloatArray | float) -> NDArray[np.bool_]:
+    """Whether every root of D + k N lies inside the unit circle: Jury's test as Routh's array in w; k (...)."""
+    return is_hurwitz(in_half_plane(plus(D, k * N)))
+
+
+def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
+    """Whether every root of the polynomials with ascending coefficients (n + 1, ...) has a negative real part."""
+    rows = list(a[::-1] * np.sign(a[-1]))
+    ok: NDArray[np.bool_] = np.logical_and.reduce([row > 0.0 for row in rows])
+    above, row = rows[::2], rows[1::2]
+    with np.errstate(all="ignore"):
+        for _ in range(len(rows) - 2):
+            factor = above[0] / row[0]
+            below = [a - factor * b for a, b in zip_longest(above[1:], row[1:], fillvalue=0.0)]
+            above, row = row, below
+            ok &= row[0] > 0.0
+    return ok
+
+
+def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Bounds of the intervals from 0 to inf, half-tangents there, (c + 2, ...), and which are stable, (c + 1, ...).
+
+    Args:
+        D, N: as in `critical_gains`.
+        unit: m/T^2 [N/m], what gains are small against.
+    """
+    k, y = critical_gains(D, N)
+    k = np.where(np.isfinite(k) & (k > LEAST * unit), k, np.inf)
+    order = np.argsort(k, axis=0)
+    k, y = np.take_along_axis(k, order, 0), np.take_along_axis(y, order, 0)
+    zero = np.zeros((1, *k.shape[1:]))
+    k = np.concatenate([zero, k, zero + np.inf])
+    y = np.concatenate([zero, y, zero + np.nan])
+    low, high = k[:-1], k[1:]
+    some, bounded = np.isfinite(low), np.isfinite(high)
+    start = np.where(some, low, 0.0)
+    middle = np.where(bounded, 0.5 * (start + np.where(bounded, high, 0.0)), 2.0 * start + unit)
+    a, b = in_half_plane(D), in_half_plane(N)
+    return k, y, is_hurwitz(a[:, None] + middle * b[:, None]) & some
+
+
+def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """The end of the stable gains that begin at zero, and its half-tangent; 0 where there are none."""
+    limit, where = np.zeros(k.shape[1:]), np.zeros(k.shape[1:])
+    going = np.ones(k.shape[1:], dtype=bool)
+    for low, high, at, ok in zip(k[:-1], k[1:], y[1:], stable, strict=True):
+        going &= ok | is_thin(low, high)
+        limit, where = np.where(going, high, limit), np.where(going, at, where)
+    return limit, where
+
+
+def is_thin(low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
+    """Whether two bounds above zero are the same up to rounding."""
+    bounded = np.isfinite(high)
+    return bounded & (
+        np.where(bounded, high - np.where(bounded, low, 0.0), 1.0) <= WIDTH * np.where(bounded, high, 1.0)
+    )

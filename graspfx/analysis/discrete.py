@@ -1,0 +1,150 @@
+"""Devices under zero-order hold and objects under every integrator, as polynomials in s = z - 1."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Numbers = FloatArray | float
+
+INTEGRATORS = ("explicit", "semi-implicit", "exact", "implicit", "bullet")
+
+TERMS = 20  # of the series of `held`, whose terms fall below 1e-18 where it is used
+WIDE = 0.5  # poles further apart than this per sample: their difference does not cancel
+STIFF = 0.5  # k T^2/m above which 1 - cos does not cancel
+
+
+def held(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
+    """R and Q of x'' + p x' + kappa x = u: x after T from x' = 1, and from rest under u = 1 held.
+
+        x+ = (1 - kappa Q) x + R x' + Q u,   x'+ = -kappa R x + (1 - kappa Q - p R) x' + R u
+
+    Both to rounding for every p, kappa >= 0: the differences that would cancel are never formed.
+    """
+    p, kappa, T = np.broadcast_arrays(np.asarray(p, float), np.asarray(kappa, float), np.asarray(T, float))
+    alpha = 0.5 * p
+    discriminant = alpha * alpha - kappa
+    root = np.sqrt(np.abs(discriminant))
+    real = discriminant >= 0.0
+    gap = np.where(real, 2.0 * root, 0.0)
+    slow = np.where(real, -kappa / np.where(alpha + root > 0.0, alpha + root, 1.0), 0.0)  # -alpha + root
+    fast = -alpha - root
+    R = np.where(
+        real,
+        np.exp(slow * T) * T * mean_exponential(-gap * T),
+        np.exp(-alpha * T) * T * np.sinc(root * T / np.pi),
+    )
+
+    wide = gap * T > WIDE
+    stiff = ~wide & (kappa * T * T >= STIFF)
+    apart = T * (mean_exponential(slow * T) - mean_exponential(fast * T)) / np.where(wide, gap, 1.0)
+    turn = np.where(wide, 0.0, root * T)
+    bend = np.where(real, turn, 0.0)
+    wave = np.where(real, np.cosh(bend), np.cos(turn))
+    slope = np.where(real, np.sinh(bend) / np.where(bend > 0.0, bend, 1.0), np.sinc(turn / np.pi))
+    slope = np.where(turn > 0.0, slope, 1.0)
+    back = (1.0 - np.exp(-alpha * T) * (wave + alpha * T * slope)) / np.where(stiff, kappa, 1.0)
+    return R, np.where(wide, apart, np.where(stiff, back, _series(p, kappa, T, ~wide & ~stiff)))
+
+
+def mean_exponential(x: FloatArray) -> FloatArray:
+    """(exp(x) - 1)/x, the mean of exp over [0, x]."""
+    zero = x == 0.0
+    value: FloatArray = np.where(zero, 1.0, np.expm1(x) / np.where(zero, 1.0, x))
+    return value
+
+
+def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.bool_]) -> FloatArray:
+    """Q by its power series in T, where p T < 1.5 and kappa T^2 < 0.5."""
+    x, y = np.where(where, p * T, 0.0), np.where(where, kappa * T * T, 0.0)
+    before, term = np.zeros_like(x), np.ones_like(x)  # t^j terms of x(t)/T
+    Q = 0.5 * term
+    for j in range(2, TERMS):
+        before, term = term, -(x * term + y * before / (j - 1)) / j
+        Q = Q + term / (j + 1)
+    return T * T * Q
+
+
+def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -> tuple[FloatArray, FloatArray]:
+    """Position per force held over the sample: numerator (2, ...) and denominator (3, ...) in ascending powers of s."""
+    m = np.asarray(mass, float)
+    p, kappa = friction / m, spring / m
+    R, Q = held(p, kappa, period)
+    low = Q * (kappa * Q + p * R) + R * R  # the numerator at z = 1, times m
+    numerator = stack(low / m, Q / m)
+    return numerator, stack(kappa * low, 2.0 * kappa * Q + p * R, 1.0)
+
+
+def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(p, q, 1 - r, s) of x+ = x + p v + q u, v+ = r v + s u, for v' = u - rate v with u held over T.
+
+    "bullet" is semi-implicit in position and exact in velocity (`objects.bullet`).
+    """
+    a, T = np.broadcast_arrays(np.asarray(rate, float), np.asarray(T, float))
+    if integrator == "explicit":
+        return T, np.zeros_like(T), T * a, T
+    if integrator == "semi-implicit":
+        return T * (1.0 - T * a), T * T, T * a, T
+    if integrator == "implicit":
+        r = 1.0 / (1.0 + T * a)
+        return T * r, T * T * r, T * a * r, T * r
+    R, Q = held(a, np.zeros_like(a), T)
+    if integrator == "bullet":
+        return T * (1.0 - a * R), T * R, a * R, R
+    return R, Q, a * R, R
+
+
+def thing(
+    mass: Numbers, viscosity: Numbers, integrator: str, period: Numbers
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """An object's position and velocity per force and their common denominator, in ascending powers of s.
+
+    Under "implicit" both are those at the end of the sample, which its force is computed from.
+    """
+    M = np.asarray(mass, float)
+    p, q, decay, s = object_step(integrator, viscosity / M, period)
+    position, velocity = stack((q * decay + p * s) / M, q / M), stack(0.0, s / M)
+    if integrator == "implicit":
+        position, velocity = times(position, ONE_PLUS), times(velocity, ONE_PLUS)
+    return position, velocity, stack(0.0, decay, 1.0)
+
+
+def stack(*coefficients: FloatArray | float) -> FloatArray:
+    """Coefficients on a first axis, the others those of the points."""
+    return np.stack(np.broadcast_arrays(*coefficients)).astype(float, copy=False)
+
+
+ONE_PLUS = np.array([1.0, 1.0])  # z = 1 + s
+S = np.array([0.0, 1.0])
+
+
+def times(*factors: FloatArray) -> FloatArray:
+    """The product of polynomials, coefficients on the first axis, the other axes broadcast."""
+    product = factors[0]
+    for factor in factors[1:]:
+        shape = np.broadcast_shapes(product.shape[1:], factor.shape[1:])
+        total = np.zeros((len(product) + len(factor) - 1, *shape))
+        for i, a in enumerate(product):
+            for j, b in enumerate(factor):
+                total[i + j] += a * b
+        product = total
+    return product
+
+
+def plus(*terms: FloatArray) -> FloatArray:
+    """The sum of polynomials of any degrees."""
+    shape = np.broadcast_shapes(*(term.shape[1:] for term in terms))
+    total = np.zeros((max(map(len, terms)), *shape))
+    for term in terms:
+        for i, a in enumerate(term):
+            total[i] += a
+    return total
+
+
+def power(n: int) -> FloatArray:
+    """z^n."""
+    value = np.ones(1)
+    for _ in range(n):
+        value = np.convolve(value, ONE_PLUS)
+    return value

@@ -1,0 +1,163 @@
+"""A grasp about a state of rest, as matrices: devices, hands, coupling, object, delays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.analysis.arguments import count, lag_of_object, number, numbers, one_of
+from graspfx.analysis.discrete import INTEGRATORS
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Linearisation:
+    """Small motions of m device coordinates x and r object coordinates q about a grasp at rest.
+
+        m_i x'' + b_i x' + (K_h x + B_h x')_i = -(f + N_x (x, q))_i          devices, in continuous time
+        M_o q'' + B_o q' = G f - N_q (x, q)                                  object, by its integrator
+        f = K (x - G_e' q) + D (x' - G' q'),     x' = (x_k - x_(k-1))/T,     N = [N_x; N_q]
+
+    everything on the right held over the sample; devices feel it `delay` samples late, the object `object_delay`.
+    `rate = "state"` takes the devices' true velocity for x' instead.
+
+    Args:
+        period: T [s].
+        mass: of the devices, per coordinate (m,) or one number [kg].
+        friction: b (m,) or one number [N s/m].
+        G: (r, m), the wrench of contact forces f on the object's free coordinates.
+        inertia: M_o (r, r) or its diagonal [kg, kg m^2].
+        viscosity: B_o (r, r) or its diagonal [N s/m, N m s/rad].
+        stiffness: K (m, m), or one number for every coordinate [N/m].
+        damping: D (m, m), or one number [N s/m].
+        hand_stiffness: K_h (m, m), its diagonal, or one number [N/m].
+        hand_damping: B_h likewise [N s/m].
+        delay: samples, per coordinate or one number.
+        object_delay: samples.
+        integrator: one of `INTEGRATORS`.
+        preload: N (m + r, m + r), what the forces at rest add to the stiffness (`preloaded`); none if None.
+        G_displacement: G_e (r, m), how the object's motion changes the displacement; G if None.
+        rate: "difference" or "state".
+
+    Raises:
+        InputError: naming the argument that does not fit; UnknownNameError: for the integrator or the rate.
+    """
+
+    period: float
+    mass: FloatArray
+    friction: FloatArray
+    G: FloatArray
+    inertia: FloatArray
+    viscosity: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    hand_stiffness: FloatArray
+    hand_damping: FloatArray
+    delay: NDArray[np.int64]
+    object_delay: int
+    integrator: str
+    preload: FloatArray | None
+    G_displacement: FloatArray = field(repr=False)
+    rate: str
+
+    def __init__(
+        self,
+        *,
+        period: float,
+        mass: ArrayLike,
+        friction: ArrayLike,
+        G: ArrayLike,
+        inertia: ArrayLike,
+        viscosity: ArrayLike,
+        stiffness: ArrayLike,
+        damping: ArrayLike = 0.0,
+        hand_stiffness: ArrayLike = 0.0,
+        hand_damping: ArrayLike = 0.0,
+        delay: int | ArrayLike = 0,
+        object_delay: int = 0,
+        integrator: str = "exact",
+        preload: ArrayLike | None = None,
+        G_displacement: ArrayLike | None = None,
+        rate: str = "difference",
+    ) -> None:
+        given = numbers("G", G, "1, m", negative=True)
+        if given.ndim != 2 or not given.shape[1]:
+            raise InputError("G", given, "a matrix (r, m), a row for every free coordinate of the object")
+        r, m = given.shape
+        kind = one_of("integrator", integrator, INTEGRATORS)
+        whole = np.array([count("delay", d) for d in np.ravel(np.asarray(delay)).tolist()], dtype=np.int64)
+        if whole.shape not in ((1,), (m,)):
+            raise InputError("delay", delay, f"one whole number, or {m}")
+        self._set(
+            period=number("period", period, "s", zero=False),
+            mass=_row("mass", mass, m, "kg", zero=False),
+            friction=_row("friction", friction, m, "N s/m"),
+            G=given,
+            inertia=_positive("inertia", _square("inertia", inertia, r, "kg")),
+            viscosity=_square("viscosity", viscosity, r, "N s/m"),
+            stiffness=_square("stiffness", stiffness, m, "N/m"),
+            damping=_square("damping", damping, m, "N s/m"),
+            hand_stiffness=_square("hand_stiffness", hand_stiffness, m, "N/m"),
+            hand_damping=_square("hand_damping", hand_damping, m, "N s/m"),
+            delay=np.broadcast_to(whole, (m,)),
+            object_delay=lag_of_object(object_delay, kind),
+            integrator=kind,
+            preload=None if preload is None else _shaped("preload", preload, (m + r, m + r), "N/m"),
+            G_displacement=given
+            if G_displacement is None
+            else _shaped("G_displacement", G_displacement, (r, m), "1, m"),
+            rate=one_of("rate", rate, ("difference", "state")),
+        )
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def coordinates(self) -> tuple[int, int]:
+        """(m, r)."""
+        return self.G.shape[1], self.G.shape[0]
+
+    def with_changes(self, **changes: Any) -> Linearisation:
+        """The same with some arguments changed."""
+        names = self.__dataclass_fields__
+        return Linearisation(**({name: getattr(self, name) for name in names} | changes))
+
+
+@runtime_checkable
+class Linearisable(Protocol):
+    """What a scene is to the analysis."""
+
+    def linearise(self) -> Linearisation: ...
+
+
+def _row(name: str, given: ArrayLike, m: int, unit: str, *, zero: bool = True) -> FloatArray:
+    value = numbers(name, given, unit, zero=zero)
+    if value.shape not in ((), (m,)):
+        raise InputError(name, value, f"one number [{unit}], or {m}")
+    return np.array(np.broadcast_to(value, (m,)))
+
+
+def _square(name: str, given: ArrayLike, size: int, unit: str) -> FloatArray:
+    value = numbers(name, given, unit, negative=True)
+    if value.ndim < 2 and value.shape in ((), (size,)):
+        return np.diag(np.broadcast_to(value, (size,)))
+    return _shaped(name, value, (size, size), unit)
+
+
+def _shaped(name: str, given: ArrayLike, shape: tuple[int, int], unit: str) -> FloatArray:
+    value = numbers(name, given, unit, negative=True)
+    if value.shape != shape:
+        raise InputError(name, value, f"a matrix {shape} [{unit}]")
+    return value
+
+
+def _positive(name: str, matrix: FloatArray) -> FloatArray:
+    if not np.allclose(matrix, matrix.T, rtol=1e-9) or (matrix.size and np.linalg.eigvalsh(matrix)[0] <= 0.0):
+        raise InputError(name, matrix.tolist(), "a symmetric positive definite matrix")
+    return matrix

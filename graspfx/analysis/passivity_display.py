@@ -1,0 +1,170 @@
+"""What a sampled display answers: H(z) from device positions to held forces, as a function of z or as matrices."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+SYMMETRIC = 1e-9  # relative: what H(1) may be off and still be taken as symmetric, or as not negative
+AT_REST = 1e-9  # [rad] stands for z = 1 where H is a function, which may divide by z - 1
+ROUNDED = 1e-7  # relative: what such a function may lose there
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpace:
+    """H(z) = C (z I - A)^-1 B + D, n channels, force that opposes the motion [N] from position [m].
+
+    Attributes:
+        A, B, C, D: (s, s), (s, n), (n, s), (n, n).
+    """
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+
+    @property
+    def channels(self) -> int:
+        return len(self.D)
+
+    @property
+    def states(self) -> int:
+        return len(self.A)
+
+    def poles(self) -> ComplexArray:
+        return np.linalg.eigvals(self.A).astype(complex)
+
+    def stable(self) -> bool:
+        """Whether all poles lie inside the unit circle."""
+        return not self.states or bool(np.abs(self.poles()).max() < 1.0)
+
+    def response(self, angles: FloatArray) -> ComplexArray:
+        """H(e^{j th}) for angles (k,), (k, n, n)."""
+        z = np.exp(1j * angles)[:, None, None]
+        return np.asarray(self.C @ np.linalg.solve(z * np.eye(self.states) - self.A, self.B + 0j) + self.D)
+
+    def static(self) -> FloatArray:
+        """H(1), the stiffness that a finger at rest feels, (n, n) [N/m]; for a stable H."""
+        return np.asarray(self.C @ np.linalg.solve(np.eye(self.states) - self.A, self.B) + self.D)
+
+
+@dataclass(frozen=True, eq=False)
+class Function:
+    """H(z) as a function of z, a number or (n, n); whether it is stable is the caller's word."""
+
+    evaluate: Callable[[complex], Any]
+    channels: int
+
+    def response(self, angles: FloatArray) -> ComplexArray:
+        """H(e^{j th}) for angles (k,), (k, n, n)."""
+        n = self.channels
+        found = [np.asarray(self.evaluate(cmath.exp(1j * th)), dtype=complex).reshape(n, n) for th in angles.tolist()]
+        H = np.array(found)
+        if not np.isfinite(H).all():
+            raise InputError("H", self.evaluate, "a function that is finite on the unit circle", "H has to be stable")
+        return H
+
+
+Display = StateSpace | Function
+
+
+def display(H: object, period: float) -> Display:
+    """A display from a function of z, (A, B, C, D), an object that has them (python-control, SciPy), or a stiffness.
+
+    Raises:
+        InputError: shapes that do not fit, values that are not finite, a continuous system, another sampling period.
+    """
+    if not (np.isfinite(period) and period > 0.0):
+        raise InputError("period", period, "a positive period [s]")
+    _check_sampling(H, period)
+    if callable(H) and not all(hasattr(H, name) for name in "ABCD"):
+        shape = np.shape(H(cmath.exp(1j)))
+        if shape not in ((), (1,)) and (len(shape) != 2 or shape[0] != shape[1]):
+            raise InputError("H", H, "a function of z with a number or a square matrix", f"it returns shape {shape}")
+        return Function(H, shape[0] if len(shape) == 2 else 1)
+    if not all(hasattr(H, name) for name in "ABCD") and hasattr(H, "to_ss"):
+        H = H.to_ss()
+    if all(hasattr(H, name) for name in "ABCD"):
+        parts = [getattr(H, name) for name in "ABCD"]
+    elif isinstance(H, tuple):
+        parts = list(H)
+    else:
+        D = _square("H", H)
+        return StateSpace(np.zeros((0, 0)), np.zeros((0, len(D))), np.zeros((len(D), 0)), D)
+    if len(parts) != 4:
+        raise InputError("H", H, "the four matrices (A, B, C, D)")
+    D = _square("D", parts[3])
+    n = len(D)
+    A = np.zeros((0, 0)) if not np.size(parts[0]) else _square("A", parts[0])
+    s = len(A)
+    B, C = _real("B", parts[1]), _real("C", parts[2])
+    if B.size != s * n or C.size != s * n:
+        raise InputError("H", H, f"B ({s}, {n}) and C ({n}, {s}) for {s} states and {n} channels")
+    return StateSpace(A, B.reshape(s, n), C.reshape(n, s), D)
+
+
+def symmetric(name: str, given: ArrayLike, n: int) -> FloatArray:
+    """A damping or a mass as (n, n), from one number, one per direction, or a symmetric matrix.
+
+    Raises:
+        InputError: another shape, not finite, not symmetric.
+    """
+    b = _real(name, given)
+    if b.shape not in ((), (n,), (n, n)):
+        raise InputError(name, given, f"one number, {n} numbers or a matrix ({n}, {n})")
+    if b.ndim < 2:
+        return np.diag(np.broadcast_to(b, n)).astype(float)
+    if b.size and np.abs(b - b.T).max() > SYMMETRIC * np.abs(b).max():
+        raise InputError(name, b, "a symmetric matrix")
+    return np.asarray((b + b.T) / 2)
+
+
+def never_passive(found: Display, scale: float) -> bool:
+    """Whether no device damping is enough: H unstable, or its static stiffness H(1) not symmetric or negative.
+
+    A skew part of H(1) gives energy to a slow enough circle, and a negative stiffness to a long enough push: both grow
+    faster than friction takes, which for slow motion goes to zero. `scale` is the size of H elsewhere [N/m].
+    """
+    if isinstance(found, StateSpace):
+        if not found.stable():
+            return True
+        K, allowed = found.static(), SYMMETRIC
+    else:
+        K, allowed = found.response(np.array([AT_REST]))[0].real, ROUNDED
+    allowed *= max(scale, float(np.abs(K).max()))
+    return bool(np.abs(K - K.T).max() > allowed or np.linalg.eigvalsh((K + K.T) / 2)[0] < -allowed)
+
+
+def _check_sampling(H: object, period: float) -> None:
+    dt = getattr(H, "dt", None)
+    if (dt is not None and not isinstance(dt, bool) and dt == 0) or hasattr(H, "to_discrete"):
+        raise InputError("H", H, "a system in discrete time", "sample it with the hold of the display first")
+    if isinstance(dt, int | float) and not isinstance(dt, bool) and abs(dt - period) > 1e-9 * period:
+        raise InputError("H", H, f"a system sampled every {period} s", f"its own period is {dt} s")
+
+
+def _real(name: str, given: object) -> FloatArray:
+    try:
+        value = np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as fault:
+        raise InputError(name, given, "real numbers") from fault
+    if not np.isfinite(value).all():
+        raise InputError(name, given, "finite numbers")
+    return value
+
+
+def _square(name: str, given: object) -> FloatArray:
+    value = np.atleast_2d(_real(name, given))
+    if value.ndim != 2 or value.shape[0] != value.shape[1] or not value.size:
+        raise InputError(name, value, "a square matrix")
+    return value

@@ -1,0 +1,66 @@
+"""Pushing: what is left of a grasp when only some of its fingers touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+def pushing(
+    linear: Linearisation, fingers: ArrayLike, *, released: ArrayLike | None = None
+) -> Iterator[tuple[tuple[int, ...], Linearisation]]:
+    """Every set of fingers that may touch without the others, and the loop that it closes with the whole object.
+
+    Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba of the touching coordinates a, D the
+    same. For two fingers on a line that is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26). The released devices,
+    which nothing but their hands moves, are left out; so is the preload.
+
+    Args:
+        linear: the grasp with every finger touching.
+        fingers: (m,), which finger each coordinate belongs to.
+        released: (m,), coordinates that never carry force (the tangents of frictionless contacts), a mask.
+
+    Yields:
+        (touching fingers, linearisation), the single fingers first; the grasp itself is not among them, unless
+        `released` changes it.
+    """
+    m, _ = linear.coordinates
+    which = np.asarray(fingers)
+    loose = np.zeros(m, dtype=bool) if released is None else np.asarray(released, dtype=bool)
+    if which.shape != (m,) or loose.shape != (m,):
+        raise InputError("fingers", fingers, f"{m} numbers of fingers, and `released` a mask as long")
+    names = sorted(set(which.tolist()))
+    for size in range(1, len(names) + bool(loose.any())):
+        for touching in combinations(names, size):
+            yield touching, kept(linear, np.isin(which, touching) & ~loose)
+
+
+def kept(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
+    """The loop of the device coordinates `a` (m,), a mask, the others without force; no preload."""
+    block = np.ix_(a, a)
+    return linear.with_changes(
+        mass=linear.mass[a],
+        friction=linear.friction[a],
+        G=linear.G[:, a],
+        stiffness=condensed(linear.stiffness, a),
+        damping=condensed(linear.damping, a),
+        hand_stiffness=linear.hand_stiffness[block],
+        hand_damping=linear.hand_damping[block],
+        delay=linear.delay[a],
+        preload=None,
+        G_displacement=None,
+    )
+
+
+def condensed(K: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    """K_aa - K_ab K_bb^+ K_ba, a the coordinates kept and b those without force."""
+    a, b = kept, ~kept
+    return K[np.ix_(a, a)] - K[np.ix_(a, b)] @ np.linalg.pinv(K[np.ix_(b, b)]) @ K[np.ix_(b, a)]

@@ -1,0 +1,386 @@
+"""A scene linearised about its grasp: contacts, gains, devices, hands and objects as the matrices of the analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.analysis.preload import ROWS, cross
+from graspfx.analysis.pushing import condensed
+from graspfx.coupling import block as at
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.grasp.impedance import Coupling, Impedance
+from graspfx.grasp.matrix import Grasp
+from graspfx.grasp.split import Split
+from graspfx.objects import kernels as body
+from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics, still_hands
+from graspfx.scene.limits.resting import Grip, settle
+from graspfx.scene.making.build import grasped_object, make_law
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+WHERE = ("squeezed", "start")
+UNFORCED = "contacts as at the start and no force on them: "
+STIFFEST = 1e-6  # of the stiffest: what a preload adds below this is rounding of its difference quotients
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A scene, or one object of it, about its grasp at rest.
+
+    Attributes:
+        linear: its matrices. Coordinates are the fingers' along the principal axes of their devices' masses, which are
+            the world's unless a device is heavier one way than another.
+        objects: names of the objects that fingers touch, in the order of their coordinates.
+        fingers: the numbers of their fingers in the scene.
+        finger_of_column: (m,) of the grasp matrix, by those numbers.
+        contacts: (n, d), world axes [m].
+        at: "squeezed" or "start" for each object.
+        assumed: in words, what the matrices take for granted.
+        splits: of each object's grasp.
+        stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
+        conventional: K (m, m) where every finger has the stiffness k by itself: a function.
+    """
+
+    linear: Linearisation
+    objects: tuple[str, ...]
+    fingers: tuple[int, ...]
+    finger_of_column: NDArray[np.intp]
+    contacts: FloatArray
+    at: tuple[str, ...]
+    assumed: tuple[str, ...]
+    splits: tuple[Split, ...] = field(repr=False)
+    stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
+    conventional: Callable[[float], FloatArray] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One object's share of the matrices, in world axes, and where its fingers are."""
+
+    name: str
+    fingers: NDArray[np.intp]
+    position: FloatArray
+    contacts: FloatArray
+    where: str
+    assumed: list[str]
+    split: Split
+    gains: _Gains
+    damping: FloatArray
+    G: FloatArray
+    G_e: FloatArray
+    N: FloatArray
+    inertia: FloatArray
+    viscosity: FloatArray
+    integrator: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Gains:
+    """K of the law on one grasp: external for shifts, for turns, internal, each times a factor, without what slips."""
+
+    law: Coupling
+    split: Split
+    fingers: int
+    normals: FloatArray | None  # (m, n) where tangents carry no force
+
+    def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
+        n, m = self.fingers, self.split.components
+        d = m // n
+        zero = Impedance(0.0)
+        form = self.law.form
+        outer = Coupling(external=Impedance(self.law.external.stiffness), internal=zero, form=form)
+        inner = Coupling(external=zero, internal=Impedance(self.law.internal.stiffness), form=form)
+        K_e = outer.stiffness(self.split)
+        if shifts != turns:
+            # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
+            one = np.tile(np.eye(d), (n, 1))
+            weighed = (self.split.metric * one.T).T
+            Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
+            K_t = (K_e @ Q + (K_e @ Q).T) / 2
+            K_e = shifts * K_t + turns * (K_e - K_t)
+        else:
+            K_e = shifts * K_e
+        return self.held(K_e + internal * inner.stiffness(self.split))
+
+    def alone(self, k: float) -> FloatArray:
+        """Every finger by itself with stiffness k, in the metric."""
+        law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
+        return self.held(law.stiffness(self.split))
+
+    def held(self, K: FloatArray) -> FloatArray:
+        """K with the tangents of contacts that slip let go of."""
+        if self.normals is None:
+            return K
+        m, n = self.normals.shape
+        basis = np.linalg.qr(self.normals, mode="complete")[0]
+        turned = basis.T @ K @ basis
+        kept = np.arange(m) < n
+        normal = basis[:, :n]
+        return np.asarray(normal @ condensed(turned, kept) @ normal.T)
+
+
+def linearise(scene: Scene, at: str = "squeezed", object: str | None = None) -> Linearised:
+    """The scene's small motions about its grasp at rest.
+
+    "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
+    coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
+    meet the object at first, without any force; it stands in where no rest is found, and `assumed` says so.
+
+    Args:
+        at: "squeezed" or "start".
+        object: one of the scene's; all that fingers touch if None, in one linearisation.
+
+    Raises:
+        InputError: a device that does not tell its mass or friction; objects with different integrators together.
+        UnknownNameError: no such object.
+    """
+    if at not in WHERE:
+        raise UnknownNameError("place of a linearisation", at, WHERE)
+    names = [thing.name for thing in scene.object]
+    if object is not None and object not in names:
+        raise UnknownNameError("object", object, names)
+    touched = sorted(set(scene.finger_objects))
+    chosen = touched if object is None else [names.index(object)]
+    parts = [_part(scene, index, at) for index in chosen]
+    kinds = sorted({part.integrator for part in parts})
+    if len(kinds) > 1:
+        raise InputError("object", kinds, "one integrator", f"linearise the objects one by one: {', '.join(names)}")
+    return _joined(scene, parts)
+
+
+def _part(scene: Scene, index: int, where: str) -> _Part:
+    table = scene.object[index]
+    # forces as functions of the pose: under "implicit" those of the predicted one, which is for the analysis to insert
+    plain = table.model_copy(update={"integrator": "semi-implicit"}) if table.integrator == "implicit" else table
+    posed = scene.model_copy(update={"object": tuple(plain if t is table else t for t in scene.object)})
+    masses = device_masses(scene) if scene.coupling.metric == "mass" else None
+    grasped, fingers = grasped_object(posed, index, masses)
+    start = np.array([finger.start for finger in scene.finger], dtype=float)
+    grasped.meet(start[fingers])
+    free = np.array(scene.free(table))
+    grip = Grip(grasped, free)
+    assumed: list[str] = []
+    inward = np.zeros_like(start)
+    inward[fingers] = grasped.inward()
+    initial = grasped.block.copy()
+    J = None
+    if where == "squeezed":
+        J = _squeezed(scene, grip, fingers, start, inward, assumed)
+    if J is None:
+        grasped.block[:] = initial
+        where = "start"
+    state = grasped.body_state
+    grasped.finger_position[:] = start[fingers] if J is None else grasped.finger_position
+    return _matrices(scene, index, grip, fingers, where, assumed, J, state)
+
+
+def _squeezed(
+    scene: Scene, grip: Grip, fingers: NDArray[np.intp], start: FloatArray, inward: FloatArray, assumed: list[str]
+) -> FloatArray | None:
+    """Brings the grip to rest and gives its stiffness there; None, and why, where there is none."""
+    n, d = start.shape
+    K, closed = np.zeros((n, d, n, d)), start.copy()
+    for held in still_hands(scene, start, inward):
+        closed[held.fingers] = held.hand.target(held.closed)[0]
+        for a in range(d):
+            K[np.ix_(held.fingers, [a], held.fingers, [a])] = held.hand.stiffness[a][:, None, :, None]
+    own = K[fingers][:, :, fingers].reshape(grip.m, grip.m)
+    mass = float(grip.grasped.body_state[body.MASS])
+    weight = np.zeros(6)
+    rules = scene.coupling
+    carried = rules.contact == "attached" or rules.friction == "stick" or any(scene.coefficients) or d == 1
+    if scene.gravity is not None and carried and not scene.obstacle:
+        weight[:d] = mass * np.array(scene.gravity)
+    elif scene.gravity is not None:
+        assumed.append("the weight is carried by something else")
+    grip.grasped.finger_position[:] = start[fingers]
+    if not settle(grip, start[fingers].ravel(), closed[fingers].ravel(), own, weight[grip.axes]):
+        assumed.append(UNFORCED + "with still hands the grasp does not come to rest")
+        return None
+    if not grip.grasped.touching.all():
+        assumed.append(UNFORCED + "closed, the hands do not reach the object")
+        return None
+    J = grip.stiffness(grip.lengths())
+    if J is None or not np.isfinite(J).all():
+        assumed.append(UNFORCED + "the forces have no derivative at rest")
+        return None
+    return J
+
+
+def _matrices(
+    scene: Scene,
+    index: int,
+    grip: Grip,
+    fingers: NDArray[np.intp],
+    where: str,
+    assumed: list[str],
+    J: FloatArray | None,
+    state: FloatArray,
+) -> _Part:
+    table, d, g = scene.object[index], scene.dimensions, grip.grasped
+    n, m, r, rules = grip.n, grip.m, grip.r, scene.coupling
+    R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
+    centre = state[body.POSITION : body.POSITION + d]
+    contacts = (g.rows[:, at.CONTACT : at.CONTACT + 3] @ R.T)[:, :d]
+    tips = contacts if J is None else g.finger_position - centre
+    weights = g.rows[:, at.SHARE].copy()
+    split = Split(Grasp(contacts, free=grip.free.tolist()), metric=None if (weights == 1.0).all() else weights)
+    slides = rules.contact != "attached" and rules.friction != "stick" and not any(scene.coefficients)
+    normals = None
+    if slides and d > 1:
+        normals = np.zeros((m, n))
+        for i, normal in enumerate(g.inward()):
+            normals[i * d : (i + 1) * d, i] = normal
+        assumed.append("contacts without friction: forces along the normals alone")
+    elif rules.contact != "attached" and d > 1:
+        assumed.append("contacts stick")
+    if rules.contact != "attached":
+        assumed.append("no finger lets go")
+    law = make_law(scene, fingers)
+    gains = _Gains(law, split, n, normals)
+    D = gains.held(law.damping(split))
+    G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
+    N = np.zeros((m + r, m + r))
+    if J is None:
+        G = G_e = _wrenches(contacts, grip)
+    else:
+        K = gains(1.0, 1.0, 1.0)
+        stretch = np.hstack([np.eye(m), -G_e.T])
+        scale = float(np.abs(np.diag(K)).max(initial=0.0))
+        N[:m], N[m:] = J[:m] - K @ stretch, G @ K @ stretch - J[m:]
+        unit = grip.lengths() / grip.lengths()[0]
+        if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
+            N[:] = 0.0
+            G = G_e = _wrenches(contacts, grip)
+    viscosity = np.diag(np.where(grip.axes < 3, state[body.VISCOSITY], state[body.ROTATIONAL_VISCOSITY]))
+    if g.soft and J is not None and D.any():
+        turning = grip.axes >= 3
+        extra = (grip.turning_damping() - G @ D @ G_e.T)[np.ix_(turning, turning)]
+        viscosity[np.ix_(turning, turning)] += extra
+        assumed.append("the damping of torsion counts as the object's own viscosity")
+    return _Part(
+        name=table.name,
+        fingers=fingers,
+        position=g.finger_position.copy(),
+        contacts=contacts + centre,
+        where=where,
+        assumed=assumed,
+        split=split,
+        gains=gains,
+        damping=D,
+        G=G,
+        G_e=G_e,
+        N=N,
+        inertia=_inertia(state, R, grip),
+        viscosity=viscosity,
+        integrator="bullet" if table.dynamics == "bullet" else table.integrator,
+    )
+
+
+def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
+    """G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
+    d = grip.d
+    wide = np.zeros((grip.n, 3))
+    wide[:, :d] = arms
+    full = np.hstack([np.vstack([np.eye(3), cross(arm)])[:, :d] for arm in wide])
+    return np.asarray(full[np.array(ROWS[d])[grip.free]])
+
+
+def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
+    full = np.zeros((6, 6))
+    full[:3, :3] = state[body.MASS] * np.eye(3)
+    full[3:, 3:] = R @ np.diag(state[body.INERTIA : body.INERTIA + 3]) @ R.T
+    return np.asarray(full[np.ix_(grip.axes, grip.axes)])
+
+
+def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
+    """The matrices of all parts in one, along the principal axes of the devices' masses."""
+    d = scene.dimensions
+    start = np.array([finger.start for finger in scene.finger], dtype=float)
+    position = start.copy()
+    inward = np.zeros_like(start)
+    for part in parts:
+        position[part.fingers] = part.position
+    # only stiffness and damping of the hands are asked for here, which do not depend on where they close to
+    moved: Mechanics = mechanics(scene, position, list(still_hands(scene, start, inward)))
+    fingers = np.concatenate([part.fingers for part in parts])
+    columns = (fingers[:, None] * d + np.arange(d)).ravel()
+    V = np.zeros((len(columns), len(columns)))
+    mass = np.zeros(len(columns))
+    friction = np.zeros_like(V)
+    for i, finger in enumerate(fingers):
+        x = slice(i * d, i * d + d)
+        A = moved.mass[finger]
+        mass[x], V[x, x] = (np.diag(A), np.eye(d)) if not (A - np.diag(np.diag(A))).any() else np.linalg.eigh(A)
+        friction[x, x] = V[x, x].T @ moved.friction[finger] @ V[x, x]
+    apart = friction - np.diag(np.diag(friction))
+
+    def turned(blocks: Sequence[FloatArray]) -> FloatArray:
+        return V.T @ _block_diagonal(blocks) @ V
+
+    def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
+        return turned([part.gains(shifts, turns, internal) for part in parts])
+
+    def conventional(k: float) -> FloatArray:
+        return turned([part.gains.alone(k) for part in parts])
+
+    G, G_e = (_block_diagonal([getattr(part, name) for part in parts]) @ V for name in ("G", "G_e"))
+    linear = Linearisation(
+        period=scene.period,
+        mass=mass,
+        friction=np.diag(friction),
+        G=G,
+        inertia=_block_diagonal([part.inertia for part in parts]),
+        viscosity=_block_diagonal([part.viscosity for part in parts]),
+        stiffness=stiffness(1.0, 1.0, 1.0),
+        damping=turned([part.damping for part in parts]),
+        hand_stiffness=V.T @ moved.stiffness[np.ix_(columns, columns)] @ V,
+        hand_damping=V.T @ moved.damping[np.ix_(columns, columns)] @ V + apart,
+        delay=np.repeat(moved.delay[fingers], d),
+        integrator=parts[0].integrator,
+        preload=_preload(parts, V),
+        G_displacement=G_e,
+    )
+    assumed = dict.fromkeys([*(text for part in parts for text in part.assumed), *moved.assumed])
+    return Linearised(
+        linear=linear,
+        objects=tuple(part.name for part in parts),
+        fingers=tuple(fingers.tolist()),
+        finger_of_column=np.repeat(fingers, d),
+        contacts=np.concatenate([part.contacts for part in parts]),
+        at=tuple(part.where for part in parts),
+        assumed=tuple(assumed),
+        splits=tuple(part.split for part in parts),
+        stiffness=stiffness,
+        conventional=conventional,
+    )
+
+
+def _preload(parts: Sequence[_Part], V: FloatArray) -> FloatArray | None:
+    if not any(part.N.any() for part in parts):
+        return None
+    m, r = len(V), sum(len(part.G) for part in parts)
+    N = np.zeros((m + r, m + r))
+    x = q = 0
+    for part in parts:
+        rows = np.r_[x : x + part.G.shape[1], m + q : m + q + len(part.G)]
+        N[np.ix_(rows, rows)] = part.N
+        x, q = x + part.G.shape[1], q + len(part.G)
+    N[:m] = V.T @ N[:m]
+    N[:, :m] = N[:, :m] @ V
+    return N
+
+
+def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        whole[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    return whole

@@ -1,0 +1,292 @@
+"""The ledger of a grasp's energy: closed forms of held springs, dense projectors, the brake in a loop that leaks."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fused import compiled
+
+import graspfx as gx
+from graspfx.analysis import passivity_observer as po
+from graspfx.grasp.kernels import rigid_modes
+
+POINT, WEIGHT, FORCE, STEP, STRETCH, STRIDE = 0, 3, 4, 7, 10, 13
+T = 1e-3
+EQUAL = slice(po.WORK, po.WORK + 3)
+
+
+class Observed:
+    """A buffer with n fingers, their modes and a ledger, in the layout that the kernels take."""
+
+    def __init__(self, points: np.ndarray, weights: np.ndarray | None = None) -> None:
+        self.n, self.d = points.shape
+        turns = {1: 0, 2: 1, 3: 3}[self.d]
+        self.axes = self.n * STRIDE
+        self.modes = self.axes + 18
+        self.row = self.modes + 6 * (1 + 3 * self.n)
+        self.ledger = self.row + 6
+        self.S = np.zeros(self.ledger + po.SIZE)
+        self.fingers = self.S[: self.n * STRIDE].reshape(self.n, STRIDE)
+        self.fingers[:, : self.d] = points
+        self.fingers[:, WEIGHT] = 1.0 if weights is None else weights
+        axes = np.vstack([np.eye(3)[: self.d], np.eye(3)[3 - turns :]])
+        self.S[self.axes : self.axes + axes.size] = axes.ravel()
+        self.block = memoryview(self.S)
+        self.count = rigid_modes(
+            self.block, 0, STRIDE, POINT, WEIGHT, self.n, self.d, self.axes, self.d, turns, 1e-9, 2e-9, self.modes
+        )
+
+    def put(self, offset: int, vectors: np.ndarray) -> None:
+        self.fingers[:, offset : offset + self.d] = vectors
+
+    def works(self, kernel=po.works, S=None):
+        return kernel(
+            self.block if S is None else S, 0, STRIDE, self.n, 3, FORCE, STEP, WEIGHT,
+            self.modes, self.d, self.count, self.row,
+        )  # fmt: skip
+
+    def squares(self, at: int = STEP):
+        return po.squares(
+            self.block, 0, STRIDE, self.n, 3, at, WEIGHT, self.modes, self.d, self.count, self.row
+        )  # fmt: skip
+
+    def store(self, external: float, internal: float) -> None:
+        po.store(
+            self.block, self.ledger, 0, STRIDE, self.n, 3, STRETCH, WEIGHT,
+            self.modes, self.d, self.count, self.row, external, internal,
+        )  # fmt: skip
+
+    def observe(self, drag: float = 0.0, kernel=po.observe, S=None) -> None:
+        kernel(
+            self.block if S is None else S, self.ledger, 0, STRIDE, self.n, 3, FORCE, STEP, WEIGHT,
+            self.modes, self.d, self.count, self.row, drag,
+        )  # fmt: skip
+
+    def brake(self, most: float, kernel=po.brake, S=None):
+        return kernel(
+            self.block if S is None else S, self.ledger, 0, STRIDE, self.n, 3, FORCE, STEP, WEIGHT,
+            self.modes, self.d, self.count, self.row, T, most,
+        )  # fmt: skip
+
+    def balances(self) -> np.ndarray:
+        return np.array([po.balance(self.block, self.ledger, j) for j in range(3)])
+
+    def projectors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """I - Q, Q of translations, Q of rotations, dense, in the metric of the weights; from grasp matrices."""
+        w = self.fingers[:, WEIGHT]
+        W = np.repeat(w, self.d)
+        points = self.fingers[:, : self.d]
+        every = gx.Split(gx.grasp_matrix(points), metric=W).displacement_external
+        moves = gx.Split(gx.grasp_matrix(points, free=[True] * self.d + [False] * (2 * self.d - 3)), metric=W)
+        shifts = moves.displacement_external
+        return np.eye(len(W)) - every, shifts, every - shifts
+
+
+def ring(n: int, d: int = 2, radius: float = 0.03) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(n) / n
+    return radius * np.stack([np.cos(angle), np.sin(angle), 0.3 * np.sin(3 * angle + 1)], axis=1)[:, :d]
+
+
+@pytest.mark.parametrize("samples", [4, 7, 100])
+def test_a_held_spring_moved_in_a_sine_creates_energy_of_known_size(samples):
+    """K N A^2 sin^2(pi/N) per cycle of N samples and finger, all of it squeezing, at the devices' port.
+
+    Over a cycle sum f D = -1/2 K sum D^2, and D = 2 A sin(pi/N) cos(...) has the mean square 2 A^2 sin^2(pi/N).
+    """
+    K, A = 300.0, 0.002
+    grasp = Observed(np.array([[-0.02], [0.02]]))
+    x = A * np.sin(2 * np.pi * np.arange(samples + 1) / samples + 0.3)
+    for k in range(samples):
+        grasp.put(FORCE, K * np.array([[x[k]], [-x[k]]]))
+        grasp.put(STEP, (x[k + 1] - x[k]) * np.array([[1.0], [-1.0]]))
+        grasp.observe()
+    created = -grasp.balances()
+    assert created[po.INTERNAL] == pytest.approx(2 * K * samples * A**2 * np.sin(np.pi / samples) ** 2, rel=1e-12)
+    assert created[po.TRANSLATION] == pytest.approx(0.0, abs=1e-18)
+    # the devices' friction covers it iff b >= K T/2: the wall's limit
+    for factor, sign in ((1.001, 1.0), (0.999, -1.0)):
+        po.open_ledger(grasp.block, grasp.ledger)
+        for k in range(samples):
+            grasp.put(FORCE, K * np.array([[x[k]], [-x[k]]]))
+            grasp.put(STEP, (x[k + 1] - x[k]) * np.array([[1.0], [-1.0]]))
+            grasp.observe(drag=factor * K * T / 2 / T)
+        assert sign * grasp.balances()[po.INTERNAL] > 0.0
+
+
+def test_turning_is_told_from_shifting_where_the_mean_velocity_is_zero():
+    """Three fingers turn an object about their centre against a held torsion spring: no linear velocity, all energy.
+
+    Tangential forces k theta r/3 make the moment k r^2 theta, which takes that times a step's turn: a cycle creates
+    1/2 k r^2 times the sum of its turns squared.
+    """
+    points, k, r, N, amplitude = ring(3), 100.0, 0.03, 40, 1e-4
+    grasp = Observed(points)
+    tangent = points[:, ::-1] * [-1.0, 1.0]  # z x r
+    theta = amplitude * np.sin(2 * np.pi * np.arange(N + 1) / N)
+    for j in range(N):
+        grasp.put(FORCE, k / 3 * theta[j] * tangent)
+        grasp.put(STEP, (theta[j + 1] - theta[j]) * tangent)
+        by_mean_velocity = grasp.fingers[:, FORCE : FORCE + 2].sum(axis=0) @ grasp.fingers[:, STEP : STEP + 2].mean(
+            axis=0
+        )
+        assert by_mean_velocity == pytest.approx(0.0, abs=1e-22)  # what an observer of linear power would see
+        grasp.observe()
+    created = -grasp.balances()
+    assert created[po.ROTATION] == pytest.approx(0.5 * k * r**2 * (np.diff(theta) ** 2).sum(), rel=1e-10)
+    assert created[po.ROTATION] == pytest.approx(k * r**2 * N * amplitude**2 * np.sin(np.pi / N) ** 2, rel=1e-10)
+    assert np.abs(created[[po.INTERNAL, po.TRANSLATION]]).max() < 1e-12 * created[po.ROTATION]
+
+
+@pytest.mark.parametrize(
+    ("n", "d", "weighted"), [(2, 1, False), (2, 2, True), (3, 2, False), (5, 3, False), (4, 3, True)]
+)
+def test_works_and_squares_are_those_of_the_dense_projectors(n, d, weighted):
+    rng = np.random.default_rng(n + d)
+    points = ring(n, d) + rng.normal(scale=0.003, size=(n, d))
+    grasp = Observed(points, rng.uniform(0.2, 2.0, n) if weighted else None)
+    f, D = rng.normal(size=(n, d)), 1e-4 * rng.normal(size=(n, d))
+    grasp.put(FORCE, f)
+    grasp.put(STEP, D)
+    projectors = (
+        grasp.projectors() if d > 1 else ((np.eye(2) - 0.5 * np.ones((2, 2))), 0.5 * np.ones((2, 2)), np.zeros((2, 2)))
+    )
+    W = np.repeat(grasp.fingers[:, WEIGHT], d)
+    works, squares = grasp.works(), grasp.squares()
+    for j, Q in enumerate(projectors):
+        assert works[j] == pytest.approx(f.ravel() @ Q @ D.ravel(), abs=1e-14 * abs(f.ravel()) @ abs(D.ravel()) * n)
+        assert squares[j] == pytest.approx((W * D.ravel()) @ Q @ D.ravel(), abs=1e-13 * (W * D.ravel()) @ D.ravel())
+    assert works[po.WHOLE] == pytest.approx(f.ravel() @ D.ravel(), rel=1e-13, abs=1e-18)
+
+
+def test_the_ledger_closes_to_rounding_over_a_long_run_at_both_ports():
+    """The three accounts make the whole at each port, and the devices' less the object's is the coupling's."""
+    rng = np.random.default_rng(8)
+    ports = [Observed(ring(5, 3)) for _ in range(3)]
+    turned = 0.0
+    for _ in range(3000):
+        f, finger, contact = rng.normal(size=(3, 5, 3)) * np.array([1.0, 1e-4, 1e-4])[:, None, None]
+        turned += float(np.abs(f).ravel() @ (np.abs(finger) + np.abs(contact)).ravel())
+        for port, step in zip(ports, (finger, contact, finger - contact), strict=True):
+            port.put(FORCE, f)
+            port.put(STEP, step)
+            port.observe()
+    # each sample's products round at 1e-16 of themselves, at random: far less than the sum of all
+    assert max(abs(po.gap(port.block, port.ledger)) for port in ports) < 2e-17 * turned
+    device, object_, coupling = (port.balances() for port in ports)
+    assert np.abs(device - object_ - coupling).max() < 2e-17 * turned
+
+
+def test_a_coupling_of_eq_4_leaks_half_its_stiffness_times_each_step_squared():
+    """With what the springs hold in the books the balance is exact: -1/2 sum D'K D, mode by mode, from any start."""
+    rng = np.random.default_rng(4)
+    kep, kip = 40.0, 160.0
+    grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
+    internal, shift, turn = grasp.projectors()
+    W = np.repeat(grasp.fingers[:, WEIGHT], 3)
+    e = 1e-3 * rng.normal(size=(300, 12)).cumsum(axis=0)
+    grasp.put(STRETCH, e[0].reshape(4, 3))
+    grasp.store(kep, kip)
+    po.open_ledger(grasp.block, grasp.ledger)
+    expected = np.zeros(3)
+    for now, then in pairwise(e):
+        force = W * (kep * (shift + turn) @ now + kip * internal @ now)
+        grasp.put(FORCE, force.reshape(4, 3))
+        grasp.put(STEP, (then - now).reshape(4, 3))
+        grasp.observe()
+        D = then - now
+        expected += [-0.5 * g * (W * D) @ Q @ D for g, Q in ((kip, internal), (kep, shift), (kep, turn))]
+    grasp.put(STRETCH, e[-1].reshape(4, 3))
+    grasp.store(kep, kip)
+    np.testing.assert_allclose(grasp.balances(), expected, rtol=1e-11)
+
+
+def test_a_finger_of_no_weight_is_internal():
+    grasp = Observed(ring(3), np.array([1.0, 1.0, 0.0]))
+    grasp.put(FORCE, [[0.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
+    grasp.put(STEP, [[0.0, 0.0], [0.0, 0.0], [1e-3, 0.0]])
+    assert grasp.works() == (pytest.approx(2e-3), 0.0, 0.0, pytest.approx(2e-3))
+    assert grasp.squares() == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("leaking", [po.INTERNAL, po.TRANSLATION, po.ROTATION])
+def test_the_brake_pays_a_debt_with_the_next_step_like_the_last_and_in_its_mode_alone(leaking):
+    rng = np.random.default_rng(1)
+    grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
+    D = 1e-4 * rng.normal(size=(4, 3))
+    grasp.put(STEP, D)
+    po.book(grasp.block, grasp.ledger, leaking, -3e-7)
+    found = grasp.brake(1e9)
+    assert found[leaking] > 0.0 and sum(found) == found[leaking]
+    assert found[leaking] == pytest.approx(3e-7 * T / grasp.squares()[leaking])
+    force = grasp.fingers[:, FORCE : FORCE + 3].ravel()
+    W = np.repeat(grasp.fingers[:, WEIGHT], 3)
+    expected = found[leaking] / T * W * (grasp.projectors()[leaking] @ D.ravel())
+    np.testing.assert_allclose(force, expected, rtol=1e-10, atol=1e-14)
+    grasp.observe()
+    assert abs(grasp.balances()[leaking]) < 1e-20
+    assert np.abs(grasp.balances()).max() < 1e-18
+
+
+def test_the_brake_is_limited_and_idle_where_nothing_is_owed():
+    grasp = Observed(ring(3))
+    grasp.put(STEP, 1e-4 * np.ones((3, 2)))
+    assert grasp.brake(0.1) == (0.0, 0.0, 0.0)
+    assert not grasp.fingers[:, FORCE : FORCE + 3].any()
+    po.book(grasp.block, grasp.ledger, po.TRANSLATION, -1.0)
+    po.book(grasp.block, grasp.ledger, po.INTERNAL, -1.0)
+    assert grasp.brake(0.1) == (0.1, 0.1, 0.0) or grasp.brake(0.1) == (0.0, 0.1, 0.0)  # squeezed by rounding, or not
+    po.open_ledger(grasp.block, grasp.ledger)
+    assert grasp.balances().tolist() == [0.0, 0.0, 0.0]
+
+
+def squeeze(most: float) -> tuple[float, float, float]:
+    """Two masses with friction squeeze through a held spring 1.5 times the limit while they move along.
+
+    Returns:
+        The largest squeeze of the first and of the last fifth of 4 s, and how far the middle went [m].
+    """
+    m, b, k = 0.1, 0.2, 600.0  # 2 b/T = 400 N/m: 0.1 N s/m are missing
+    E = np.exp(-b * T / m)
+    grasp = Observed(np.array([[-0.02], [0.02]]))
+    x, v = np.array([1e-3, -1e-3]), np.full(2, 0.02)
+    size = []
+    for _ in range(4000):
+        grasp.put(STRETCH, x[:, None])
+        grasp.store(0.0, k)
+        grasp.put(FORCE, 0.5 * k * (x[0] - x[1]) * np.array([[1.0], [-1.0]]))
+        if most > 0.0:
+            grasp.brake(most)
+        f = -grasp.fingers[:, FORCE]
+        new = x + (v - f / b) * m / b * (1 - E) + f / b * T
+        v = E * v + (1 - E) / b * f
+        grasp.put(STEP, (new - x)[:, None])
+        x = new
+        grasp.observe(drag=b / T)
+        size.append(abs(x[0] - x[1]))
+    return max(size[:800]), max(size[-800:]), float(x.mean())
+
+
+def test_a_squeeze_beyond_its_devices_friction_grows_and_is_braked_without_braking_the_motion_along():
+    first, last, went = squeeze(0.0)
+    assert last > 3 * first
+    first, last, still_went = squeeze(0.2)
+    assert last < 0.3 * first
+    assert still_went == pytest.approx(went, rel=1e-9)
+    assert went == pytest.approx(0.02 * 0.1 / 0.2 * (1 - np.exp(-8.0)), rel=1e-9)  # v m/b: friction alone slows it
+
+
+def test_the_same_source_runs_compiled_to_the_same_numbers():
+    rng = np.random.default_rng(6)
+    grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
+    grasp.put(FORCE, rng.normal(size=(4, 3)))
+    grasp.put(STEP, 1e-4 * rng.normal(size=(4, 3)))
+    twin = grasp.S.copy()
+    for _ in range(3):
+        grasp.observe(drag=10.0)
+        grasp.observe(drag=10.0, kernel=compiled(po.observe), S=twin)
+    po.book(grasp.block, grasp.ledger, po.ROTATION, -1.0)
+    compiled(po.book)(twin, grasp.ledger, po.ROTATION, -1.0)
+    assert grasp.brake(0.3) == grasp.brake(0.3, kernel=compiled(po.brake), S=twin)
+    np.testing.assert_array_equal(grasp.S, twin)
