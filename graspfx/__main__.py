@@ -215,11 +215,9 @@ def _list(chosen: Namespace) -> int:
     from graspfx.plugins import names
 
     for group in ("scenes", "devices", "hands", "dynamics"):
-        found = names(group)
-        if not found:
-            continue
-        width = max(map(len, found))
-        print(group, *(f"  {name:<{width}}  {origin}" for name, origin in found.items()), sep="\n")
+        if found := names(group):
+            width = max(map(len, found))
+            print(group, *(f"  {name:<{width}}  {origin}" for name, origin in found.items()), sep="\n")
     return DONE
 
 
