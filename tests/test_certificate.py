@@ -115,3 +115,28 @@ def test_larger_gains_than_the_limit_are_said_to_be() -> None:
     for mode in ("internal", "external"):
         assert limit_of(found, mode) == pytest.approx(edges[mode], rel=1e-9)
         assert limit_of(found, mode) < 900.0
+
+
+@pytest.mark.parametrize("factor", [0.97, 1.03])
+def test_a_prism_held_by_friction_rings_as_its_loop_says(factor: float) -> None:
+    """Sticking contacts on a mesh in space, lifted and set turning: the force's rate per sample is the spectral radius.
+
+    The weakest mode is a rotation, which the lift alone would not start: one finger has 0.01 % more friction.
+    """
+    scene = gx.load("prism")
+    (found,) = certificates(scene)
+    friction = scene.finger[0].device.settings["friction"]
+    near = scene.replace(
+        {
+            "coupling.external.stiffness": factor * limit_of(found, "external"),
+            "finger.0.device.friction": 1.0001 * friction,
+            "object.angular_velocity": [0.2, 0.1, 0.05],
+        }
+    )
+    recording = gx.run(near, duration=3.0)
+    force = recording.finger_force.reshape(len(recording), -1)
+    swing = np.abs(np.diff(force, 2, axis=0)).max(axis=1)
+    early, late = (swing[round(t / near.period) :][: round(0.3 / near.period)].max() for t in (1.8, 2.6))
+    seen = (late / early) ** (near.period / 0.8)
+    assert (seen - 1.0) * (factor - 1.0) > 0.0
+    assert seen == pytest.approx(gx.stability.spectral_radius(near), abs=2e-4)
