@@ -13,11 +13,10 @@ from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.sample import let_go, sample
-from graspfx.loop.device import Device, FusedDevice, SimulatedDevice
-from graspfx.loop.hand import fused
+from graspfx.loop.device import Device, FusedDevice, SimulatedDevice, fused
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import BY_MODE, OF_OBJECT, Observer
-from graspfx.loop.plant import FusedPlant, Hand, Plant
+from graspfx.loop.plant import FusedHand, FusedPlant, Hand, Plant
 from graspfx.loop.script import Script, copied, under
 from graspfx.objects.body import Body, NativeBody
 
@@ -154,8 +153,8 @@ class _Writer:
         self.tick = Tick(script, np.zeros(self.energy + self.n))
         self.tick.own[PERIOD] = parts.period
         self.own = script.memory("servo", self.tick.own, [PERIOD])
-        self.blocks = [script.memory("object", h.grasped.block, h.grasped.structure) for h in parts.objects]
-        self.books = [script.memory("ledger", o.buffer, o.structure) for o in parts.observers]
+        self.blocks = [script.memory("object", h.grasped.block, getattr(h.grasped, 'structure', ())) for h in parts.objects]
+        self.books = [script.memory("ledger", o.buffer, getattr(o, 'structure', ())) for o in parts.observers]
         for m in parts.moved:
             if isinstance(m.plant, FusedPlant):
                 m.plant.hold(m.hand, parts.period)
@@ -177,7 +176,7 @@ class _Writer:
     def _is_native(self, m: Moved) -> bool:
         """Whether kernels do all that a plant needs."""
         seen = {id(station.device) for station in self.parts.stations}
-        kernels = all(isinstance(device, FusedDevice) and id(device) in seen for device in m.devices)
+        kernels = all(fused(device) is not None and id(device) in seen for device in m.devices)
         return isinstance(m.plant, FusedPlant) and kernels
 
     def _fingers(self) -> dict[int, tuple[str, int]]:
@@ -396,7 +395,7 @@ class _Writer:
 
     def _targets(self, j: int, m: Moved, plant: str) -> Iterator[str]:
         assert isinstance(m.plant, FusedPlant)
-        count, port, hand = len(m.fingers) * self.d, m.plant.ports, fused(m.hand)
+        count, port, hand = len(m.fingers) * self.d, m.plant.ports, m.hand if isinstance(m.hand, FusedHand) else None
         T = f"{self.own}[{PERIOD}]"
         wanted = [(port.end, f"(k + 1) * {T}")]
         if port.middle is not None:
