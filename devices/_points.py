@@ -23,6 +23,7 @@ from graspfx.devices._plant import (
 )
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 # The block's own part: how many groups there are and where their table starts. After the arrays: room for one group's
 # input, 6 n; the table of groups; their fingers; their matrices.
@@ -30,60 +31,6 @@ GROUPS = OWN
 TABLE = OWN + 1
 HEADER = OWN + 2
 GROUP = 4  # entries of a group: axis, size, where its fingers are listed, where its matrix starts
-
-
-class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Point masses and the hand that holds them, moved exactly while the efforts are held.
-
-        m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
-
-    Over each sample the intended positions r follow the cubic through their values and velocities at its two ends; for
-    that r the motion is exact: a matrix exponential of the augmented system, made when the hand's gains or the period
-    change. Fingers that no gain couples are moved by themselves.
-
-    Args:
-        mass: (n,) [kg].
-        friction: (n,) [N s/m].
-        dimensions: d.
-    """
-
-    def __init__(self, mass: Sequence[float], friction: Sequence[float], dimensions: int) -> None:
-        n, d = len(mass), dimensions
-        own = 6 * n + (GROUP + 1) * n * d + 12 * n * n * d
-        super().__init__(n, d, advance, header=HEADER, middle=False, own=own)
-        self.state[TABLE] = HEADER + ARRAYS * n * d + 6 * n
-        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
-        self._made_for: tuple[bytes, bytes, float] | None = None
-
-    def _put(self, position: FloatArray) -> None:
-        import scipy.linalg  # noqa: F401 (here, so that the first sample does not wait for it)
-
-    def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
-        these = K.tobytes(), B.tobytes(), T
-        if these == self._made_for:
-            return
-        n, d = self.position.shape
-        S, m, b = self.state, self._mass, self._friction
-        row = int(S[TABLE])
-        members = row + GROUP * n * d
-        end = members + n * d
-        made: dict[tuple[bytes, ...], int] = {}
-        S[GROUPS] = 0.0
-        for axis in range(d):
-            for group in _coupled((K[axis] != 0.0) | (B[axis] != 0.0)):
-                size, block = len(group), np.ix_(group, group)
-                parts = m[group], b[group], K[axis][block], B[axis][block]
-                key = tuple(part.tobytes() for part in parts)
-                if key not in made:
-                    step = _step(*parts, T)
-                    S[end : end + step.size] = step.ravel()
-                    made[key] = end
-                    end += step.size
-                S[row : row + GROUP] = axis, size, members, made[key]
-                S[members : members + size] = group
-                row, members = row + GROUP, members + size
-                S[GROUPS] += 1.0
-        self._made_for = these
 
 
 def advance(S: Any, o: int) -> int:
@@ -128,6 +75,70 @@ def advance(S: Any, o: int) -> int:
         S[r0 + i] = S[r1 + i]
     S[o + TICKS] += 1.0
     return 0
+
+
+class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+    """Point masses and the hand that holds them, moved exactly while the efforts are held.
+
+        m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
+
+    Over each sample the intended positions r follow the cubic through their values and velocities at its two ends; for
+    that r the motion is exact: a matrix exponential of the augmented system, made when the hand's gains or the period
+    change. Fingers that no gain couples are moved by themselves.
+
+    Args:
+        mass: (n,) [kg].
+        friction: (n,) [N s/m].
+        dimensions: d.
+    """
+
+    kernel = staticmethod(advance)
+
+    def __init__(self, mass: Sequence[float], friction: Sequence[float], dimensions: int) -> None:
+        n, d = len(mass), dimensions
+        own = 6 * n + (GROUP + 1) * n * d + 12 * n * n * d
+        super().__init__(n, d, header=HEADER, middle=False, own=own)
+        self.state[TABLE] = HEADER + ARRAYS * n * d + 6 * n
+        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
+        self._made_for: tuple[bytes, bytes, float] | None = None
+
+    @property
+    def structure(self) -> Index:
+        """Counts, and the groups of coupled fingers: how many, their table and their members."""
+        row, entries = int(self.state[TABLE]), self.position.size
+        members = row + GROUP * entries
+        rows = np.arange(row, row + GROUP * int(self.state[GROUPS]))
+        return np.concatenate([[FINGERS, DIMENSIONS, GROUPS, TABLE], rows, np.arange(members, members + entries)])
+
+    def _put(self, position: FloatArray) -> None:
+        import scipy.linalg  # noqa: F401 (here, so that the first sample does not wait for it)
+
+    def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
+        these = K.tobytes(), B.tobytes(), T
+        if these == self._made_for:
+            return
+        n, d = self.position.shape
+        S, m, b = self.state, self._mass, self._friction
+        row = int(S[TABLE])
+        members = row + GROUP * n * d
+        end = members + n * d
+        made: dict[tuple[bytes, ...], int] = {}
+        S[GROUPS] = 0.0
+        for axis in range(d):
+            for group in _coupled((K[axis] != 0.0) | (B[axis] != 0.0)):
+                size, block = len(group), np.ix_(group, group)
+                parts = m[group], b[group], K[axis][block], B[axis][block]
+                key = tuple(part.tobytes() for part in parts)
+                if key not in made:
+                    step = _step(*parts, T)
+                    S[end : end + step.size] = step.ravel()
+                    made[key] = end
+                    end += step.size
+                S[row : row + GROUP] = axis, size, members, made[key]
+                S[members : members + size] = group
+                row, members = row + GROUP, members + size
+                S[GROUPS] += 1.0
+        self._made_for = these
 
 
 def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) -> FloatArray:
