@@ -88,7 +88,10 @@ class Program:
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made:
         """The function specialised for these arguments; unknown ones become its parameters."""
-        key = function, tuple(a.key if isinstance(a, Known) else a if isinstance(a, Memory) else None for a in arguments)
+        key = (
+            function,
+            tuple(a.key if isinstance(a, Known) else a if isinstance(a, Memory) else None for a in arguments),
+        )
         if key not in self._made:
             self._made[key] = None
             code = function.__code__
@@ -157,6 +160,7 @@ class _Body:
             ),
             body=body or [ast.Pass()],
             decorator_list=[],
+            type_params=[],
         )  # fmt: skip
         return Made(name, arrays, node, self.result(), self.pure)
 
@@ -557,8 +561,8 @@ def _calls(node: ast.expr) -> bool:
 
 def _terms(node: ast.expr) -> tuple[ast.expr | None, int]:
     """A sum of whole numbers without its constants, and their sum."""
-    if isinstance(node, ast.Constant):
-        return None, int(node.value)
+    if isinstance(node, ast.Constant) and isinstance(node.value, int):
+        return None, node.value
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
         left, a = _terms(node.left)
         right, b = _terms(node.right)
