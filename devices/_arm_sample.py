@@ -51,7 +51,7 @@ def follow(S: Any, o: int) -> int:
     w1, w2 = directed(elbow, rate1 * s1, rate2 * s2)
     place(S, o, a1, a2)
     x1, y1, x2, y2 = S[o + VECTORS], S[o + VECTORS + 1], S[o + VECTORS + 2], S[o + VECTORS + 3]
-    if not S[o + LOW] <= math.hypot(x1 + x2, y1 + y2) <= S[o + HIGH]:
+    if not S[o + LOW] <= math.sqrt((x1 + x2) * (x1 + x2) + (y1 + y2) * (y1 + y2)) <= S[o + HIGH]:
         return OUT_OF_REACH
     if (x1 * y2 - y1 * x2) * S[o + BEND] <= 0.0:
         return OTHER_ELBOW

@@ -70,7 +70,8 @@ def write(S: Any, o: int) -> int:
         at = command + i * d
         force = 0.0
         for a in range(d):
-            force = math.hypot(force, S[at + a])
+            force += S[at + a] * S[at + a]
+        force = math.sqrt(force)
         if not math.isfinite(force):
             stop(S, o)
             return ENDLESS_FORCE + KINDS * i

@@ -136,7 +136,7 @@ def interpreted(source: str) -> Interpreted:
     return Interpreted(source)
 
 
-def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False) -> Native:
+def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False, make: bool = True) -> Native:
     """A program as machine code, taken from the cache if it was compiled before.
 
     Args:
@@ -144,6 +144,7 @@ def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False
             returns a whole number or nothing.
         floats: the entry's parameters that are floats; its other numbers are whole.
         checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
+        make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
         MissingPackageError: no LLVM.
@@ -161,6 +162,8 @@ def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False
     if found is not None:
         head, _, machine = found.partition(b"\n")
         return Native(json.loads(head), machine, cached=True)
+    if not make:
+        raise LookupError("not compiled yet")
     program = written(source, floats, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
     machine = _emitted(program)
@@ -189,8 +192,8 @@ def _processor() -> tuple[str, str, str]:
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-@cache
 def _machine() -> Any:
+    """One for each use: an engine takes its own over and ends it."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()

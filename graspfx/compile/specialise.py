@@ -84,6 +84,7 @@ class Program:
     unroll: int = 1
     lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
+    files: set[str] = field(default_factory=set)  # that kernels were taken from
     _made: dict[Any, Made | None] = field(default_factory=dict)
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made:
@@ -95,6 +96,7 @@ class Program:
         if key not in self._made:
             self._made[key] = None
             code = function.__code__
+            self.files.add(code.co_filename)
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
             self._made[key] = self._make(kernel, arguments, f"{function.__name__}_{len(self._made)}")
         found = self._made[key]

@@ -13,7 +13,7 @@ from graspfx.coupling.grasped import fault_text
 from graspfx.errors import DeviceError, GraspFXError
 from graspfx.loop import tick as at
 from graspfx.loop.device import Device
-from graspfx.loop.engine import Engine, Interpreted
+from graspfx.loop.engine import ENGINES, Engine
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import Observer
 from graspfx.loop.record import Recorder
@@ -41,7 +41,7 @@ class Servo:
         movers: Sequence[Mover],
         moved: Sequence[Moved] = (),
         observers: Sequence[Observer] = (),
-        engine: Callable[[Tick], Engine] = Interpreted,
+        engine: str = "auto",
     ) -> None:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
         self.period, self.layout = period, layout
@@ -49,7 +49,7 @@ class Servo:
         self.observers = observers  # one for each object, or none at all
         self.faulted = False
         self.row = np.zeros(layout.width)  # of the last tick
-        self._make_engine = engine
+        self._kind = engine
         self._engine: Engine | None = None  # made at the first tick
         self._told: list[str] = []  # faults of parts that are no kernels
         self._mover_of = {i: number for number, mover in enumerate(movers) for i in mover.objects}
@@ -68,6 +68,7 @@ class Servo:
     def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None = None) -> None:
         """That many ticks, each recorded; fewer if `stop`, asked before each, says so."""
         engine = self._ready()
+        engine.expect(ticks)
         single = stop is not None or bool(self._tick.ports or self._tick.bodies or self._tick.plants)
         last = self.ticks + ticks
         while self.ticks < last:
@@ -100,7 +101,7 @@ class Servo:
                 )
             )
             self._own: Any = memoryview(self._tick.own)
-            self._engine = self._make_engine(self._tick)
+            self._engine = ENGINES[self._kind](self._tick)
         return self._engine
 
     def _one(self, engine: Engine, recorder: Recorder, row: int) -> None:

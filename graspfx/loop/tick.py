@@ -16,6 +16,7 @@ from graspfx.coupling.sample import let_go, sample
 from graspfx.loop.device import Device, FusedDevice, SimulatedDevice, fused
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import BY_MODE, OF_OBJECT, Observer
+from graspfx.loop import plant as plants
 from graspfx.loop.plant import FusedHand, FusedPlant, Hand, Plant
 from graspfx.loop.script import Script, copied, under
 from graspfx.objects.body import Body, NativeBody
@@ -176,8 +177,7 @@ class _Writer:
     def _is_native(self, m: Moved) -> bool:
         """Whether kernels do all that a plant needs."""
         seen = {id(station.device) for station in self.parts.stations}
-        kernels = all(fused(device) is not None and id(device) in seen for device in m.devices)
-        return isinstance(m.plant, FusedPlant) and kernels
+        return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in seen for d in m.devices)
 
     def _fingers(self) -> dict[int, tuple[str, int]]:
         """Name and row of the block that holds each finger."""
@@ -395,7 +395,8 @@ class _Writer:
 
     def _targets(self, j: int, m: Moved, plant: str) -> Iterator[str]:
         assert isinstance(m.plant, FusedPlant)
-        count, port, hand = len(m.fingers) * self.d, m.plant.ports, m.hand if isinstance(m.hand, FusedHand) else None
+        count, port = len(m.fingers) * self.d, m.plant.ports
+        hand = m.hand if isinstance(m.hand, FusedHand) else None
         T = f"{self.own}[{PERIOD}]"
         wanted = [(port.end, f"(k + 1) * {T}")]
         if port.middle is not None:

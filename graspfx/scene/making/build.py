@@ -56,7 +56,7 @@ def build(scene: Scene) -> Iterator[Servo]:
         stations = [Station(wire.device, wire.fingers) for wire in wired]
         layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
         observers = list(_observers(scene, wired, objects, movers))
-        yield Servo(scene.period, layout, stations, objects, movers, moved, observers)
+        yield Servo(scene.period, layout, stations, objects, movers, moved, observers, scene.engine)
 
 
 def make_layout(scene: Scene, *, simulated: bool) -> Layout:

@@ -186,6 +186,10 @@ class SceneTable(Table):
     title: str = ""
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(description="d")
     period: Positive = Field(description="T [s]")
+    engine: Literal["auto", "compiled", "interpreted"] = Field(
+        default="auto",
+        description="whether ticks run compiled, as they stand, or as the length of the run makes it worth",
+    )
     duration: Positive = Field(description="[s]")
     gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")
     object: Annotated[tuple[Object, ...], BeforeValidator(_table_or_list)]
