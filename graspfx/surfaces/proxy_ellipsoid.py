@@ -92,9 +92,7 @@ def near_side(h1: float, h2: float, h3: float, u1: float, u2: float, u3: float) 
     above = rest - 1.0
     if k < SMALL or abs(above) < DOUBTFUL:
         y1, w1, _ = share(h1, u1, 0.0, 0.0, d1, r1)
-        y2, w2 = 0.0, 0.0
-        if d2 > 0.0:
-            y2, w2, _ = share(h2, u2, 0.0, 0.0, d2, r2)
+        y2, w2, _ = share(h2, u2, 0.0, 0.0, d2, r2) if d2 > 0.0 else (0.0, 0.0, 1.0)
         above = norm_above_one(y1, w1, y2, w2, 0.0, 0.0)
         if k < SMALL and above <= 0.0:
             return 0.0, y1 + w1, y2 + w2, math.sqrt(-above)
