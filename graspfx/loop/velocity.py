@@ -38,6 +38,14 @@ def estimate(S: Any, o: int, x: float) -> float:
     when s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so that one pass decides.
     """
     length = int(S[o + LENGTH])
+    if length == 1:  # the plain difference, without a walk through the ring
+        before, first = S[o + RING], S[o + FILLED] == 0.0
+        S[o + RING] = x
+        S[o + FILLED] = 1.0
+        if first:
+            return 0.0
+        S[o + USED] = 1.0
+        return (x - before) / S[o + PERIOD]  # type: ignore[no-any-return]
     head = int(S[o + HEAD]) + 1
     if head > length:
         head = 0
