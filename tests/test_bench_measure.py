@@ -12,7 +12,7 @@ import pytest
 from graspfx.bench.case import Case, Method, each, missing
 from graspfx.bench.measure import Effort, clocked, interleaved, measure
 
-BRIEF = Effort(rounds=4, batch=1000, most=10**9, least=1)
+BRIEF = Effort(rounds=4, batch=1000, most=10**9, least=1, singles=3)
 
 
 def case(*methods: Method, bound: float | None = None, unit: str = "m") -> Case:
@@ -61,7 +61,7 @@ def test_errors_of_our_own_are_not_taken_for_a_missing_answer() -> None:
 
 def test_methods_take_turns_and_each_begins_a_round() -> None:
     order: list[str] = []
-    interleaved([Method(name, lambda name=name: order.append(name), 0.0) for name in "abc"], Effort(3, 1, 10**9, 1))
+    interleaved([Method(name, lambda name=name: order.append(name), 0.0) for name in "abc"], Effort(3, 1, 10**9, 1, 1))
     assert "".join(order) == "aabbcc" + "abc" + "bca" + "cab"  # first: one call to warm up, one to see how long it is
 
 
@@ -72,7 +72,7 @@ def test_times_are_per_operation() -> None:
     [one], [many] = (
         [min(times)] for times in interleaved(
             [Method("one", each(slow, [0]), 0.0), Method("many", each(slow, range(50)), 0.0, calls=50)],
-            Effort(20, 200_000, 10**9, 1),
+            Effort(20, 200_000, 10**9, 1, 1),
         )
     )  # fmt: skip
     assert 0.5 < many / one < 2.0
@@ -86,7 +86,8 @@ def test_a_slow_method_leaves_after_its_share_and_others_go_on() -> None:
         sum(range(200_000))
 
     slow_times, quick_times = interleaved(
-        [Method("slow", slow, 0.0), Method("quick", int, 0.0)], Effort(rounds=9, batch=1, most=200_000, least=2)
+        [Method("slow", slow, 0.0), Method("quick", int, 0.0)],
+        Effort(rounds=9, batch=1, most=200_000, least=2, singles=1),
     )
     assert (len(slow_times), len(quick_times)) == (2, 9)
     assert next(calls) == 4  # one to warm up, one to see how long it takes, and two rounds
@@ -102,3 +103,16 @@ def test_each_goes_through_all_inputs() -> None:
     seen: list[int] = []
     clocked(each(seen.append, [1, 2, 3]), 2)
     assert seen == [1, 2, 3, 1, 2, 3]
+
+
+def test_spread_of_single_calls() -> None:
+    lengths = iter([*range(1000, 11_000, 1000), 1000, 1000])
+
+    def call() -> None:
+        sum(range(next(lengths)))
+
+    [row] = measure(case(Method("ticks", call, 0.0, singly=True)), BRIEF)
+    assert next(lengths, None) is None  # four rounds of three calls and no others
+    assert row.quantiles is not None and row.time_us is not None
+    assert row.time_us <= row.quantiles["p50"] <= row.quantiles["p99"] <= row.quantiles["p99.9"] <= row.quantiles["max"]
+    assert row.quantiles["p50"] == pytest.approx(row.median_us, rel=0.5)

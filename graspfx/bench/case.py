@@ -22,6 +22,7 @@ class Method:
         note: what a reader of the row has to know.
         calls: operations that one `call` does; times are per operation.
         bound: of the error, instead of the case's.
+        singly: every call is timed by itself, and the quantiles of its time are reported too: for how times spread.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Method:
     note: str = ""
     calls: int = 1
     bound: float | None = None
+    singly: bool = False
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from graspfx.bench.case import Case, Method
 from graspfx.errors import MissingPackageError
 
 TIMED, WRONG, MISSING = "timed", "wrong", "missing"
+QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
 NUMERICAL = (ArithmeticError, ValueError, RuntimeError)  # what numerical libraries raise where they find no answer
 
 
@@ -27,16 +28,18 @@ class Effort:
         batch: the least time that is taken at once [ns]: a method is called as often as it takes.
         most: time spent on a method, from which on it takes part in no further round [ns].
         least: rounds in which it takes part however long they are.
+        singles: calls in a round of a method whose calls are timed one by one.
     """
 
     rounds: int
     batch: int
     most: int
     least: int
+    singles: int
 
 
-FULL = Effort(rounds=40, batch=5_000_000, most=2_000_000_000, least=3)
-QUICK = Effort(rounds=7, batch=500_000, most=100_000_000, least=1)
+FULL = Effort(rounds=40, batch=5_000_000, most=2_000_000_000, least=3, singles=500)
+QUICK = Effort(rounds=7, batch=500_000, most=100_000_000, least=1, singles=200)
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ def measure(case: Case, effort: Effort) -> list[Row]:
     right = [i for i, row in enumerate(checked) if row.state == TIMED]
     times = interleaved([case.methods[i] for i in right], effort)
     for i, taken in zip(right, times, strict=True):
-        checked[i] = _timed(checked[i], taken)
+        checked[i] = _timed(checked[i], taken, case.methods[i].singly)
     return checked
 
 
@@ -92,17 +95,19 @@ def check(case: Case, method: Method) -> Row:
 def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
     """Times of one operation [us] of each method, round by round; every round starts with another method."""
     taken: list[list[float]] = [[] for _ in methods]
-    spent = [0] * len(methods)
+    rounds, spent = [0] * len(methods), [0] * len(methods)
     with collector_off():
-        numbers = [_repetitions(method.call, effort.batch) for method in methods]
+        numbers = [0 if m.singly else _repetitions(m.call, effort.batch) for m in methods]
         for turn in range(effort.rounds):
             for k in range(len(methods)):
                 i = (turn + k) % len(methods)
-                if spent[i] > effort.most and len(taken[i]) >= effort.least:
+                if spent[i] > effort.most and rounds[i] >= effort.least:
                     continue
-                ns = clocked(methods[i].call, numbers[i])
-                spent[i] += ns
-                taken[i].append(1e-3 * ns / (numbers[i] * methods[i].calls))
+                each = numbers[i] or 1
+                times = [clocked(methods[i].call, each) for _ in range(1 if numbers[i] else effort.singles)]
+                taken[i] += [1e-3 * ns / (each * methods[i].calls) for ns in times]
+                rounds[i] += 1
+                spent[i] += sum(times)
             gc.collect()
     return taken
 
@@ -138,8 +143,11 @@ def _repetitions(call: Callable[[], object], batch: int) -> int:
     return number
 
 
-def _timed(row: Row, taken: Sequence[float]) -> Row:
-    return replace(row, time_us=min(taken), median_us=median(taken))
+def _timed(row: Row, taken: Sequence[float], singly: bool) -> Row:
+    ordered = sorted(taken)
+    last = len(ordered) - 1
+    spread = {name: ordered[math.ceil(share * last)] for name, share in QUANTILES.items()}
+    return replace(row, time_us=ordered[0], median_us=median(ordered), quantiles=spread if singly else None)
 
 
 def _row(case: Case, method: Method, error: float | None, state: str, note: str) -> Row:
