@@ -45,6 +45,7 @@ class Case:
         methods: timed in turns, in one process.
         bound: of the error: a method that exceeds it is wrong, and is reported so instead of timed; None for cases in
             which the error is what is to be shown.
+        reference: the method whose time others are shown as a ratio to; the quickest if empty.
     """
 
     benchmark: str
@@ -52,6 +53,7 @@ class Case:
     unit: str
     methods: Sequence[Method]
     bound: float | None = None
+    reference: str = ""
 
 
 class Benchmark(Protocol):

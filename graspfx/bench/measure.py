@@ -50,6 +50,7 @@ class Row:
         time_us: of one operation, the best round's [us]: what others on the machine disturbed least; None if not timed.
         median_us: over all rounds [us].
         error: the largest against the oracle, in `unit`; None if there is none.
+        ratio: time over that of the case's reference, or of its quickest method.
         state: "timed", "wrong" (not timed: its error is beyond its bound) or "missing" (not installed).
         quantiles: of single operations by name [us], where their spread is what is measured.
     """
@@ -62,6 +63,7 @@ class Row:
     note: str
     unit: str = ""
     median_us: float | None = None
+    ratio: float | None = None
     state: str = TIMED
     quantiles: dict[str, float] | None = None
 
@@ -73,7 +75,14 @@ def measure(case: Case, effort: Effort) -> list[Row]:
     times = interleaved([case.methods[i] for i in right], effort)
     for i, taken in zip(right, times, strict=True):
         checked[i] = _timed(checked[i], taken, case.methods[i].singly)
-    return checked
+    return with_ratios(checked, case.reference)
+
+
+def with_ratios(rows: Sequence[Row], reference: str) -> list[Row]:
+    """The rows of one case with their times over that of the method of reference, else of the quickest."""
+    times = {row.method: row.time_us for row in rows if row.time_us is not None}
+    one = times.get(reference) if reference else min(times.values(), default=None)
+    return [row if row.time_us is None or not one else replace(row, ratio=row.time_us / one) for row in rows]
 
 
 def check(case: Case, method: Method) -> Row:

@@ -15,7 +15,7 @@ HEAD = """# Benchmarks
 
 Run time *against* error. Every method stands beside its peers: same process, same inputs, timed in turns, its result checked against an oracle before anything is timed. This page is written by `graspfx bench --out docs` from [benchmarks.json](benchmarks.json); do not edit it.
 
-**Times** are per operation, the best of all rounds, which others on the machine disturb least; the median stands in the JSON. Inputs change from operation to operation; Python collects no garbage meanwhile. **Ratio** is to the quickest method of the table. **Error** is the largest over the inputs.
+**Times** are per operation, the best of all rounds, which others on the machine disturb least; the median stands in the JSON. Inputs change from operation to operation; Python collects no garbage meanwhile. **Ratio** is to the quickest method of the table, or to the one whose ratio is 1. **Error** is the largest over the inputs.
 ● marks the Pareto front: no other method of the table is both as quick and as exact. A method whose error is beyond its bound is not timed.
 """  # noqa: E501
 
@@ -70,18 +70,16 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     """One case."""
     best = front(rows)
     unit = next((row.unit for row in rows if row.unit), "")
-    quickest = rows[0].time_us
     names = list(dict.fromkeys(name for row in rows for name in row.quantiles or {}))
     quantiles = "".join(f" {name} |" for name in names)
     heading = f" error [{unit}] |" if unit else ""
     yield f"| | method | time | ratio |{quantiles}{heading} note |"
     yield "|---" * (5 + len(names) + bool(unit)) + "|"
     for row in rows:
-        ratio = f"{row.time_us / quickest:.3g}" if row.time_us and quickest else ""
         spread = "".join(f" {time_text((row.quantiles or {}).get(name))} |" for name in names)
         error = f" {error_text(row.error)} |" if unit else ""
         mark = "●" if row in best else ""
-        yield f"| {mark} | {row.method} | {time_text(row.time_us)} | {ratio} |{spread}{error} {row.note} |"
+        yield f"| {mark} | {row.method} | {time_text(row.time_us)} | {ratio_text(row.ratio)} |{spread}{error} {row.note} |"
 
 
 def time_text(us: float | None) -> str:
@@ -98,3 +96,9 @@ def error_text(error: float | None) -> str:
     if error is None:
         return ""
     return f"{error:.1e}" if error else "0"
+
+
+def ratio_text(ratio: float | None) -> str:
+    if ratio is None:
+        return ""
+    return f"{ratio:.0f}" if ratio >= 1000.0 else f"{ratio:.3g}"

@@ -10,7 +10,7 @@ from pathlib import Path
 from graspfx.bench.calibration import calibrate
 from graspfx.bench.measure import Row
 from graspfx.bench.page import NAME as PAGE
-from graspfx.bench.page import PICTURES, error_text, page, time_text
+from graspfx.bench.page import PICTURES, error_text, page, ratio_text, time_text
 from graspfx.bench.pareto import by_case, front
 from graspfx.bench.registry import benchmark, chosen, rows
 from graspfx.bench.report import NAME, Report, load, stamp
@@ -63,7 +63,7 @@ def show(name: str, rows: Sequence[Row]) -> None:
     for row in ordered:
         mark = "*" if row in best else " "
         spread = "  ".join(f"{key} {time_text(us)}" for key, us in (row.quantiles or {}).items())
-        cells = f"{time_text(row.time_us):>9}  {error_text(row.error):>8}  {spread}{'  ' if spread else ''}{row.note}"
+        cells = f"{time_text(row.time_us):>9}  {ratio_text(row.ratio):>8}  {error_text(row.error):>8}  {spread}{'  ' if spread else ''}{row.note}"
         print(f"  {mark} {row.method:<{width}}  {cells}".rstrip())
     print(flush=True)
 
