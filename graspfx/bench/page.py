@@ -79,7 +79,8 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         spread = "".join(f" {time_text((row.quantiles or {}).get(name))} |" for name in names)
         error = f" {error_text(row.error)} |" if unit else ""
         mark = "●" if row in best else ""
-        yield f"| {mark} | {row.method} | {time_text(row.time_us)} | {ratio_text(row.ratio)} |{spread}{error} {row.note} |"
+        time = f"{time_text(row.time_us)} | {ratio_text(row.ratio)}"
+        yield f"| {mark} | {row.method} | {time} |{spread}{error} {row.note} |"
 
 
 def time_text(us: float | None) -> str:

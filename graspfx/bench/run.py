@@ -63,8 +63,8 @@ def show(name: str, rows: Sequence[Row]) -> None:
     for row in ordered:
         mark = "*" if row in best else " "
         spread = "  ".join(f"{key} {time_text(us)}" for key, us in (row.quantiles or {}).items())
-        cells = f"{time_text(row.time_us):>9}  {ratio_text(row.ratio):>8}  {error_text(row.error):>8}  {spread}{'  ' if spread else ''}{row.note}"
-        print(f"  {mark} {row.method:<{width}}  {cells}".rstrip())
+        time = f"{time_text(row.time_us):>9}  {ratio_text(row.ratio):>8}  {error_text(row.error):>8}"
+        print(f"  {mark} {row.method:<{width}}  {time}  {spread}{'  ' if spread else ''}{row.note}".rstrip())
     print(flush=True)
 
 
