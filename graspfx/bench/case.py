@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, NoReturn, Protocol
@@ -67,7 +67,7 @@ class Benchmark(Protocol):
     TITLE: str
     LIMITS: str
 
-    def cases(self, quick: bool) -> Iterator[Case]:
+    def cases(self, quick: bool) -> Generator[Case]:
         """One after another, so that what a case has built can be let go of before the next."""
         ...
 

@@ -13,11 +13,13 @@ from graspfx.bench.case import Case, Method, each, is_installed, missing
 from graspfx.bench.contact_sets import ContactSet, contact_sets
 from graspfx.bench.eq4_peers import PEERS, Project, grasp_matrix
 from graspfx.bench.exact import split_force
-from graspfx.bench.machine_code import compiled
+from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.coupling.law import bilateral
 from graspfx.coupling.sample import resplit
+from graspfx.grasp import direct
+from graspfx.grasp.point_coupling import PointCoupling
 from graspfx.objects import kernels as body
 
 FloatArray = NDArray[np.float64]
@@ -70,6 +72,8 @@ def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
 
     pairs = list(zip(given.points, given.displacements, strict=True))
     yield _method("graspfx Split", by_split, pairs, exact)
+    for engine in ("interpreted", "compiled"):
+        yield from _direct(given, exact, law, engine)
     block, size = _blocks(law, given)
     n, N = given.points.shape[1], len(given.points)
     yield _kernel("graspfx tick, interpreted", sample_all, memoryview(block), (N, size), block, n, exact)
@@ -78,6 +82,57 @@ def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
         return
     machine_code = compiled(sample_all)
     yield _kernel("graspfx tick, compiled", machine_code, block, (N, size), block, n, exact)
+
+
+def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str) -> Iterator[Method]:
+    """The direct kernel, a call for each grasp and one call for all of them."""
+    if engine == "compiled" and not is_installed("numba"):
+        yield missing("graspfx PointCoupling, compiled", "numba")
+        return
+    N, n, _ = given.points.shape
+    own = [PointCoupling(law.external, law.internal, n, tolerance=given.tolerance, engine=engine) for _ in range(N)]
+    for each_own, points, e in zip(own, given.points, given.displacements, strict=True):
+        each_own.points[:], each_own.displacement[:] = points, e
+
+    def force(one: PointCoupling) -> FloatArray:
+        one.compute()
+        return one.force
+
+    def computed() -> float:
+        return _error(np.array([force(one) for one in own]), exact)
+
+    calls = each(lambda compute: compute(), [one.compute for one in own])
+    yield Method(f"graspfx PointCoupling, {engine}", calls, computed, "inputs in place", N)
+    if engine == "interpreted":
+        return
+
+    def written(pair: Pair) -> FloatArray:
+        one = own[0]
+        one.points[:], one.displacement[:] = pair
+        one.compute()
+        return one.force.copy()
+
+    pairs = list(zip(given.points, given.displacements, strict=True))
+    yield _method("graspfx PointCoupling, compiled, copying", written, pairs, exact, "inputs and forces copied")
+    size = direct.size(n, 3)
+    block = np.zeros((N, size))
+    block[:, : direct.RANK] = [n, 3, EXTERNAL, 0.0, INTERNAL, 0.0, given.tolerance]
+    block[:, direct.POINTS : direct.POINTS + 6 * n] = np.hstack(
+        [given.points.reshape(N, -1), given.displacements.reshape(N, -1)]
+    )
+    kernel, flat = compiled(couple_all), block.ravel()
+
+    def error() -> float:
+        kernel(flat, N, size)
+        return _error(block[:, direct.POINTS + 9 * n :].reshape(N, n, 3), exact)
+
+    yield Method("graspfx direct kernel, compiled", lambda: kernel(flat, N, size), error, calls=N)
+
+
+def couple_all(S: Any, N: int, size: int) -> None:
+    """Forces of N blocks of one size from their points, in one call."""
+    for k in range(N):
+        direct.couple_points(S, k * size)
 
 
 def sample_all(S: Any, N: int, size: int) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 import graspfx as gx
 from graspfx.bench.case import Case, Method, each, is_installed, missing
 from graspfx.bench.cone_problems import INTERNAL, Problem, Problems, problems
-from graspfx.bench.machine_code import compiled
 from graspfx.bench.projection_peers import by_clarabel, by_gauss_seidel, gauss_seidel
+from graspfx.compile.machine import compiled
 from graspfx.cones.complement import complement, release, settle
 from graspfx.cones.cone import modes_offset
 from graspfx.cones.friction import friction_force, friction_force_square, problem_size
