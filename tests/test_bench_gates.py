@@ -16,7 +16,7 @@ BRIEF = Effort(rounds=9, batch=200_000, most=300_000_000, least=2, singles=1)
 
 
 NORMALS = "frictionless, 5 fingers, gains' ratio 3"
-PIVOTING = "graspfx pivoting, compiled"
+PIVOTING = "GraspFX pivoting, compiled"
 WALL = "device on a wall, 60 by 60"
 
 
@@ -36,13 +36,13 @@ def method_of(case: Case, name: str) -> tuple[Method, Row]:
 @pytest.mark.parametrize(
     ("name", "case_name", "ours", "peer", "least"),
     [
-        pytest.param("eq4", "5 fingers", "graspfx PointCoupling, compiled", "numpy pinv", 90.0, id="direct-pinv"),
-        pytest.param("eq4", "5 fingers", "graspfx PointCoupling, compiled", "scipy posv", 25.0, id="direct-posv"),
+        pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "numpy pinv", 90.0, id="direct-pinv"),
+        pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "scipy posv", 25.0, id="direct-posv"),
         pytest.param(
-            "projection", NORMALS, "graspfx pivoting, compiled", "clarabel to 1e-08", 60.0, id="cone-clarabel"
+            "projection", NORMALS, "GraspFX pivoting, compiled", "clarabel to 1e-08", 60.0, id="cone-clarabel"
         ),
         pytest.param(
-            "maps", "device on a wall, 60 by 60", "graspfx, numpy", "python-control", 5000.0, id="map-control"
+            "maps", "device on a wall, 60 by 60", "GraspFX, numpy", "python-control", 5000.0, id="map-control"
         ),
         pytest.param("startup", "whole processes", "import graspfx", "import numpy", 0.77, id="import-numpy"),
     ],
@@ -68,5 +68,5 @@ def test_faster_than_its_peer_and_no_less_exact(
 def test_direct_kernel_is_exact(case_name: str) -> None:
     pytest.importorskip("numba")
     with case_of("eq4", case_name) as case:
-        _, row = method_of(case, "graspfx direct kernel, compiled")
+        _, row = method_of(case, "GraspFX direct kernel, compiled")
     assert row.error is not None and row.error <= 4e-15

@@ -71,23 +71,23 @@ def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
         return law.force(gx.Split(gx.Grasp(pair[0]), tolerance=given.tolerance), pair[1].ravel())
 
     pairs = list(zip(given.points, given.displacements, strict=True))
-    yield _method("graspfx Split", by_split, pairs, exact)
+    yield _method("GraspFX Split", by_split, pairs, exact)
     for engine in ("interpreted", "compiled"):
         yield from _direct(given, exact, law, engine)
     block, size = _blocks(law, given)
     n, N = given.points.shape[1], len(given.points)
-    yield _kernel("graspfx tick, interpreted", sample_all, memoryview(block), (N, size), block, n, exact)
+    yield _kernel("GraspFX tick, interpreted", sample_all, memoryview(block), (N, size), block, n, exact)
     if not is_installed("numba"):
-        yield missing("graspfx tick, compiled", "numba")
+        yield missing("GraspFX tick, compiled", "numba")
         return
     machine_code = compiled(sample_all)
-    yield _kernel("graspfx tick, compiled", machine_code, block, (N, size), block, n, exact)
+    yield _kernel("GraspFX tick, compiled", machine_code, block, (N, size), block, n, exact)
 
 
 def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str) -> Iterator[Method]:
     """The direct kernel, a call for each grasp and one call for all of them."""
     if engine == "compiled" and not is_installed("numba"):
-        yield missing("graspfx PointCoupling, compiled", "numba")
+        yield missing("GraspFX PointCoupling, compiled", "numba")
         return
     N, n, _ = given.points.shape
     own = [PointCoupling(law.external, law.internal, n, tolerance=given.tolerance, engine=engine) for _ in range(N)]
@@ -102,7 +102,7 @@ def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str)
         return _error(np.array([force(one) for one in own]), exact)
 
     calls = each(lambda compute: compute(), [one.compute for one in own])
-    yield Method(f"graspfx PointCoupling, {engine}", calls, computed, "inputs in place", N)
+    yield Method(f"GraspFX PointCoupling, {engine}", calls, computed, "inputs in place", N)
     if engine == "interpreted":
         return
 
@@ -113,7 +113,7 @@ def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str)
         return one.force.copy()
 
     pairs = list(zip(given.points, given.displacements, strict=True))
-    yield _method("graspfx PointCoupling, compiled, copying", written, pairs, exact, "inputs and forces copied")
+    yield _method("GraspFX PointCoupling, compiled, copying", written, pairs, exact, "inputs and forces copied")
     size = direct.size(n, 3)
     block = np.zeros((N, size))
     block[:, : direct.RANK] = [n, 3, EXTERNAL, 0.0, INTERNAL, 0.0, given.tolerance]
@@ -126,7 +126,7 @@ def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str)
         kernel(flat, N, size)
         return _error(block[:, direct.POINTS + 9 * n :].reshape(N, n, 3), exact)
 
-    yield Method("graspfx direct kernel, compiled", lambda: kernel(flat, N, size), error, calls=N)
+    yield Method("GraspFX direct kernel, compiled", lambda: kernel(flat, N, size), error, calls=N)
 
 
 def couple_all(S: Any, N: int, size: int) -> None:

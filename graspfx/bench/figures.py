@@ -26,7 +26,9 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
     cases = {name: timed for name, each in by_case(rows).items() if (timed := [r for r in each if r.time_us])}
     names = list(dict.fromkeys(row.method for row in rows if row.time_us))
     looks = {name: (COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]) for k, name in enumerate(names)}
-    errs = any(row.unit for row in rows)
+    units = {row.unit for row in rows if row.unit}
+    spread = any(row.quantiles for row in rows)
+    errs, several = bool(units) and not spread, len(units) > 1
     across = min(ACROSS, len(cases)) if errs else 1
     down = -(-len(cases) // across)
     height = 2.6 * down if errs else sum(0.7 + 0.28 * len(each) for each in cases.values())
@@ -38,7 +40,8 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
     ).ravel()  # fmt: skip
     for axes, (name, each) in zip(panels, cases.items(), strict=False):
         (_scatter if errs else _bars)(axes, each, looks)
-        axes.set_title(name, loc="left", fontsize=SMALL)
+        unit = next((row.unit for row in each if row.unit), "") if several else ""
+        axes.set_title(f"{name} [{unit}]" if unit else name, loc="left", fontsize=SMALL)
         axes.tick_params(labelsize=SMALLEST)
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels[len(cases) :]:
@@ -46,7 +49,7 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
     drawing.suptitle(title, fontsize=SMALL + 1.0, fontweight="bold")
     drawing.supxlabel("time of one operation [µs]", fontsize=SMALL)
     if errs:
-        drawing.supylabel(f"error [{next(row.unit for row in rows if row.unit)}]", fontsize=SMALL)
+        drawing.supylabel("error" if several else f"error [{next(iter(units))}]", fontsize=SMALL)
         handles = [panels[0].plot([], [], looks[n][1], color=looks[n][0], label=n)[0] for n in names]
         drawing.legend(handles=handles, loc="outside right upper", frameon=False, fontsize=SMALLEST)
     path.parent.mkdir(parents=True, exist_ok=True)

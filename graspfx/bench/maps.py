@@ -59,11 +59,11 @@ def _methods(
     def error(engine: str) -> float:
         return _error(limits(engine)[where], exact)
 
-    yield Method("graspfx, numpy", partial(limits, "numpy"), partial(error, "numpy"), calls=points)
+    yield Method("GraspFX, numpy", partial(limits, "numpy"), partial(error, "numpy"), calls=points)
     if is_installed("numba"):
-        yield Method("graspfx, compiled", partial(limits, "compiled"), partial(error, "compiled"), calls=points)
+        yield Method("GraspFX, compiled", partial(limits, "compiled"), partial(error, "compiled"), calls=points)
     else:
-        yield missing("graspfx, compiled", "numba")
+        yield missing("GraspFX, compiled", "numba")
     if is_installed("control"):
         margins = partial(_margins, loops)
         yield Method("python-control", margins, lambda: _error(margins(), exact), calls=len(loops))

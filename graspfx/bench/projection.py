@@ -83,19 +83,19 @@ def _ours(kind: Problems) -> Iterator[Method]:
     n = kind.fingers
     if kind.law != "associated":
         normals = np.eye(3)[None, 0].repeat(n, axis=0)
-        yield _method("graspfx unilateral_force", kind, partial(_unilateral, normals, kind.friction))
+        yield _method("GraspFX unilateral_force", kind, partial(_unilateral, normals, kind.friction))
     by_modes = 1 if kind.law == "frictionless" else 3  # coordinates per finger that the tick asks for
     if kind.law == "frictionless":
-        yield from _both("graspfx pivoting", pivot_all, *_pivoting(kind), (n,), kind, 3)
+        yield from _both("GraspFX pivoting", pivot_all, *_pivoting(kind), (n,), kind, 3)
     else:
         coulomb = kind.law == "coulomb"
-        yield from _both("graspfx Newton", newton_all, *_square(kind), (n, coulomb), kind, 3)
+        yield from _both("GraspFX Newton", newton_all, *_square(kind), (n, coulomb), kind, 3)
     more = (n, by_modes, kind.external, INTERNAL, kind.law == "coulomb")
-    yield from _both("graspfx Newton in modes", modes_all, *_modes(kind, by_modes, 0.0), more, kind, by_modes)
+    yield from _both("GraspFX Newton in modes", modes_all, *_modes(kind, by_modes, 0.0), more, kind, by_modes)
     if is_installed("numba"):
         block, force = _modes(kind, by_modes, 0.01)
         warm = compiled(modes_all)
-        yield _kernel("graspfx Newton in modes, compiled, warm", warm, block, block, force, more, kind, by_modes)
+        yield _kernel("GraspFX Newton in modes, compiled, warm", warm, block, block, force, more, kind, by_modes)
 
 
 def _unilateral(normals: FloatArray, mu: float, p: Problem) -> FloatArray:
