@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.map_compiled import compiled
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.closed_forms import turned_freely, turned_steadily, viscous_motion
 from graspfx.bench.peers.rigid import InMuJoCo, InPyBullet, Rigid, RigidPeer
+from graspfx.compile.machine import compiled
 from graspfx.objects import kernels as at
 from graspfx.objects.body import INTEGRATORS, VISCOUS_LIMIT, fill_body
 from graspfx.objects.kernels import step

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.map_compiled import compiled
 from graspfx.bench.brute_force import perpendicular_feet, winding_number
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.peers.meshes import ByCoal, ByPyBullet, ByTrimesh, MeshPeer
+from graspfx.compile.machine import compiled
 from graspfx.surfaces.ball import STATE
 from graspfx.surfaces.mesh import new_fingers
 from graspfx.surfaces.tree import FloatArray, flatten

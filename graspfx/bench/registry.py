@@ -13,6 +13,9 @@ from graspfx.errors import MissingPackageError, UnknownNameError
 BENCHMARKS = {
     "eq4": "graspfx.bench.eq4",
     "projection": "graspfx.bench.projection",
+    "contact": "graspfx.bench.contact",
+    "bodies": "graspfx.bench.bodies",
+    "ticks": "graspfx.bench.ticks",
     "maps": "graspfx.bench.maps",
     "startup": "graspfx.bench.startup",
     "jitter": "graspfx.bench.jitter",
