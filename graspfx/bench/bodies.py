@@ -35,6 +35,7 @@ MUJOCO = ("MuJoCo Euler", "MuJoCo implicitfast", "MuJoCo RK4")
 RATIOS = (0.04, 1.0, 10.0, 1000.0)  # b T/m
 LOST = 1.0  # what is off by the whole way is not stable
 ROUNDING = 1e-14  # of the exact integrator, relative
+ROUNDED = 4.0 * 2.2e-16  # 4 rad, each step right to the last digit [rad s]
 
 Error = Callable[[float, Sequence[float]], float]  # from the position along x and the quaternion
 
@@ -45,7 +46,7 @@ def cases(quick: bool) -> Iterator[Case]:
     for T in steps:
         yield on_a_line(T)
     for T in steps:
-        yield turning("spinning cube", CUBE_SPUN, turned_steadily(CUBE_SPUN.spin, 0.75, 1.0), T, 1e-13)
+        yield turning("spinning cube", CUBE_SPUN, turned_steadily(CUBE_SPUN.spin, 0.75, 1.0), T, ROUNDED / T)
     tumbled = quaternion_of(turned_freely(BOX_SPUN.moments, BOX_SPUN.spin, 1.0))
     for T in steps:
         yield turning("tumbling box", BOX_SPUN, tumbled, T, 1e-7 * max(1.0, (T / 0.005) ** 4))

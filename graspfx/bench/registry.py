@@ -15,6 +15,7 @@ BENCHMARKS = {
     "projection": "graspfx.bench.projection",
     "contact": "graspfx.bench.contact",
     "bodies": "graspfx.bench.bodies",
+    "ticks": "graspfx.bench.ticks",
     "maps": "graspfx.bench.maps",
     "startup": "graspfx.bench.startup",
     "jitter": "graspfx.bench.jitter",

@@ -6,13 +6,14 @@ where the fingers are drawn to, (n, 3): the way from each finger to the surface 
 
 from __future__ import annotations
 
+import weakref
 from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.objects.bullet import pybullet
+from graspfx.objects.bullet import new_client, pybullet
 from graspfx.surfaces.tree import FloatArray, IntArray, face_normals
 
 REACH = 0.02  # how far PyBullet looks for a surface [m]
@@ -82,7 +83,8 @@ class ByPyBullet:
 
     def __init__(self, vertices: FloatArray, faces: IntArray, *, concave: bool) -> None:
         self._bullet = bullet = pybullet()
-        self._client = client = bullet.connect(bullet.DIRECT)
+        self._client = client = new_client()
+        weakref.finalize(self, bullet.disconnect, client)
         given: dict[str, Any] = {"vertices": vertices.tolist()}
         if concave:
             given |= {"indices": faces.ravel().tolist(), "flags": bullet.GEOM_FORCE_CONCAVE_TRIMESH}
@@ -90,9 +92,6 @@ class ByPyBullet:
         ball = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=self.RADIUS, physicsClientId=client)
         self._mesh = bullet.createMultiBody(0.0, mesh, physicsClientId=client)
         self._ball = bullet.createMultiBody(1.0, ball, physicsClientId=client)
-
-    def close(self) -> None:
-        self._bullet.disconnect(self._client)
 
     def ask(self, points: FloatArray) -> list[Any]:
         bullet, client, ball = self._bullet, self._client, self._ball

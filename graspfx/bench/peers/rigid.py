@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Protocol
 
-from graspfx.objects.bullet import NO_LIMIT, pybullet
+from graspfx.objects.bullet import NO_LIMIT, new_client, pybullet
 
 Three = Sequence[float]
 
@@ -53,7 +54,8 @@ class InPyBullet:
 
     def __init__(self, given: Rigid, T: float) -> None:
         self._bullet = bullet = pybullet()
-        self._client = client = bullet.connect(bullet.DIRECT)
+        self._client = client = new_client()
+        weakref.finalize(self, bullet.disconnect, client)
         bullet.setTimeStep(T, physicsClientId=client)
         self._body = bullet.createMultiBody(given.mass, physicsClientId=client)
         bullet.changeDynamics(
@@ -63,9 +65,6 @@ class InPyBullet:
         self._viscosity, self._rotational_viscosity = given.viscosity, given.rotational_viscosity
         self._start = (given.velocity, 0.0, 0.0), tuple(given.spin)
         self.reset()
-
-    def close(self) -> None:
-        self._bullet.disconnect(self._client)
 
     def reset(self) -> None:
         bullet, client = self._bullet, self._client
