@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,12 @@ class Report:
         """A benchmark's rows, in place of what there is of it."""
         self.rows = [row for row in self.rows if row.benchmark != name] + list(rows)
         self.stamps[name] = stamp
+
+    def ordered(self, names: Iterable[str]) -> Report:
+        """The same, benchmarks in the order of the names; what is not named is left out."""
+        known = [name for name in names if name in self.stamps]
+        rows = [row for name in known for row in self.rows if row.benchmark == name]
+        return Report(rows, {name: self.stamps[name] for name in known})
 
     def to_json(self) -> dict[str, Any]:
         return {

@@ -32,7 +32,7 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None)
     if out is not None:
         for name in wanted:
             kept.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
-        write(kept, out, drawn=wanted)
+        write(kept.ordered(chosen([])), out, drawn=wanted)
         print(f"wrote {out / NAME}, {out / PAGE} and the pictures in {out / PICTURES}", file=sys.stderr)
 
 
