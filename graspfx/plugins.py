@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from hashlib import sha256
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
@@ -15,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Literal
 
+from graspfx import installed
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest
 
 Group = Literal["devices", "hands", "scenes", "dynamics"]
@@ -168,34 +168,8 @@ def _shelved(group: Group) -> Iterator[tuple[str, Plugin]]:
 
 
 def _entry_points(group: Group) -> Iterator[tuple[str, Plugin]]:
-    for name, module, owner in _announced(_places()).get(group, ()):
-        yield name, Plugin(origin=f"{owner} ({module})", module=module)
-
-
-def _places() -> tuple[tuple[str, int], ...]:
-    """Where distributions are looked for, and when something was last put there or taken away."""
-    return tuple((place, _changed(place)) for place in sys.path)
-
-
-def _changed(place: str) -> int:
-    try:
-        return Path(place).stat().st_mtime_ns
-    except OSError:
-        return 0
-
-
-@lru_cache(1)
-def _announced(places: tuple[tuple[str, int], ...]) -> dict[str, list[tuple[str, str, str]]]:
-    """By group, the name, module and distribution of each entry point: read once, for as long as the places stay."""
-    from importlib.metadata import entry_points  # reads archives and mail headers: 20 ms that only a look-up pays
-
-    found: dict[str, list[tuple[str, str, str]]] = {}
-    everything = entry_points()
-    for group in SUFFIXES:
-        for point in everything.select(group=f"graspfx.{group}"):
-            owner = f"{point.dist.name} {point.dist.version}" if point.dist else "an unnamed distribution"
-            found.setdefault(group, []).append((point.name, point.module, owner))
-    return found
+    for point in installed.entry_points(f"graspfx.{group}"):
+        yield point.name, Plugin(origin=f"{point.owner} ({point.module})", module=point.module)
 
 
 def _module_file(group: Group, plugin: Plugin) -> Path:
