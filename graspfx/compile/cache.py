@@ -1,0 +1,74 @@
+"""Machine code kept on disk from one run to the next: a folder of bounded size that no fault of the disk can spoil."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+LIMIT = 200_000_000  # [bytes]; what was used longest ago goes first
+SUFFIX = ".machine"
+
+
+def folder() -> Path:
+    """`$GRASPFX_CACHE`, or `graspfx` in the folder that the platform has for such things."""
+    if chosen := os.environ.get("GRASPFX_CACHE"):
+        return Path(chosen)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "graspfx" / "Cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "graspfx"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graspfx"
+
+
+def stored(key: str) -> bytes | None:
+    """What was kept under a key; None if there is nothing, or if it is not what was written."""
+    path = folder() / f"{key}{SUFFIX}"
+    try:
+        found = path.read_bytes()
+    except OSError:
+        return None
+    digest, content = found[:32], found[32:]
+    if hashlib.sha256(key.encode() + content).digest() != digest:
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(path)  # used now
+    return content
+
+
+def store(key: str, content: bytes) -> str:
+    """Keeps something under a key; what stood in the way, or nothing."""
+    here = folder()
+    try:
+        here.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=here, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(hashlib.sha256(key.encode() + content).digest() + content)
+            Path(name).replace(here / f"{key}{SUFFIX}")  # at once: another process sees all of it or none
+        except OSError:
+            with contextlib.suppress(OSError):
+                Path(name).unlink()
+            raise
+        _trim(here)
+    except OSError as error:
+        return f"compiled code cannot be kept in {here}: {error.strerror or error}"
+    return ""
+
+
+def _trim(here: Path) -> None:
+    entries = []
+    for path in [*here.glob(f"*{SUFFIX}"), *here.glob("*.part")]:
+        with contextlib.suppress(OSError):  # another process may have removed it
+            status = path.stat()
+            entries.append((status.st_mtime, status.st_size, path))
+    total = sum(size for _, size, _ in entries)
+    for _, size, path in sorted(entries):
+        if total <= LIMIT:
+            return
+        with contextlib.suppress(OSError):
+            path.unlink()
+        total -= size

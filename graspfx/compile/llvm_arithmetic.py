@@ -1,0 +1,257 @@
+"""Python's numbers in LLVM: types, conversions and operators that give the bits that CPython gives."""
+
+from __future__ import annotations
+
+import ast
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+BOOL, INT, FLOAT = "i1", "i64", "double"
+WIDTH = {BOOL: 0, INT: 1, FLOAT: 2}  # what two numbers are joined to: the wider one
+LIBM = (
+    "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cos", "cosh", "exp", "expm1", "fmod", "log", "log10",
+    "log1p", "log2", "pow", "sin", "sinh", "tan", "tanh",
+)  # fmt: skip
+BINARY_LIBM = ("atan2", "fmod", "pow")
+EXACT = {"sqrt": "sqrt", "fabs": "fabs", "copysign": "copysign"}  # one right answer: an instruction gives it
+ROUNDED = {"floor": "floor", "ceil": "ceil", "trunc": "trunc"}
+FLOATS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul"}
+INTS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+ORDERS = {ast.Eq: "eq", ast.NotEq: "ne", ast.Lt: "lt", ast.LtE: "le", ast.Gt: "gt", ast.GtE: "ge"}
+
+
+class Number(NamedTuple):
+    """A number: its LLVM type, and the constant or the name that holds it."""
+
+    type: str
+    text: str
+
+
+class Code:
+    """The text of one function while it is written."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.slots: dict[str, str] = {}
+        self.used: set[str] = set()
+        self.count = 0
+        self.block = "start"
+
+    def name(self, kind: str = "v") -> str:
+        self.count += 1
+        return f"%{kind}{self.count}"
+
+    def put(self, text: str) -> None:
+        self.lines.append(f"  {text}")
+
+    def op(self, type_: str, text: str) -> Number:
+        name = self.name()
+        self.lines.append(f"  {name} = {text}")
+        return Number(type_, name)
+
+    def begin(self, label: str) -> None:
+        self.block = label
+        self.lines.append(f"{label[1:]}:")
+
+    def go(self, label: str) -> None:
+        self.put(f"br label {label}")
+
+    def choose(self, test: Number, one: str, other: str) -> None:
+        self.put(f"br i1 {test.text}, label {one}, label {other}")
+
+    def intrinsic(self, name: str, *arguments: Number) -> Number:
+        shown = ", ".join(f"double {a.text}" for a in arguments)
+        return self.op(FLOAT, f"call double @llvm.{name}.f64({shown})")
+
+    def libm(self, name: str, *arguments: Number) -> Number:
+        """The platform's own function, under a name of which LLVM knows nothing: it would fold and rewrite `pow`."""
+        self.used.add(name)
+        shown = ", ".join(f"double {a.text}" for a in arguments)
+        return self.op(FLOAT, f"call double @graspfx_{name}({shown})")
+
+
+def floating(value: float) -> Number:
+    return Number(FLOAT, f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}")
+
+
+def constant(value: bool | int | float) -> Number:
+    if isinstance(value, bool):
+        return Number(BOOL, "true" if value else "false")
+    return Number(INT, str(value)) if isinstance(value, int) else floating(value)
+
+
+def widest(types: Sequence[str]) -> str:
+    return max(types, key=WIDTH.__getitem__)
+
+
+def convert(code: Code, number: Number, to: str) -> Number:
+    """A number as one of a type that is as wide or wider."""
+    if number.type == to:
+        return number
+    if number.type == BOOL:
+        if number.text in ("true", "false"):
+            one = int(number.text == "true")
+            return floating(one) if to == FLOAT else Number(INT, str(one))
+        return code.op(to, f"{'uitofp' if to == FLOAT else 'zext'} i1 {number.text} to {to}")
+    if number.text.lstrip("-").isdigit():
+        return floating(float(int(number.text)))
+    return code.op(to, f"sitofp i64 {number.text} to double")
+
+
+def truncated(code: Code, number: Number) -> Number:
+    """int(x)."""
+    if number.type == FLOAT:
+        raw = code.op(INT, f"fptosi double {number.text} to i64")
+        return code.op(INT, f"freeze i64 {raw.text}")  # what does not fit is some number, not the right to misbehave
+    return convert(code, number, INT)
+
+
+def truth(code: Code, number: Number) -> Number:
+    if number.type == BOOL:
+        return number
+    if number.type == INT:
+        return code.op(BOOL, f"icmp ne i64 {number.text}, 0")
+    return code.op(BOOL, f"fcmp une double {number.text}, 0.0")
+
+
+def _alike(code: Code, left: Number, right: Number) -> tuple[Number, Number]:
+    """Two numbers as two whole ones or two floats."""
+    to = widest((left.type, right.type, INT))
+    return convert(code, left, to), convert(code, right, to)
+
+
+def compare(code: Code, op: ast.cmpop, left: Number, right: Number) -> Number:
+    order = ORDERS[type(op)]
+    a, b = _alike(code, left, right)
+    if a.type == INT:
+        sign = "" if order in ("eq", "ne") else "s"
+        return code.op(BOOL, f"icmp {sign}{order} i64 {a.text}, {b.text}")
+    return code.op(BOOL, f"fcmp {'u' if order == 'ne' else 'o'}{order} double {a.text}, {b.text}")
+
+
+def select(code: Code, test: Number, one: Number, other: Number) -> Number:
+    to = widest((one.type, other.type))
+    one, other = convert(code, one, to), convert(code, other, to)
+    return code.op(to, f"select i1 {test.text}, {one.type} {one.text}, {other.type} {other.text}")
+
+
+def extreme(code: Code, name: str, numbers: Sequence[Number]) -> Number:
+    """min or max as Python finds them: the first of equals, and what a comparison with nan gives."""
+    to = widest([n.type for n in numbers] + [INT])
+    best, *others = (convert(code, n, to) for n in numbers)
+    order = ast.Lt() if name == "min" else ast.Gt()
+    for other in others:
+        best = select(code, compare(code, order, other, best), other, best)
+    return best
+
+
+def absolute(code: Code, number: Number) -> Number:
+    if number.type == FLOAT:
+        return code.intrinsic("fabs", number)
+    number = convert(code, number, INT)
+    below = code.op(BOOL, f"icmp slt i64 {number.text}, 0")
+    return select(code, below, code.op(INT, f"sub i64 0, {number.text}"), number)
+
+
+def negative(code: Code, number: Number) -> Number:
+    if number.type == FLOAT:
+        return code.op(FLOAT, f"fneg double {number.text}")
+    number = convert(code, number, INT)
+    if number.text.lstrip("-").isdigit():
+        return Number(INT, str(-int(number.text)))
+    return code.op(INT, f"sub i64 0, {number.text}")
+
+
+def binary(code: Code, op: ast.operator, left: Number, right: Number) -> Number:
+    """left op right; the operator is one of + - * / // % **."""
+    a, b = _alike(code, left, right)
+    if isinstance(op, ast.Div):
+        a, b = convert(code, a, FLOAT), convert(code, b, FLOAT)
+        return code.op(FLOAT, f"fdiv double {a.text}, {b.text}")
+    if isinstance(op, ast.Pow):
+        return _power(code, a, b)
+    if a.type == INT:
+        if type(op) in INTS:
+            return code.op(INT, f"{INTS[type(op)]} i64 {a.text}, {b.text}")
+        return _whole_division(code, op, a, b)
+    if type(op) in FLOATS:
+        return code.op(FLOAT, f"{FLOATS[type(op)]} double {a.text}, {b.text}")
+    return _division(code, op, a, b)
+
+
+def _power(code: Code, a: Number, b: Number) -> Number:
+    if a.type == INT and b.text.isdigit():  # a whole number to a known whole power stays whole
+        result = Number(INT, "1")
+        for _ in range(int(b.text)):
+            result = code.op(INT, f"mul i64 {result.text}, {a.text}")
+        return result
+    return code.libm("pow", convert(code, a, FLOAT), convert(code, b, FLOAT))
+
+
+def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
+    """Rounded towards minus infinity; by zero, where CPython raises, the quotient and the remainder are 0."""
+    divisor = b
+    odd = Number(BOOL, "false")
+    if not b.text.isdigit() or b.text == "0":  # the processor traps on these two
+        odd = code.op(BOOL, f"icmp eq i64 {b.text}, 0")
+        minus = code.op(BOOL, f"icmp eq i64 {b.text}, -1")
+        either = code.op(BOOL, f"or i1 {odd.text}, {minus.text}")
+        divisor = select(code, either, Number(INT, "1"), b)
+    quotient = code.op(INT, f"sdiv i64 {a.text}, {divisor.text}")
+    rest = code.op(INT, f"srem i64 {a.text}, {divisor.text}")
+    mixed = code.op(INT, f"xor i64 {rest.text}, {divisor.text}")
+    low = code.op(BOOL, f"icmp slt i64 {mixed.text}, 0")
+    left = code.op(BOOL, f"icmp ne i64 {rest.text}, 0")
+    down = code.op(BOOL, f"and i1 {low.text}, {left.text}")
+    if isinstance(op, ast.Mod):
+        return select(code, down, code.op(INT, f"add i64 {rest.text}, {divisor.text}"), rest)
+    quotient = select(code, down, code.op(INT, f"sub i64 {quotient.text}, 1"), quotient)
+    if odd.text == "false":
+        return quotient
+    signed = select(code, minus, code.op(INT, f"sub i64 0, {a.text}"), quotient)
+    return select(code, odd, Number(INT, "0"), signed)
+
+
+def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
+    """// and % of floats: CPython's float_divmod, step by step."""
+    zero = floating(0.0)
+    rest = code.libm("fmod", a, b)
+    some = code.op(BOOL, f"fcmp une double {rest.text}, 0.0")
+    low = code.op(BOOL, f"fcmp olt double {b.text}, 0.0")
+    under = code.op(BOOL, f"fcmp olt double {rest.text}, 0.0")
+    differ = code.op(BOOL, f"xor i1 {low.text}, {under.text}")
+    shift = code.op(BOOL, f"and i1 {some.text}, {differ.text}")
+    if isinstance(op, ast.Mod):
+        moved = select(code, shift, code.op(FLOAT, f"fadd double {rest.text}, {b.text}"), rest)
+        return select(code, some, moved, code.intrinsic("copysign", zero, b))
+    less = code.op(FLOAT, f"fsub double {a.text}, {rest.text}")
+    quotient = code.op(FLOAT, f"fdiv double {less.text}, {b.text}")
+    quotient = select(code, shift, code.op(FLOAT, f"fsub double {quotient.text}, 1.0"), quotient)
+    whole = code.intrinsic("floor", quotient)
+    error = code.op(FLOAT, f"fsub double {quotient.text}, {whole.text}")
+    above = code.op(BOOL, f"fcmp ogt double {error.text}, 0.5")
+    whole = select(code, above, code.op(FLOAT, f"fadd double {whole.text}, 1.0"), whole)
+    ratio = code.op(FLOAT, f"fdiv double {a.text}, {b.text}")
+    nothing = code.op(BOOL, f"fcmp oeq double {quotient.text}, 0.0")
+    return select(code, nothing, code.intrinsic("copysign", zero, ratio), whole)
+
+
+def mathematical(code: Code, name: str, arguments: Sequence[Number]) -> Number | None:
+    """A function of `math`; None if it is none of those that are given here."""
+    numbers = [convert(code, a, FLOAT) for a in arguments]
+    if name in EXACT and len(numbers) == (2 if name == "copysign" else 1):
+        return code.intrinsic(EXACT[name], *numbers)
+    if name in LIBM and len(numbers) == (2 if name in BINARY_LIBM else 1):
+        return code.libm(name, *numbers)
+    if len(numbers) != 1:
+        return None
+    [x] = numbers
+    if name in ROUNDED:
+        return arguments[0] if arguments[0].type == INT else truncated(code, code.intrinsic(ROUNDED[name], x))
+    if name == "isnan":
+        return code.op(BOOL, f"fcmp uno double {x.text}, 0.0")
+    if name in ("isinf", "isfinite"):
+        order = "oeq" if name == "isinf" else "olt"
+        return code.op(BOOL, f"fcmp {order} double {code.intrinsic('fabs', x).text}, 0x7FF0000000000000")
+    return None

@@ -1,0 +1,238 @@
+"""Programs that run: compiled to machine code by LLVM, or interpreted."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import hashlib
+import json
+import linecache
+import sys
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+from graspfx.compile import cache as kept
+from graspfx.compile.llvm import ENTRY, Written, written
+from graspfx.compile.llvm_arithmetic import FLOAT
+from graspfx.errors import InputError, MissingPackageError
+
+FORMAT = 1  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
+NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
+OUTSIDE = -(2**63)
+
+Run = Callable[..., int]
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A program with its buffers.
+
+    Args:
+        brief: runs it, given its numbers; for calls of some microseconds, the interpreter's lock held.
+        long: the same with the lock released: other threads run meanwhile.
+        buffers: what keeps the buffers where they are.
+    """
+
+    brief: Run
+    long: Run
+    buffers: tuple[Any, ...]
+
+
+class Native:
+    """A program as machine code.
+
+    Args:
+        cached: whether it was found on disk, already compiled.
+        note: what stood in the way of keeping it on disk; empty if nothing did.
+    """
+
+    def __init__(self, description: dict[str, Any], machine: bytes, *, cached: bool, note: str = "") -> None:
+        import llvmlite.binding as llvm
+
+        self.cached, self.note = cached, note
+        self.size = len(machine)
+        self.arrays: list[str] = description["arrays"]
+        self.checked: bool = description["checked"]
+        _define(description["libm"])
+        target = _machine()
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target)  # the code lives as long as this
+        self._engine.add_object_file(llvm.object_file.ObjectFileRef.from_data(machine))
+        self._engine.finalize_object()
+        address = self._address(ENTRY)
+        pointers = [ctypes.c_void_p] * len(self.arrays)
+        numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
+        self._brief = ctypes.PYFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(address)
+        self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(address)
+
+    def _address(self, name: str) -> int:
+        address = int(self._engine.get_function_address(name))
+        if not address:
+            raise OSError(f"the machine code has no {name}")
+        return address
+
+    def bind(self, *buffers: Any) -> Bound:
+        """The program on these buffers: arrays or memoryviews of floats, which keep their place.
+
+        Raises:
+            InputError: not so many buffers, or one that is not contiguous, writable and of floats.
+        """
+        if len(buffers) != len(self.arrays):
+            raise InputError("buffers", len(buffers), f"{len(self.arrays)}: {', '.join(self.arrays)}")
+        taken = [_taken(name, buffer) for name, buffer in zip(self.arrays, buffers, strict=True)]
+        pointers = [ctypes.c_void_p(ctypes.addressof(t)) for t in taken]
+        brief: Run = partial(self._brief, *pointers)
+        long: Run = partial(self._long, *pointers)
+        if self.checked:
+            lengths = dict(zip(self.arrays, map(len, taken), strict=True))
+            brief, long = self._watched(brief, lengths), self._watched(long, lengths)
+        return Bound(brief, long, (self, *taken))
+
+    def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
+        """A program that is checked: an index outside of its buffer is an error."""
+        places = {name: ctypes.c_int64.from_address(self._global(f"length.{name}")) for name in lengths}
+        outside = ctypes.c_int64.from_address(self._global("graspfx_outside"))
+
+        def checked(*numbers: float) -> int:
+            for name, length in lengths.items():
+                places[name].value = length
+            outside.value = OUTSIDE
+            found = run(*numbers)
+            if outside.value != OUTSIDE:
+                raise IndexError(f"entry {outside.value} of a buffer: {lengths}")
+            return found
+
+        return checked
+
+    def _global(self, name: str) -> int:
+        return int(self._engine.get_global_value_address(name))
+
+
+class Interpreted:
+    """A program that Python runs as it is."""
+
+    def __init__(self, source: str) -> None:
+        name = f"<program {hashlib.sha256(source.encode()).hexdigest()[:12]}>"
+        linecache.cache[name] = len(source), None, source.splitlines(keepends=True), name  # for tracebacks
+        namespace: dict[str, Any] = {}
+        exec(compile(source, name, "exec"), namespace)
+        self.arrays: list[str] = []
+        self._entry = [f for f in namespace.values() if getattr(f, "__code__", None) is not None][-1]
+
+    def bind(self, *buffers: Any) -> Bound:
+        """The program on these buffers; one that is no memoryview becomes one, of which Python reads faster."""
+        views = [memoryview(buffer) for buffer in buffers]
+
+        def run(*numbers: float) -> int:
+            found = self._entry(*views, *numbers)
+            return 0 if found is None else int(found)
+
+        return Bound(run, run, tuple(views))
+
+
+def interpreted(source: str) -> Interpreted:
+    """A program to be run by Python."""
+    return Interpreted(source)
+
+
+def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False) -> Native:
+    """A program as machine code, taken from the cache if it was compiled before.
+
+    Args:
+        source: the program as Python, its last function the entry, which takes buffers of floats and then numbers, and
+            returns a whole number or nothing.
+        floats: the entry's parameters that are floats; its other numbers are whole.
+        checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
+
+    Raises:
+        MissingPackageError: no LLVM.
+        InputError: the program holds something that cannot be compiled.
+    """
+    try:
+        import llvmlite
+        import llvmlite.binding as llvm
+    except ImportError as error:
+        raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
+    names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
+    parts = [str(FORMAT), *names, ",".join(sorted(floats)), str(checked), source]
+    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+    found = kept.stored(key)
+    if found is not None:
+        head, _, machine = found.partition(b"\n")
+        return Native(json.loads(head), machine, cached=True)
+    program = written(source, floats, checked=checked)
+    description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
+    machine = _emitted(program)
+    note = kept.store(key, json.dumps(description).encode() + b"\n" + machine)
+    return Native(description, machine, cached=False, note=note)
+
+
+def _emitted(program: Written) -> bytes:
+    """Optimised machine code."""
+    import llvmlite.binding as llvm
+
+    machine = _machine()
+    module = llvm.parse_assembly(program.text)
+    module.verify()
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = True
+    passes = llvm.create_pass_builder(machine, tuning)
+    passes.getModulePassManager().run(module, passes)
+    return bytes(machine.emit_object(module))
+
+
+def _processor() -> tuple[str, str, str]:
+    """Its triple, its name and its features."""
+    import llvmlite.binding as llvm
+
+    return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+@cache
+def _machine() -> Any:
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    triple, name, features = _processor()
+    return llvm.Target.from_triple(triple).create_target_machine(
+        cpu=name, features=features, opt=3, codemodel="jitdefault", jit=True
+    )
+
+
+def _define(libm: Sequence[str]) -> None:
+    """Tells the loader where functions are; one that it misses makes it leave all calls undone without a word."""
+    import llvmlite.binding as llvm
+
+    for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:
+        if llvm.address_of_symbol(name) is None:
+            function = _function(library)
+            if function is None:
+                raise MissingPackageError(library, "a compiled loop", "the platform's C library has no such function")
+            llvm.add_symbol(name, function)
+
+
+def _function(name: str) -> int | None:
+    for library in _libraries():
+        with_name = getattr(library, name, None)
+        if with_name is not None:
+            return ctypes.cast(with_name, ctypes.c_void_p).value
+    return None
+
+
+@cache
+def _libraries() -> tuple[ctypes.CDLL, ...]:
+    """The C libraries that Python itself computes with."""
+    if sys.platform == "win32":
+        return ctypes.CDLL("ucrtbase"), ctypes.CDLL("vcruntime140")
+    names = [ctypes.util.find_library("m"), None]
+    return tuple(ctypes.CDLL(name) for name in names)
+
+
+def _taken(name: str, buffer: Any) -> Any:
+    """A buffer as a ctypes array that shares its memory and keeps it."""
+    view = memoryview(buffer)
+    if view.format != "d" or not view.c_contiguous or view.readonly or not view.nbytes:
+        raise InputError(name, buffer, "a contiguous writable buffer of floats (float64)")
+    return (ctypes.c_double * (view.nbytes // 8)).from_buffer(view)
