@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from itertools import pairwise
 
@@ -72,6 +71,8 @@ def _shared_out(kernel: Callable[..., None], points: FloatArray, width: int, *mo
     if cores == 1:
         kernel(points, limits, 0, total, *more)
         return limits
+    from concurrent.futures import ThreadPoolExecutor  # takes longer to load than one limit to find
+
     with ThreadPoolExecutor(cores) as pool:
         for done in [pool.submit(kernel, points, limits, *ends, *more) for ends in pairwise(bounds)]:
             done.result()

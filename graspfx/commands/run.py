@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_scene
 from graspfx.commands.output import (
@@ -18,6 +19,9 @@ from graspfx.commands.output import (
     say_faults,
 )
 
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
@@ -29,14 +33,14 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def execute(chosen: Namespace) -> int:
     from graspfx.commands.stopping import interruptible
-    from graspfx.scene.load import load
-    from graspfx.scene.making.meshes import mesh_notes
+    from graspfx.scene.kept import keep, kept, place
     from graspfx.scene.run import run
     from graspfx.show.remarks import remarks
 
-    scene = load(chosen.scene, dict(chosen.overrides))
-    note(mesh_notes(scene.object, scene.source.folder))
-    note(doubts(scene))
+    where = place(chosen.scene, dict(chosen.overrides))
+    known = kept(where) if where is not None else None
+    scene, notes = known or _checked(chosen)
+    note(notes)
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
     written, picture = [folder / "recording.h5"], folder / "figure.png"
     if not chosen.no_figure:
@@ -47,6 +51,8 @@ def execute(chosen: Namespace) -> int:
         done, meant = len(recording) * scene.period, chosen.duration or scene.duration
         print(f"interrupted after {done:g} of {meant:g} s; {written[0]} holds them", file=sys.stderr)
         return INTERRUPTED
+    if where is not None and known is None:
+        keep(where, scene, notes)
     if not chosen.no_figure:
         draw([recording], picture, f"; the run is in {written[0]}")
         written.append(picture)
@@ -59,3 +65,12 @@ def execute(chosen: Namespace) -> int:
         name_files(written)
     note(remarks(recording))
     return say_faults(recording)
+
+
+def _checked(chosen: Namespace) -> tuple[Scene, list[str]]:
+    """The scene, and what its author may not have meant."""
+    from graspfx.scene.load import load
+    from graspfx.scene.making.meshes import mesh_notes
+
+    scene = load(chosen.scene, dict(chosen.overrides))
+    return scene, [*mesh_notes(scene.object, scene.source.folder), *doubts(scene)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,10 @@ from graspfx.scene.making.bodies import fill, make_shape
 from graspfx.scene.making.holding import Holding, hold, holdings
 from graspfx.scene.making.movers import make_movers
 from graspfx.scene.making.wiring import Wire, wires
-from graspfx.scene.model import Scene
-from graspfx.scene.tables.fields import Gains
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+    from graspfx.scene.tables.fields import Gains
 
 FloatArray = NDArray[np.float64]
 
