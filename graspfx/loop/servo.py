@@ -124,6 +124,8 @@ class Servo:
                 break
             self.tick(recorder)
             recorder.drain()
+        for held in self.objects:
+            held.grasped.check_activity()
 
     def tick(self, recorder: Recorder) -> None:
         """One sample."""
