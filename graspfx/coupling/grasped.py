@@ -17,11 +17,18 @@ from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.objects import kernels as body
-from graspfx.surfaces import ball, walk
+from graspfx.surfaces import ball, tree, walk
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
+STRUCTURE = (
+    at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
+    at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
+    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.TURNED, *range(at.WHOLE, at.WHOLE + 4),
+    *range(at.GAINS, at.GAINS + 4),
+)  # fmt: skip
 RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
 
 
@@ -183,6 +190,24 @@ class GraspedObject:
         return self.block[self.where["wrench"]]
 
     @property
+    def structure(self) -> Index:
+        """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets.
+
+        Values are not among them but for zeros that stay zero: gains, and what a finger lacks of friction, of a patch
+        and of a radius.
+        """
+        fixed = [*STRUCTURE, *(at.BODY + entry for entry in (body.DIMENSIONS, body.INTEGRATOR))]
+        fixed += range(at.BODY + body.FREE, at.BODY + body.FREE + 6)
+        if self._walks is not None:
+            start = int(self.block[at.MESH])
+            fixed += [at.MESH, at.WALKS, *range(start + tree.CLOSED, start + tree.RINGS + 1)]
+        lacking = list(range(at.EXTERNAL_STIFFNESS, at.INTERNAL_DAMPING + 1))
+        for o in range(at.ROW, at.ROW + self.fingers * at.STRIDE, at.STRIDE):
+            lacking += [o + at.COEFFICIENT, o + at.PATCH, o + at.RADIUS]
+        fixed += [entry for entry in lacking if self.block[entry] == 0.0]
+        return np.array(sorted(fixed), dtype=np.intp)
+
+    @property
     def implicit(self) -> bool:
         """The body's free motion has to be predicted before each sample."""
         return bool(self.block[at.IMPLICIT])
@@ -236,7 +261,7 @@ class GraspedObject:
         """Zero force and wrench."""
         let_go(self._S)
 
-    def _entries(self) -> dict[str, NDArray[np.intp]]:
+    def _entries(self) -> dict[str, Index]:
         """Which entries of the block hold what a recording asks for."""
         n, d = self.fingers, self.dimensions
         rows = np.arange(at.ROW, at.ROW + n * at.STRIDE).reshape(n, at.STRIDE)
