@@ -88,6 +88,8 @@ class Servo:
                 self._notice(recorder)
             self.row = rows[recorder.used - 1]
             recorder.drain()
+        for held in self.objects:
+            held.grasped.check_activity()
 
     def tick(self, recorder: Recorder) -> None:
         """One sample."""
