@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[1]
 def recorded(made: Layout, values: Any, path: Path | None = None, block: int | None = None) -> Recording:
     sinks = [] if path is None else [FileSink(path, made, header())]
     with Recorder(made, header(), sinks, block) as recorder:
-        for k, row in enumerate(values):
+        for row in values:
             put(recorder, row)
             recorder.drain()
         return recorder.finish(0.5)
@@ -101,7 +101,7 @@ def test_a_recorder_that_is_never_drained_loses_nothing(tmp_path: Path) -> None:
     made = layout()
     values = rows(made, 35)
     with Recorder(made, header(), [FileSink(tmp_path / "r.h5", made, header())], 10) as recorder:
-        for k, row in enumerate(values):
+        for row in values:
             put(recorder, row)
         rec = recorder.finish()
     assert np.array_equal(rec.rows, values)
@@ -120,7 +120,7 @@ def test_full_blocks_go_out_only_when_drained() -> None:
 
     made = layout()
     with Recorder(made, header(), [Counter()], 4) as recorder:
-        for k in range(10):
+        for _ in range(10):
             put(recorder, 0.0)
         assert counts == []
         recorder.drain()
@@ -140,7 +140,7 @@ def test_a_block_is_about_a_second() -> None:
 
     made = layout()
     with Recorder(made, header(period=0.005), [Counter()]) as recorder:
-        for k in range(500):
+        for _ in range(500):
             put(recorder, 0.0)
             recorder.drain()
         recorder.finish()
@@ -201,7 +201,7 @@ def test_a_run_that_breaks_off_keeps_its_rows_and_faults(tmp_path: Path) -> None
 
     def run() -> None:
         with Recorder(made, header(), [FileSink(tmp_path / "r.h5", made, header())], 10) as recorder:
-            for k, row in enumerate(values):
+            for row in values:
                 put(recorder, row)
                 recorder.drain()
             recorder.fault(14, "unplugged")
@@ -257,7 +257,7 @@ def test_rows_that_are_not_kept_are_in_the_file_alone(tmp_path: Path) -> None:
     values = rows(made, 10_005)
     with Recorder(made, header(), [FileSink(path, made, header())], 100, keep=False) as recorder:
         tracemalloc.start()
-        for k, row in enumerate(values):
+        for row in values:
             put(recorder, row)
             recorder.drain()
         held, _ = tracemalloc.get_traced_memory()

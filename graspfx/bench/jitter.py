@@ -68,7 +68,7 @@ def _difference(scene: Scene, engine: str) -> float:
             servo.tick(recorder)
             recorder.drain()
         known = run(scene, duration=CHECKED * scene.period).finger_position[-1]
-        return float(np.abs(servo.position - known).max())
+        return float(np.abs(servo.row[servo.layout.columns["finger_position"].where] - known.ravel()).max())
 
 
 def _recorder(scene: Scene, servo: Servo) -> Recorder:

@@ -15,6 +15,7 @@ from graspfx.compile import cache as kept
 from graspfx.compile.specialise import Program
 from graspfx.compile.values import Later, Memory
 
+
 def program_source(
     text: str,
     kernels: Mapping[str, Callable[..., Any]],

@@ -195,8 +195,9 @@ class _Body:
         if isinstance(node, ast.Assign):
             first, value = node.targets[0], node.value
             if isinstance(first, ast.Tuple) and isinstance(value, ast.IfExp):  # a choice of tuples, as a branch
-                arms = [[ast.copy_location(ast.Assign([first], arm), node)] for arm in (value.body, value.orelse)]
-                return self.branch(ast.copy_location(ast.If(value.test, arms[0], arms[1]), node), scope)
+                one: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.body), node)]
+                other: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.orelse), node)]
+                return self.branch(ast.copy_location(ast.If(value.test, one, other), node), scope)
             out = self.assign(node.targets[0], node.value, scope)
             for target in node.targets[1:]:  # a = b = 0.0: the second takes what the first has got
                 out += self.assign(target, _loaded(node.targets[0]), scope)

@@ -39,7 +39,9 @@ class Engine(Protocol):
 def whole_text(tick: Tick) -> str:
     """The definition of run(k, count, r)."""
     lines = [f"        {line}" for line in (*tick.begin, *tick.end)]
-    return "\n".join(["def run(k, count, r):", "    for i in range(count):", *lines, "        k += 1", "        r += 1"])
+    return "\n".join(
+        ["def run(k, count, r):", "    for i in range(count):", *lines, "        k += 1", "        r += 1"]
+    )
 
 
 def part_text(name: str, parameters: str, lines: list[str]) -> str:
@@ -53,14 +55,23 @@ class Interpreted:
     def __init__(self, tick: Tick) -> None:
         arrays = {name: memoryview(array) for name, array in tick.script.arrays.items()}
         self._names: dict[str, Any] = {**tick.script.kernels, **arrays}
-        self.run: Callable[[int, int, int], None] = self._function("run", whole_text(tick))
-        self.begin: Callable[[int], None] = self._function("begin", part_text("begin", "k", tick.begin))
-        self.end: Callable[[int, int], None] = self._function("end", part_text("end", "k, r", tick.end))
+        self._run = self._function("run", whole_text(tick))
+        self._begin = self._function("begin", part_text("begin", "k", tick.begin))
+        self._end = self._function("end", part_text("end", "k, r", tick.end))
 
     def expect(self, ticks: int) -> None: ...
 
     def write_to(self, rows: FloatArray) -> None:
         self._names["rows"] = memoryview(rows.reshape(-1))
+
+    def run(self, k: int, count: int, row: int) -> None:
+        self._run(k, count, row)
+
+    def begin(self, k: int) -> None:
+        self._begin(k)
+
+    def end(self, k: int, row: int) -> None:
+        self._end(k, row)
 
     def _function(self, name: str, text: str) -> Any:
         file = f"<{name} of a scene's tick>"
@@ -99,8 +110,7 @@ class Compiled:
             return program.bind(*(arrays[name] for name in program.arrays))
 
         if self._tick.ports:
-            self.begin: Callable[[int], object] = bound(self._first).brief
-            self.end: Callable[[int, int], object] = bound(self._last).brief
+            self._begin, self._end = bound(self._first).brief, bound(self._last).brief
         else:
             whole = bound(self._whole)
             self._long, self._brief = whole.long, whole.brief
@@ -110,6 +120,12 @@ class Compiled:
             self._brief(k, 1, row)
         else:
             self._long(k, count, row)
+
+    def begin(self, k: int) -> None:
+        self._begin(k)
+
+    def end(self, k: int, row: int) -> None:
+        self._end(k, row)
 
     def _program(self, name: str, text: str) -> Any:
         from graspfx.compile.native import compiled

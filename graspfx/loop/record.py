@@ -36,7 +36,8 @@ class Recorder:
     """Takes rows into blocks allocated beforehand; full blocks leave between ticks.
 
     `space()` tells where the next rows go; once they are written `take(count)` keeps them, and `drain()` hands a full
-    block to the sinks and does nothing otherwise. Used as a context manager it closes the sinks also when the run breaks off.
+    block to the sinks and does nothing otherwise. Used as a context manager it closes the sinks also when the run
+    breaks off.
 
     Args:
         layout: the columns of a row.

@@ -98,9 +98,7 @@ class Servo:
     def _ready(self) -> Engine:
         if self._engine is None:
             self._tick = at.write(
-                Parts(
-                    self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers
-                )
+                Parts(self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers)
             )
             self._own: Any = memoryview(self._tick.own)
             self._engine = ENGINES[self._kind](self._tick)

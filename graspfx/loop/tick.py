@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,14 @@ from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.sample import let_go, sample
+from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, SimulatedDevice, fused
 from graspfx.loop.layout import Layout
-from graspfx.loop.observer import BY_MODE, OF_OBJECT, Observer
-from graspfx.loop import plant as plants
+from graspfx.loop.observer import BY_MODE, MET, OF_OBJECT, Observer
 from graspfx.loop.plant import FusedHand, FusedPlant, Hand, Plant
 from graspfx.loop.script import Script, copied, under
-from graspfx.objects.body import Body, NativeBody
+from graspfx.loop.watch import watch
+from graspfx.objects.body import NativeBody
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -154,8 +155,8 @@ class _Writer:
         self.tick = Tick(script, np.zeros(self.energy + self.n))
         self.tick.own[PERIOD] = parts.period
         self.own = script.memory("servo", self.tick.own, [PERIOD])
-        self.blocks = [script.memory("object", h.grasped.block, getattr(h.grasped, 'structure', ())) for h in parts.objects]
-        self.books = [script.memory("ledger", o.buffer, getattr(o, 'structure', ())) for o in parts.observers]
+        self.blocks = [script.memory("object", h.grasped.block, h.grasped.structure) for h in parts.objects]
+        self.books = [script.memory("ledger", o.buffer, o.structure) for o in parts.observers]
         for m in parts.moved:
             if isinstance(m.plant, FusedPlant):
                 m.plant.hold(m.hand, parts.period)
@@ -177,7 +178,8 @@ class _Writer:
     def _is_native(self, m: Moved) -> bool:
         """Whether kernels do all that a plant needs."""
         seen = {id(station.device) for station in self.parts.stations}
-        return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in seen for d in m.devices)
+        devices = [cast("Device", device) for device in m.devices]
+        return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in seen for d in devices)
 
     def _fingers(self) -> dict[int, tuple[str, int]]:
         """Name and row of the block that holds each finger."""
@@ -214,7 +216,7 @@ class _Writer:
     def _plant_of(self, device: Device) -> str | None:
         """The memory of the native plant that moves a device."""
         for m, name, native in zip(self.parts.moved, self.plants, self.native, strict=True):
-            if native and any(each is device for each in m.devices):
+            if native and id(device) in map(id, m.devices):
                 return name
         return None
 
@@ -241,21 +243,23 @@ class _Writer:
             if isinstance(mover.body, NativeBody) and self.parts.objects[mover.objects[0]].grasped.implicit:
                 block, other = self._bodies_memory(mover)
                 yield f"{self.script.kernel(mover.body.predicting)}({block}, {at.BODY}, {other}, {T})"
-        for i, (held, block) in enumerate(zip(self.parts.objects, self.blocks, strict=True)):
-            mover = next(number for number, m in enumerate(self.parts.movers) if i in m.objects)
-            lost = under(f"code == {LOST}", [f"{self.own}[{STUCK + mover}] = 1.0"])
+        for i, block in enumerate(self.blocks):
+            number = next(number for number, mover in enumerate(self.parts.movers) if i in mover.objects)
+            lost = under(f"code == {LOST}", [f"{self.own}[{STUCK + number}] = 1.0"])
             lines = [f"code = {self.script.kernel(sample)}({block})"]
             lines += under("code != 0", [self._latched(OBJECT_, i), *lost])
             if self.parts.observers:
                 observer, book = self.parts.observers[i], self.books[i]
-                watch = []
-                body = self.parts.movers[mover].body
-                if isinstance(body, NativeBody) and observer.met is not None:
-                    _, other = self._bodies_memory(self.parts.movers[mover])
-                    watch += copied(book, *observer.met_from(body), other)
-                watch.append(f"{self.script.kernel(observer.watching)}({block}, {book}, {T})")
-                lines += under(f"{self.own}[{FAULTED}] == 0.0", watch)
+                lines += under(f"{self.own}[{FAULTED}] == 0.0", self._watched(observer, number, block, book))
             yield from under(f"{self.own}[{FAULTED}] == 0.0", lines)
+
+    def _watched(self, observer: Observer, mover: int, block: str, book: str) -> Iterator[str]:
+        if observer.met is not None:
+            body = self.parts.movers[mover].body
+            first = (observer.met.ctypes.data - body.buffer.ctypes.data) // observer.met.itemsize
+            _, floor = self._bodies_memory(self.parts.movers[mover])
+            yield from copied(book, range(MET, MET + 6), floor, range(first, first + 6))
+        yield f"{self.script.kernel(watch)}({block}, {book}, {self.own}[{PERIOD}])"
 
     def _bodies_memory(self, mover: Mover) -> tuple[str, str]:
         """The block that a native body is in, and its buffer beside it or the block again."""
@@ -387,8 +391,9 @@ class _Writer:
         assert isinstance(m.plant, FusedPlant)
         to = m.plant.ports.effort
         for device in m.devices:
+            fingers = device.features.fingers  # type: ignore[attr-defined] # it is a Device too
             assert isinstance(device, FusedDevice)
-            count = device.features.fingers * self.d
+            count = fingers * self.d
             name, effort = self.script.memory("device", device.state), device.ports.effort
             yield from copied(plant, range(to, to + count), name, range(effort, effort + count))
             to += count
@@ -405,7 +410,9 @@ class _Writer:
             name = self.script.memory("hand", hand.state, hand.structure)
             for to, time in wanted:
                 yield f"{self.script.kernel(hand.kernel)}({name}, 0, {time})"
-                yield from copied(plant, range(to, to + count), name, range(hand.ports.position, hand.ports.position + count))
+                yield from copied(
+                    plant, range(to, to + count), name, range(hand.ports.position, hand.ports.position + count)
+                )
                 velocity = range(hand.ports.velocity, hand.ports.velocity + count)
                 yield from copied(plant, range(to + count, to + 2 * count), name, velocity)
             return

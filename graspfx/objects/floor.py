@@ -50,6 +50,7 @@ class FloorBody(NativeBody):
     stepping = staticmethod(advance)
     predicting = staticmethod(expect)
     structure = (rest.PLANES, rest.FEATURES)
+    buffer: FloatArray
 
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
         super().__init__(member.state)
