@@ -17,6 +17,25 @@ Elbow = Literal["left", "right"]
 Drive = Literal["base", "elbow"]
 
 
+def turned(elbow: bool, a1: float, a2: float) -> Pair:
+    """q, what the joints have turned by [rad], from the directions of the links; `elbow`: the second motor is there."""
+    if elbow:
+        return a1, a2 - a1
+    return a1, a2
+
+
+def directed(elbow: bool, q1: float, q2: float) -> Pair:
+    """a1, a2 from q: the inverse of `turned`."""
+    if elbow:
+        return q1, q1 + q2
+    return q1, q2
+
+
+def vectors(l1: float, l2: float, a1: float, a2: float) -> tuple[float, float, float, float]:
+    """The links x1, y1, x2, y2 [m]."""
+    return l1 * math.cos(a1), l1 * math.sin(a1), l2 * math.cos(a2), l2 * math.sin(a2)
+
+
 @dataclass(frozen=True)
 class Arm:
     """p = base + l1 (cos a1, sin a1) + l2 (cos a2, sin a2), with a1, a2 the directions of the links.
@@ -62,15 +81,13 @@ class Arm:
 
     def tip(self, a1: float, a2: float) -> Pair:
         """Position of the finger [m] at link directions a1, a2 [rad]."""
-        l1, l2 = self.links
-        return self.base[0] + l1 * math.cos(a1) + l2 * math.cos(a2), self.base[1] + l1 * math.sin(a1) + l2 * math.sin(
-            a2
-        )
+        x1, y1, x2, y2 = vectors(*self.links, a1, a2)
+        return self.base[0] + x1 + x2, self.base[1] + y1 + y2
 
     def jacobian(self, a1: float, a2: float) -> FloatArray:
         """J = dp/da, (2, 2) [m], by the directions of the links."""
-        l1, l2 = self.links
-        return np.array([[-l1 * math.sin(a1), -l2 * math.sin(a2)], [l1 * math.cos(a1), l2 * math.cos(a2)]])
+        x1, y1, x2, y2 = vectors(*self.links, a1, a2)
+        return np.array([[-y1, -y2], [x1, x2]])
 
     def angles(self, x: float, y: float) -> Pair:
         """a1, a2 [rad] that put the finger at x, y [m], with the elbow on its side; DeviceError out of reach."""
@@ -82,37 +99,33 @@ class Arm:
         a1 = math.atan2(dy, dx) - math.atan2(l2 * math.sin(bend), l1 + l2 * c)
         return a1, a1 + bend
 
-    def turned(self, a1: float, a2: float) -> Pair:
-        """q, what the joints have turned by [rad], from the directions of the links."""
-        return (a1, a2) if self.drive == "base" else (a1, a2 - a1)
-
-    def directed(self, q1: float, q2: float) -> Pair:
-        """a1, a2 from q: the inverse of `turned`."""
-        return (q1, q2) if self.drive == "base" else (q1, q1 + q2)
-
     def check_reach(self, dx: float, dy: float) -> None:
         """DeviceError if a finger at dx, dy from the base [m] is out of reach, with the figures."""
         low, high = self.reach
+        if not low <= math.hypot(dx, dy) <= high:
+            raise DeviceError(self.reach_fault(dx, dy))
+
+    def reach_fault(self, dx: float, dy: float) -> str:
+        """That a finger at dx, dy from the base [m] is out of reach, with the figures."""
+        low, high = self.reach
         r = math.hypot(dx, dy)
-        if low <= r <= high:
-            return
         posture, way = ("stretched", "closer to") if r > high else ("folded", "away from")
-        raise DeviceError(
+        return (
             f"finger at ({self.base[0] + dx:.4f}, {self.base[1] + dy:.4f}) m, {r:.4f} m from the arm's base at "
             f"({self.base[0]:.4f}, {self.base[1]:.4f}) m: the arm works from {low:.4f} to {high:.4f} m (links of "
             f"{self.links[0]:g} and {self.links[1]:g} m, {self.margin:g} m short of the {posture} posture); "
             f"move the finger {way} the base, or the base itself"
         )
 
-    def check_elbow(self, bend: float) -> None:
-        """DeviceError if the elbow is on the other side; `bend` is sin(a2 - a1)."""
-        if bend * self.bend <= 0.0:
-            side = "right" if self.elbow == "left" else "left"
-            raise DeviceError(
-                f"the elbow of the arm at ({self.base[0]:.4f}, {self.base[1]:.4f}) m is on the {side}, expected on the "
-                f"{self.elbow}: the arm went through its stretched or folded posture, or the encoders' zero is not "
-                "what `zero` says; bring the elbow back and open the device again"
-            )
+    @property
+    def elbow_fault(self) -> str:
+        """That the elbow is on the other side."""
+        side = "right" if self.elbow == "left" else "left"
+        return (
+            f"the elbow of the arm at ({self.base[0]:.4f}, {self.base[1]:.4f}) m is on the {side}, expected on the "
+            f"{self.elbow}: the arm went through its stretched or folded posture, or the encoders' zero is not "
+            "what `zero` says; bring the elbow back and open the device again"
+        )
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from graspfx.devices._arm import Mechanics
 from graspfx.devices._plant import (
     BEGIN,
+    DIMENSIONS,
     EFFORT,
     END,
     FINGERS,
@@ -25,6 +26,7 @@ from graspfx.devices._plant import (
 )
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 # The block's own part: where the states of the arms start, room for eight more of each, the hand's gains (K, then B,
 # (2, n, n) each) and the arms' constants. They stand after the arrays.
@@ -260,11 +262,13 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
     of the exact motion.
     """
 
+    kernel = staticmethod(advance)
+
     def __init__(self, mechanics: Sequence[Mechanics]) -> None:
         n = len(mechanics)
         self._geometry = [m.arm for m in mechanics]
         sizes = STATE * n, (STAGES + 1) * STATE * n, 4 * n * n, ARM * n
-        super().__init__(n, 2, advance, header=HEADER, middle=True, own=sum(sizes))
+        super().__init__(n, 2, header=HEADER, middle=True, own=sum(sizes))
         y = len(self.state) - sum(sizes)
         K = y + sizes[0] + sizes[1]
         arms = K + sizes[2]
@@ -277,6 +281,16 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
             base, away = m.arm.base, math.hypot(*m.arm.links)
             self._turn(i, *m.arm.angles(base[0], base[1] + away))  # at home: the elbow at a right angle
         show(self._S, 0)
+
+    @property
+    def structure(self) -> Index:
+        """Counts, where things stand, and where each arm's second motor sits."""
+        front = [FINGERS, DIMENSIONS, STATES, WORK, GAINS, ARMS]
+        return np.append(front, int(self.state[ARMS]) + ELBOW + ARM * np.arange(len(self.position)))
+
+    def sensed(self, i: int) -> Index:
+        """Entries of the block where a1 and a2 of arm i stand."""
+        return int(self.state[STATES]) + STATE * i + np.arange(2)
 
     def angles(self, i: int) -> memoryview:
         """a1, a2, a1', a2' of arm i, seen by its encoders; the same memory for the plant's life."""

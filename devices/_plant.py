@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError, InputError
-from graspfx.loop.plant import Hand, Kernel, Ports
+from graspfx.loop.plant import FusedHand, Hand, Kernel, Ports
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+Pair = tuple[FloatArray, FloatArray]
 
 # The block begins with these entries; a plant's own start at OWN. Its arrays, where it says, are position, velocity and
 # effort, (n, d) each, then the hand's targets r and r' at the sample's beginning, at its end and, for a plant that asks
@@ -32,16 +34,16 @@ class HeldPlant(ABC):
     Args:
         fingers: n.
         dimensions: d.
-        kernel: moves the block by one sample; 0, or a number that `fault_text` knows.
         header: entries before the arrays.
         middle: whether it asks for the hand's target in the middle of the sample.
         own: entries after the arrays.
     """
 
-    def __init__(self, fingers: int, dimensions: int, kernel: Kernel, *, header: int, middle: bool, own: int) -> None:
+    kernel: Kernel  # moves the block by one sample; 0, or a number that `fault_text` knows
+
+    def __init__(self, fingers: int, dimensions: int, *, header: int, middle: bool, own: int) -> None:
         shape, step = (fingers, dimensions), fingers * dimensions
         size = header + (ARRAYS + 2 * middle) * step
-        self.kernel = kernel
         self.state: FloatArray = np.zeros(size + own)
         self.state[FINGERS], self.state[DIMENSIONS] = shape
         self.ports = Ports(
@@ -59,6 +61,7 @@ class HeldPlant(ABC):
         self._middle = (arrays[MIDDLE], arrays[MIDDLE + 1]) if middle else None
         self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
         self._held: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
+        self._shown: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
         self.placed = 0  # how often, so that a device knows that its finger was lifted
 
     @property
@@ -93,7 +96,11 @@ class HeldPlant(ABC):
         self._grip(K, B, T)
         if S[PERIOD] != T:
             S[SINCE], S[TICKS], S[PERIOD] = now, 0.0, T
-        self._begin[0][...], self._begin[1][...] = hand.target(now)
+        self._shown = None
+        if isinstance(hand, FusedHand):
+            r, v = (hand.state[at : at + n * d].reshape(n, d) for at in hand.ports)
+            self._shown = hand, hand.state.data, r, v
+        self._aim(hand, now, self._begin)
         self._held = hand, K, B
 
     def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
@@ -111,16 +118,31 @@ class HeldPlant(ABC):
             self.hold(hand, T)
         ends = S[SINCE] + (S[TICKS] + 1.0) * T
         if self._middle is not None:
-            self._middle[0][...], self._middle[1][...] = hand.target(0.5 * (self.time + ends))
-        self._end[0][...], self._end[1][...] = hand.target(ends)
+            self._aim(hand, 0.5 * (self.time + ends), self._middle)
+        self._aim(hand, ends, self._end)
         self._effort[...] = force
         code = self.kernel(S, 0)
         if code:
             raise DeviceError(self.fault_text(code))
 
+    def _aim(self, hand: Hand, time: float, at: Pair) -> None:
+        """The hand's targets at a time into the block."""
+        if self._shown is None:
+            at[0][...], at[1][...] = hand.target(time)
+            return
+        fused, S, r, v = self._shown
+        fused.kernel(S, 0, time)
+        at[0][...] = r
+        at[1][...] = v
+
     def fault_text(self, code: int) -> str:
         """Why the kernel gave this number."""
         return "efforts or the hand's targets are not finite numbers: a simulated plant does not move"
+
+    @property
+    @abstractmethod
+    def structure(self) -> Index:
+        """Entries of the block, whole numbers, that do not change after `hold` and pick what the kernel does."""
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:

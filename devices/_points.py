@@ -21,8 +21,10 @@ from graspfx.devices._plant import (
     HeldPlant,
     unfit,
 )
+from graspfx.exponential import expm1
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 # The block's own part: how many groups there are and where their table starts. After the arrays: room for one group's
 # input, 6 n; the table of groups; their fingers; their matrices.
@@ -30,60 +32,6 @@ GROUPS = OWN
 TABLE = OWN + 1
 HEADER = OWN + 2
 GROUP = 4  # entries of a group: axis, size, where its fingers are listed, where its matrix starts
-
-
-class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
-    """Point masses and the hand that holds them, moved exactly while the efforts are held.
-
-        m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
-
-    Over each sample the intended positions r follow the cubic through their values and velocities at its two ends; for
-    that r the motion is exact: a matrix exponential of the augmented system, made when the hand's gains or the period
-    change. Fingers that no gain couples are moved by themselves.
-
-    Args:
-        mass: (n,) [kg].
-        friction: (n,) [N s/m].
-        dimensions: d.
-    """
-
-    def __init__(self, mass: Sequence[float], friction: Sequence[float], dimensions: int) -> None:
-        n, d = len(mass), dimensions
-        own = 6 * n + (GROUP + 1) * n * d + 12 * n * n * d
-        super().__init__(n, d, advance, header=HEADER, middle=False, own=own)
-        self.state[TABLE] = HEADER + ARRAYS * n * d + 6 * n
-        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
-        self._made_for: tuple[bytes, bytes, float] | None = None
-
-    def _put(self, position: FloatArray) -> None:
-        import scipy.linalg  # noqa: F401 (here, so that the first sample does not wait for it)
-
-    def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
-        these = K.tobytes(), B.tobytes(), T
-        if these == self._made_for:
-            return
-        n, d = self.position.shape
-        S, m, b = self.state, self._mass, self._friction
-        row = int(S[TABLE])
-        members = row + GROUP * n * d
-        end = members + n * d
-        made: dict[tuple[bytes, ...], int] = {}
-        S[GROUPS] = 0.0
-        for axis in range(d):
-            for group in _coupled((K[axis] != 0.0) | (B[axis] != 0.0)):
-                size, block = len(group), np.ix_(group, group)
-                parts = m[group], b[group], K[axis][block], B[axis][block]
-                key = tuple(part.tobytes() for part in parts)
-                if key not in made:
-                    step = _step(*parts, T)
-                    S[end : end + step.size] = step.ravel()
-                    made[key] = end
-                    end += step.size
-                S[row : row + GROUP] = axis, size, members, made[key]
-                S[members : members + size] = group
-                row, members = row + GROUP, members + size
-                S[GROUPS] += 1.0
-        self._made_for = these
 
 
 def advance(S: Any, o: int) -> int:
@@ -130,14 +78,76 @@ def advance(S: Any, o: int) -> int:
     return 0
 
 
+class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+    """Point masses and the hand that holds them, moved exactly while the efforts are held.
+
+        m_i x_i'' + b_i x_i' = u_i + sum_j K_ij (r_j - x_j) + B_ij (r_j' - x_j')      on every axis
+
+    Over each sample the intended positions r follow the cubic through their values and velocities at its two ends; for
+    that r the motion is exact: a matrix exponential of the augmented system, made when the hand's gains or the period
+    change. Fingers that no gain couples are moved by themselves.
+
+    Args:
+        mass: (n,) [kg].
+        friction: (n,) [N s/m].
+        dimensions: d.
+    """
+
+    kernel = staticmethod(advance)
+
+    def __init__(self, mass: Sequence[float], friction: Sequence[float], dimensions: int) -> None:
+        n, d = len(mass), dimensions
+        own = 6 * n + (GROUP + 1) * n * d + 12 * n * n * d
+        super().__init__(n, d, header=HEADER, middle=False, own=own)
+        self.state[TABLE] = HEADER + ARRAYS * n * d + 6 * n
+        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
+        self._made_for: tuple[bytes, bytes, float] | None = None
+
+    @property
+    def structure(self) -> Index:
+        """Counts, and the groups of coupled fingers: how many, their table and their members."""
+        row, entries = int(self.state[TABLE]), self.position.size
+        members = row + GROUP * entries
+        rows = np.arange(row, row + GROUP * int(self.state[GROUPS]))
+        return np.concatenate([[FINGERS, DIMENSIONS, GROUPS, TABLE], rows, np.arange(members, members + entries)])
+
+    def _put(self, position: FloatArray) -> None:
+        """There is nothing else to place."""
+
+    def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
+        these = K.tobytes(), B.tobytes(), T
+        if these == self._made_for:
+            return
+        n, d = self.position.shape
+        S, m, b = self.state, self._mass, self._friction
+        row = int(S[TABLE])
+        members = row + GROUP * n * d
+        end = members + n * d
+        made: dict[tuple[bytes, ...], int] = {}
+        S[GROUPS] = 0.0
+        for axis in range(d):
+            for group in _coupled((K[axis] != 0.0) | (B[axis] != 0.0)):
+                size, block = len(group), np.ix_(group, group)
+                parts = m[group], b[group], K[axis][block], B[axis][block]
+                key = tuple(part.tobytes() for part in parts)
+                if key not in made:
+                    step = _step(*parts, T)
+                    S[end : end + step.size] = step.ravel()
+                    made[key] = end
+                    end += step.size
+                S[row : row + GROUP] = axis, size, members, made[key]
+                S[members : members + size] = group
+                row, members = row + GROUP, members + size
+                S[GROUPS] += 1.0
+        self._made_for = these
+
+
 def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) -> FloatArray:
     """M (2 g, 6 g) of `advance`, from the exponential of the system with its inputs, in s = t / T.
 
     e = x - r_0, w = T x', rho = r - r_0 = c_1 s + c_2 s^2 + c_3 s^3:
     e' = w, w' = T^2/m (u + K (rho - e)) + T/m (B rho' - (b + B) w).
     """
-    from scipy.linalg import expm
-
     g = len(m)
     I = np.eye(g)  # noqa: E741 (the identity's letter)
     per_mass = (T / m)[:, None]
@@ -145,7 +155,7 @@ def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) 
     A[0, :, 1], A[2, :, 3], A[3, :, 4], A[4, :, 5] = I, I, I, I
     A[1, :, 0], A[1, :, 2], A[1, :, 6] = -T * per_mass * K, T * per_mass * K, T * per_mass * I
     A[1, :, 1], A[1, :, 3] = -per_mass * (np.diag(b) + B), per_mass * B
-    E = np.asarray(expm(A.reshape(7 * g, 7 * g))).reshape(7, g, 7, g)[:2]
+    E = expm1(A.reshape(7 * g, 7 * g)).reshape(7, g, 7, g)[:2]
     # At s = 0 rho' = c_1 = h_0, rho'' = 2 c_2 = 6 D - 4 h_0 - 2 h_1, rho''' = 6 c_3 = -12 D + 6 h_0 + 6 h_1,
     # D = r_1 - r_0, h = T r' (Hermite).
     M = np.empty((2, g, 6, g))
@@ -153,7 +163,7 @@ def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) 
     M[:, :, 3] = 6.0 * E[:, :, 4] - 12.0 * E[:, :, 5]
     M[:, :, 4] = T * (E[:, :, 3] - 4.0 * E[:, :, 4] + 6.0 * E[:, :, 5])
     M[:, :, 5] = T * (6.0 * E[:, :, 5] - 2.0 * E[:, :, 4])
-    M[0, :, 0] -= I  # the change of x, so that what stands still does so exactly
+    M[1, :, 1] += T * I  # expm1 leaves the identity out: of x it is the change that is wanted
     M[1] /= T
     return M.reshape(2 * g, 6 * g)
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.devices import _point_sample as sample
 from graspfx.devices._points import PointPlant
 from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Device, Features
-from graspfx.loop.velocity import WINDOW, VelocityEstimator
+from graspfx.loop.device import Device, DevicePorts, Features
+from graspfx.loop.velocity import LENGTH, WINDOW, VelocityEstimator, size
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
 def connect(
@@ -58,7 +60,14 @@ def connect(
 
 
 class PointDevice:
-    """A device of `connect`: its plant moves it, and it reads the plant through its sensors."""
+    """A device of `connect`: its plant moves it, and it reads the plant through its sensors.
+
+    What is done each sample are the kernels `reading` and `writing`, on the block `state`.
+    """
+
+    reading = staticmethod(sample.read)
+    writing = staticmethod(sample.write)
+    stopping = staticmethod(sample.stop)
 
     def __init__(
         self,
@@ -74,8 +83,28 @@ class PointDevice:
         workspace: tuple[FloatArray, FloatArray] | None,
     ) -> None:
         self.mass, self.friction, self.resolution = mass, friction, resolution
-        self._window, self._limit, self._workspace = velocity_window, force_limit, workspace
-        self._shape = fingers, dimensions
+        self._window = velocity_window if resolution else 1
+        k, d = self._shape = fingers, dimensions
+        entries, each = k * d, size(self._window)
+        places = sample.HEADER + 2 * d
+        states = places + (sample.LINE + 1 + delay) * entries
+        self.state: FloatArray = np.zeros(states + entries * each)
+        self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        switches = resolution > 0.0, workspace is not None, force_limit is not None
+        header = k, d, *switches, delay, each, 0.0, resolution, force_limit or 0.0
+        self.state[:places] = [*header, *np.ravel(workspace if workspace is not None else np.zeros((2, d)))]
+        self._starts = states + each * np.arange(entries)  # of the velocity estimates' states
+        self.structure: Index = np.concatenate([np.array(sample.STRUCTURE), self._starts + LENGTH])
+        self.ports = DevicePorts(
+            sensed=places + sample.SENSED * entries,
+            position=places + sample.POSITION * entries,
+            velocity=places + sample.VELOCITY * entries,
+            command=places + sample.COMMAND * entries,
+            effort=places + sample.EFFORT * entries,
+        )
+        self.sensed: Index = np.zeros(0, dtype=np.intp)
+        arrays = [self.state[at : at + entries].reshape(self._shape) for at in self.ports]
+        self._sensed, self._position, self._velocity, self._command, self._effort = arrays
         self._features = Features(
             fingers=fingers,
             dimensions=dimensions,
@@ -88,13 +117,9 @@ class PointDevice:
         )
         self._plant: PointPlant | None = None
         self._true: FloatArray = np.zeros(self._shape)
-        self._position: FloatArray = np.zeros(self._shape)
-        self._velocity: FloatArray = np.zeros(self._shape)
         self._estimator: VelocityEstimator | None = None  # while the device is open
         self._seen = (-1, 0.0)  # placement and time of the plant when it was read last
-        self._line: FloatArray = np.zeros((delay + 1, *self._shape))
-        self._slot = 0
-        self._effort: FloatArray = np.zeros(self._shape)
+        self._fault = 0  # of the last reading
 
     @property
     def features(self) -> Features:
@@ -122,12 +147,16 @@ class PointDevice:
         for device in points:
             stop = start + device.features.fingers
             device._plant, device._true, device._seen = plant, plant.position[start:stop], (-1, 0.0)
+            d = device.features.dimensions
+            device.sensed = plant.ports.position + np.arange(start * d, stop * d)
             start = stop
         return plant
 
     def open(self, period: float) -> None:
-        noise = 0.5 * self.resolution
-        self._estimator = VelocityEstimator(period, self._shape, noise, self._window if noise else 1)
+        first = int(self._starts[0])
+        self._estimator = VelocityEstimator(
+            period, self._shape, 0.5 * self.resolution, self._window, self.state[first:]
+        )
         self._seen = (-1, 0.0)
         self.stop()
 
@@ -141,13 +170,10 @@ class PointDevice:
             if now[0] != self._seen[0]:
                 estimator.reset()
             self._seen = now
-            if self.resolution:
-                np.rint(self._true / self.resolution, out=self._position)
-                self._position *= self.resolution
-            else:
-                self._position[...] = self._true
-            self._velocity = estimator.update(self._position)
-        self._check()
+            self._sensed[...] = self._true
+            self._fault = self.reading(self._S, 0)
+        if self._fault:
+            raise DeviceError(self.fault_text(self._fault))
         return self._position, self._velocity, plant.time
 
     def write(self, forces: FloatArray) -> None:
@@ -159,24 +185,27 @@ class PointDevice:
         self._opened()
         if np.shape(forces) != self._shape:
             raise InputError("forces", forces, f"an array of shape {self._shape}")
-        line = self._line
-        held = line[self._slot]
-        held[...] = forces
-        for i, row in enumerate(held.tolist()):
-            size = math.hypot(*row)
-            if not math.isfinite(size):
-                self.stop()
-                raise DeviceError(
-                    f"the force on finger {i} of a simulated device is {_point(row)} N; zero is displayed"
-                )
-            if self._limit is not None and size > self._limit:
-                held[i] *= self._limit / size
-        self._slot = (self._slot + 1) % len(line)
-        self._effort[...] = line[self._slot]
+        self._command[...] = forces
+        code = self.writing(self._S, 0)
+        if code:
+            raise DeviceError(self.fault_text(code))
 
     def stop(self) -> None:
-        self._line[...] = 0.0
-        self._effort[...] = 0.0
+        self.stopping(self._S, 0)
+
+    def fault_text(self, code: int) -> str:
+        """What a number that a kernel gave means, with the figures in the block."""
+        i, kind = divmod(code - 1, sample.KINDS)
+        finger, at = f"finger {i} of a simulated device", _point(self._position[i])
+        if kind + 1 == sample.ENDLESS_FORCE:
+            return f"the force on {finger} is {_point(self._command[i])} N; zero is displayed"
+        if kind + 1 == sample.DIVERGED:
+            return f"{finger} is at {at} m; its motion has diverged"
+        corners = self.state[sample.HEADER : self.ports.sensed].reshape(2, -1)
+        return (
+            f"{finger} is at {at} m, outside its workspace from {_point(corners[0])} to {_point(corners[1])} m; widen "
+            "`workspace`, or start or move the finger nearer to its middle"
+        )
 
     def close(self) -> None:
         self.stop()
@@ -193,21 +222,8 @@ class PointDevice:
             raise DeviceError("this simulated device is not open; call open(period) first")
         return self._estimator
 
-    def _check(self) -> None:
-        for i, p in enumerate(self._position.tolist()):
-            if not all(map(math.isfinite, p)):
-                raise DeviceError(f"finger {i} of a simulated device is at {_point(p)} m; its motion has diverged")
-            if self._workspace is not None:
-                lower, upper = self._workspace[0].tolist(), self._workspace[1].tolist()
-                if not all(low <= x <= high for low, x, high in zip(lower, p, upper, strict=True)):
-                    raise DeviceError(
-                        f"finger {i} of a simulated device is at {_point(p)} m, outside its workspace from "
-                        f"{_point(lower)} to {_point(upper)} m; widen `workspace`, or start or move the finger nearer "
-                        "to its middle"
-                    )
 
-
-def _point(components: Sequence[float]) -> str:
+def _point(components: FloatArray) -> str:
     return "(" + ", ".join(f"{x:.6g}" for x in components) + ")"
 
 

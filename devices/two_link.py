@@ -30,9 +30,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from graspfx.devices._adapter import SimulatedTwoLink, TwoLink
+from graspfx.devices._adapter import TwoLink
 from graspfx.devices._arm import Arm, Drive, Elbow, Mechanics, Pair
-from graspfx.devices._board import Board, SimulatedBoard, Wiring
+from graspfx.devices._board import Board, Wiring
+from graspfx.devices._simulated_arm import SimulatedTwoLink
 from graspfx.errors import InputError
 from graspfx.loop.velocity import WINDOW
 
@@ -68,7 +69,7 @@ def connect(
     velocity_window: int = WINDOW,
     delay: int = 0,
     board: Board | None = None,
-) -> TwoLink:
+) -> TwoLink | SimulatedTwoLink:
     """One arm, one finger: simulated with the preset of this module, or behind `board`.
 
     A number stands for both joints alike. The mechanical settings (masses to friction) left out are the preset's for a
@@ -112,17 +113,11 @@ def connect(
     known = {name: _pair(name, value, least=0.0) for name, value in given.items() if value is not None}
     window, late = _whole("velocity_window", velocity_window, 1), _whole("delay", delay, 0)
     if board is None:
-        return _simulated(arm, wiring, PRESET | known, window, late)
+        return SimulatedTwoLink(arm, wiring, _mechanics(arm, wiring, PRESET | known), window, late)
     if late:
         raise InputError("delay", delay, "0 with a board", "only a simulated arm can be given a delay")
     mechanics = _mechanics(arm, wiring, known) if len(known) == len(PRESET) else None
     return TwoLink(arm, wiring, board, mechanics=mechanics, velocity_window=window)
-
-
-def _simulated(arm: Arm, wiring: Wiring, known: dict[str, Pair], window: int, delay: int) -> SimulatedTwoLink:
-    mechanics = _mechanics(arm, wiring, known)
-    board = SimulatedBoard(mechanics, wiring, delay)
-    return SimulatedTwoLink(arm, wiring, board, mechanics=mechanics, velocity_window=window, delay=delay)
 
 
 def _mechanics(arm: Arm, wiring: Wiring, known: dict[str, Pair]) -> Mechanics:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from graspfx.grasp.impedance import Impedance as Impedance
     from graspfx.grasp.matrix import Grasp as Grasp
     from graspfx.grasp.matrix import grasp_matrix as grasp_matrix
+    from graspfx.grasp.point_coupling import PointCoupling as PointCoupling
     from graspfx.grasp.split import Split as Split
     from graspfx.grasp.touch import unilateral_force as unilateral_force
     from graspfx.loop.record import Recording as Recording
@@ -27,6 +28,7 @@ _HOMES = {
     "Coupling": "graspfx.grasp.impedance",
     "Grasp": "graspfx.grasp.matrix",
     "Impedance": "graspfx.grasp.impedance",
+    "PointCoupling": "graspfx.grasp.point_coupling",
     "Recording": "graspfx.loop.record",
     "Scene": "graspfx.scene.model",
     "Split": "graspfx.grasp.split",
@@ -45,6 +47,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "Split",
     "Impedance",
     "Coupling",
+    "PointCoupling",
     "unilateral_force",
     "Scene",
     "load",

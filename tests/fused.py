@@ -1,10 +1,10 @@
-"""Plants driven through the FusedPlant protocol alone, by their kernels as they are or compiled."""
+"""Components driven through their blocks alone, by their kernels as they are or compiled."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,57 @@ def drive(
     return np.array(rows)
 
 
+class Arena:
+    """One simulated device, its plant and its hand on one array, each block somewhere in it; nan between them."""
+
+    def __init__(self, device: Any, plant: Any, hand: Any, T: float, kernels: Callable[[Any], Any]) -> None:
+        plant.hold(hand, T)
+        self.device, self.plant, self.hand, self.T, self.ticks = device, plant, hand, T, 0
+        gap = np.full(3, np.nan)
+        blocks = [device.state, plant.state, hand.state]
+        self.S = np.concatenate([part for block in blocks for part in (gap, block)])
+        sizes = [len(gap) + len(block) for block in blocks]
+        self.at_device, self.at_plant, self.at_hand = np.cumsum([len(gap), *sizes[:2]]).tolist()
+        self.reading, self.writing = kernels(device.reading), kernels(device.writing)
+        self.aim, self.move = kernels(hand.kernel), kernels(plant.kernel)
+
+    def tick(self, force: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+        """One sample: position, velocity and effort of the device, and the plant's position after it."""
+        S, ports, moved, shape = self.S, self.device.ports, self.plant.ports, self.plant.position.shape
+        N, o, p, h = shape[0] * shape[1], self.at_device, self.at_plant, self.at_hand
+        seen = self.device.sensed
+        S[o + ports.sensed : o + ports.sensed + len(seen)] = S[p + seen]
+        assert self.reading(S, o) == 0
+        x, v = (S[o + at : o + at + N].reshape(shape) for at in (ports.position, ports.velocity))
+        S[o + ports.command : o + ports.command + N] = force(x, v).ravel()
+        assert self.writing(S, o) == 0
+        S[p + moved.effort : p + moved.effort + N] = S[o + ports.effort : o + ports.effort + N]
+        begin, end = self.ticks * self.T, (self.ticks + 1) * self.T
+        for at, time in ((moved.middle, 0.5 * (begin + end)), (moved.end, end)):
+            if at is not None:
+                self.aim(S, h, time)
+                for to, ours in zip((at, at + N), self.hand.ports, strict=True):
+                    S[p + to : p + to + N] = S[h + ours : h + ours + N]
+        assert self.move(S, p) == 0
+        self.ticks += 1
+        y = S[p + moved.position : p + moved.position + N].reshape(shape)
+        return np.array([x, v, S[o + ports.effort : o + ports.effort + N].reshape(shape), y])
+
+
+def called(device: Any, plant: Any, hand: Any, T: float, force: Callable[[FloatArray, FloatArray], FloatArray]) -> Any:
+    """The same sample by the methods."""
+    x, v, _ = device.read()
+    device.write(force(x, v))
+    effort = np.array(device.effort)
+    plant.advance(effort, hand, T)
+    return np.array([x, v, effort, plant.position])
+
+
+def on_memory(kernel: Any) -> Any:
+    """The kernel as it is, on a memoryview of the array that it is given."""
+    return lambda S, *rest: kernel(memoryview(S), *rest)
+
+
 def advanced(plant: FusedPlant, efforts: FloatArray, hand: Hand, T: float) -> FloatArray:
     """The same by `advance`."""
     rows = []
@@ -50,17 +101,29 @@ def advanced(plant: FusedPlant, efforts: FloatArray, hand: Hand, T: float) -> Fl
     return np.array(rows)
 
 
-def compiled(kernel: Any) -> Kernel:
+def compiled(kernel: Any) -> Any:
     """The kernel and the functions that it calls, compiled by numba; skips the test without it."""
     pytest.importorskip("numba")
-    compiled_kernel: Kernel = _twin(kernel)
-    return compiled_kernel
+    return _twin(kernel)
 
 
 @cache  # kernels call one another: each is compiled once for all tests
 def _twin(function: FunctionType) -> Any:
     import numba
 
-    named = {name: function.__globals__.get(name) for name in function.__code__.co_names}
-    calls = {name: _twin(called) for name, called in named.items() if isinstance(called, FunctionType)}
-    return numba.njit(FunctionType(function.__code__, function.__globals__ | calls))
+    names = function.__code__.co_names
+    found = {name: function.__globals__.get(name) for name in names}
+    calls = {name: _twin(called) for name, called in found.items() if isinstance(called, FunctionType)}
+    modules = {name: _twins(module, names) for name, module in found.items() if isinstance(module, ModuleType)}
+    return numba.njit(FunctionType(function.__code__, function.__globals__ | calls | modules))
+
+
+def _twins(module: ModuleType, names: Iterable[str]) -> ModuleType:
+    """The module, with those of its functions compiled that have one of these names."""
+    functions = {name: getattr(module, name, None) for name in names}
+    calls = {name: _twin(called) for name, called in functions.items() if isinstance(called, FunctionType)}
+    if not calls:
+        return module
+    twin = ModuleType(module.__name__)
+    vars(twin).update(vars(module) | calls)
+    return twin

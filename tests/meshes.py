@@ -93,36 +93,6 @@ def shifted(M: FloatArray, m: int) -> FloatArray:
     return np.concatenate([np.full(m, np.nan), M])
 
 
-def brute_force(vertices: FloatArray, faces: NDArray[np.intp], p: FloatArray) -> tuple[Any, Any]:
-    """Nearest point and distance over all triangles in long double, (3,) and a number."""
-    a, b, c = np.moveaxis(vertices[faces].astype(np.longdouble), 1, 0)
-    g = p.astype(np.longdouble)
-    best = [_on_segments(a, b, g), _on_segments(b, c, g), _on_segments(c, a, g)]
-    n = np.cross(b - a, c - a)
-    n /= np.sqrt((n * n).sum(axis=1, keepdims=True))
-    foot = g - ((g - a) * n).sum(axis=1, keepdims=True) * n
-    within = np.all([(np.cross(v - u, foot - u) * n).sum(axis=1) >= 0 for u, v in ((a, b), (b, c), (c, a))], axis=0)
-    points = np.concatenate([*best, foot[within]])
-    square = ((points - g) ** 2).sum(axis=1)
-    k = int(square.argmin())
-    return points[k], np.sqrt(square[k])
-
-
-def _on_segments(a: Any, b: Any, g: Any) -> Any:
-    u = b - a
-    t = np.clip(((g - a) * u).sum(axis=1) / (u * u).sum(axis=1), 0, 1)
-    return a + t[:, None] * u
-
-
-def winding_number(vertices: FloatArray, faces: NDArray[np.intp], p: FloatArray) -> float:
-    """Sum of the triangles' solid angles over 4 pi (van Oosterom and Strackee, 1983): 1 inside, 0 outside."""
-    a, b, c = np.moveaxis((vertices[faces] - p).astype(np.longdouble), 1, 0)
-    la, lb, lc = (np.sqrt((v * v).sum(axis=1)) for v in (a, b, c))
-    top = (a * np.cross(b, c)).sum(axis=1)
-    bottom = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
-    return float(np.arctan2(top, bottom).sum() / (2 * np.pi))
-
-
 def surface_point(vertices: FloatArray, faces: NDArray[np.intp], count: int, rng: np.random.Generator) -> FloatArray:
     """Points (count, 3) on the triangles, each as likely as any other."""
     corners = vertices[faces[rng.integers(len(faces), size=count)]]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from graspfx.loop.header import Header, Outcome
 from graspfx.loop.layout import Layout
-from graspfx.loop.record import Recording
+from graspfx.loop.record import Recorder, Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -42,6 +42,13 @@ def header(**changes: Any) -> Header:
         "machine": {"platform": "paper"},
     }
     return Header(**(given | changes))
+
+
+def put(recorder: Recorder, row: Any) -> None:
+    """Records one row."""
+    block, r, _ = recorder.space()
+    block[r] = row
+    recorder.take(1)
 
 
 def rows(made: Layout, N: int, seed: int = 0) -> FloatArray:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from graspfx.bench.brute_force import brute_force
 from graspfx.surfaces import ball, walk
 from graspfx.surfaces.ball import ball_contact
 from graspfx.surfaces.mesh import Mesh, make_mesh, new_fingers
 from graspfx.surfaces.proxy import BOX, closest_to_ball
 from graspfx.surfaces.tree import flatten
-from tests.meshes import SHAPES, brute_force, ell, flat, plate, sheet
+from tests.meshes import SHAPES, ell, flat, plate, sheet
 
 FloatArray = np.ndarray
 R = 0.004  # radius of the balls [m]

@@ -9,6 +9,7 @@ from itertools import count
 import numpy as np
 import pytest
 
+from graspfx.devices._point_sample import LIMITED
 from graspfx.devices._points import PointPlant
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import DeviceError, GraspFXError, InputError
@@ -148,15 +149,15 @@ class FirstFingerOnly(PointDevice):
 
 class NoLimit(PointDevice):
     def write(self, forces):
-        self._limit = None
+        self.state[LIMITED] = 0.0
         super().write(forces)
 
 
 class LimitPerComponentTwice(PointDevice):
     def write(self, forces):
-        limit, self._limit = self._limit, None
-        super().write(np.clip(forces, -2.0 * limit, 2.0 * limit) if np.isfinite(forces).all() else forces)
-        self._limit = limit
+        self.state[LIMITED] = 0.0
+        twice = 2.0 * self.features.peak_force
+        super().write(np.clip(forces, -twice, twice) if np.isfinite(forces).all() else forces)
 
 
 class WrongSign(PointDevice):
@@ -166,7 +167,8 @@ class WrongSign(PointDevice):
 
 class ClippedNaN(PointDevice):
     def write(self, forces):
-        self._effort[...] = np.clip(forces, -self._limit, self._limit)
+        limit = self.features.peak_force
+        self._effort[...] = np.clip(forces, -limit, limit)
 
 
 class SilencedNaN(PointDevice):
@@ -183,7 +185,13 @@ class LastForceKept(PointDevice):
 
 class StopsLater(PointDevice):
     def stop(self):
-        self._line[...] = 0.0
+        self.stopped = True
+
+    def write(self, forces):
+        if self.stopped:
+            super().stop()
+        super().write(forces)
+        self.stopped = False
 
 
 class ClosesOnce(PointDevice):
@@ -303,10 +311,17 @@ class SharedArrays(PointDevice):
 
 class SharedEffort(PointDevice):
     held = np.zeros((2, 2))
+    effort = property(lambda self: self.held)
 
-    def open(self, period):
-        self._effort = self.held
-        super().open(period)
+    def write(self, forces):
+        try:
+            super().write(forces)
+        finally:
+            self.held[...] = self._effort
+
+    def stop(self):
+        super().stop()
+        self.held[...] = 0.0
 
 
 class OnlyOneAtATime(PointDevice):

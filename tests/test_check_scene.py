@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.coupling import block
 from graspfx.errors import InputError
 from graspfx.loop.record import Recording
+from graspfx.objects import kernels as body
 from graspfx.testing import ConformanceError, check_scene
 from graspfx.testing.scene import _check_recording, _check_wrench
 
@@ -140,17 +142,15 @@ def test_a_body_that_breaks_a_promise(fault: str, tmp_path: Path, monkeypatch: p
 
 def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forces computed from twice the distance they are told of: half of what the object gets comes from nowhere."""
-    from graspfx.scene.making import build as building
+    from graspfx.coupling.sample import sample as sound
 
-    sound = building.GraspedObject.sample
-
-    def twice(self: Any) -> int:
-        code = sound(self)
-        wrench = self.where["wrench"]
-        self.block[wrench] *= 2.0
+    def sample(S: Any) -> int:
+        code = sound(S)
+        for a in (body.FORCE, body.FORCE + 1, body.MOMENT + 2):
+            S[block.BODY + a] *= 2.0
         return code
 
-    monkeypatch.setattr(building.GraspedObject, "sample", twice)
+    monkeypatch.setattr("graspfx.loop.tick.sample", sample)
     monkeypatch.setattr("graspfx.testing.scene._check_wrench", lambda *_: None)
     waved = gx.load("paper-waving")
     with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):

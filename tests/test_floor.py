@@ -151,7 +151,7 @@ def test_round_bodies_roll_without_slipping(integrator: str, shape: Any, factor:
 
 def energy(state: Array, body: FloorBody, T: float) -> float:
     """Kinetic, of gravity, and of the springs at the contacts, from the state alone."""
-    F = body._buffer
+    F = body.buffer
     R = state[at.ROTATION : at.ROTATION + 9].reshape(3, 3)
     v, w = velocity(state), state[at.ANGULAR_VELOCITY : at.ANGULAR_VELOCITY + 3]
     total = 0.5 * M * v @ v + 0.5 * (state[at.INERTIA : at.INERTIA + 3] * (R.T @ w) ** 2).sum()

@@ -12,6 +12,7 @@ from fused import compiled
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
+from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import Coupling, Impedance
@@ -328,3 +329,31 @@ def test_the_same_source_runs_compiled_to_the_same_numbers() -> None:
     ledger.book_springs(B.data, 3)
     compiled(ledger.book_springs)(twin, 3)
     np.testing.assert_allclose(twin, B, rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_springs_of_matrix_gains_hold_the_displacement_of_their_force(singular: bool) -> None:
+    """K h = fe for the K of the sample, by numpy's solver; where K has no inverse, the displacement there is."""
+    gains = Impedance([[70.0, 0.0], [0.0, 0.0]] if singular else [[70.0, 5.0], [5.0, 60.0]])
+    grasp = GraspedObject(
+        2, 2, 1e-3, Coupling(gains, gains, form="symmetric"), Rules(friction=0.4, fade=None),
+        lambda state: fill_body(state, dimensions=2, mass=1.0, inertia=1e-3), shape=Box([0.04, 0.04]),
+    )  # fmt: skip
+    grasp.meet(np.array([[-0.021, 0.0], [0.021, 0.0]]))
+    observer = Observer(
+        grasp, NativeBody(grasp.body_state), 1e-3, control=False, friction=np.zeros(2), mass=np.full(2, 0.1)
+    )
+    for p in ([[-0.021, 0.0], [0.021, 0.0]], [[-0.018, 1e-4], [0.017, 3e-4]]):
+        grasp.finger_position[:] = p
+        assert grasp.sample() == 0
+        observer.sample()
+    rows = observer.buffer[ledger.ROWS : ledger.ROWS + 2 * ledger.STRIDE].reshape(2, ledger.STRIDE)
+    h = rows[:, ledger.STRETCH : ledger.STRETCH + 2]
+    fe = grasp.rows[:, at.ELASTIC : at.ELASTIC + 2]
+    assert fe.any()
+    if singular:
+        assert np.array_equal(h, grasp.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 2])
+    else:
+        o = at.dense(2, 2)
+        expected = np.linalg.solve(grasp.block[o : o + 16].reshape(4, 4), fe.ravel())
+        np.testing.assert_allclose(h.ravel(), expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())

@@ -19,7 +19,8 @@ import pytest
 
 import graspfx
 import graspfx.errors
-from graspfx.__main__ import main, override
+from graspfx.__main__ import main
+from graspfx.commands.arguments import override
 
 ROOT = Path(__file__).parents[1]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +12,8 @@ from recordings import PERIOD, layout, recording, waving
 from graspfx.loop.header import Outcome, RunFault
 from graspfx.loop.record import Recording
 from graspfx.loop.summary import internal_deformation, vibration
-from graspfx.show.summary import ROWS, print_summary, table
+from graspfx.show import table
+from graspfx.show.summary import ROWS, columns, print_summary
 
 T = np.arange(2000) * PERIOD
 
@@ -137,11 +138,7 @@ def test_every_row_of_the_table_is_a_key_of_the_summary() -> None:
 
 
 def printed(recordings: list[Recording], titles: list[str] | None = None) -> list[list[str]]:
-    from rich.console import Console
-
-    out = io.StringIO()
-    print_summary(recordings, titles, Console(file=out, width=120))
-    return [[cell.strip() for cell in line.split("│")] for line in out.getvalue().splitlines()]
+    return [[cell.strip() for cell in line.split("│")] for line in table.lines(columns(recordings, titles), 120)]
 
 
 def test_two_runs_side_by_side_with_their_change() -> None:
@@ -159,4 +156,16 @@ def test_one_run_has_no_change_and_rows_without_numbers_are_left_out() -> None:
     assert lines["faults"] == ["0", ""]
     assert "wall time" not in lines
     assert "invasion of a finger, mean" not in lines
-    assert len(table([rec]).columns) == 3
+    assert len(columns([rec])) == 3
+
+
+def test_a_terminal_gets_a_head_in_bold_and_one_without_unicode_plain_rules(capsys, monkeypatch) -> None:
+    print_summary([waving(N=100)], ["soft"])
+    assert "soft ┃ unit\n" in capsys.readouterr().out
+    monkeypatch.setattr(type(sys.stdout), "encoding", "ascii")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    print_summary([waving(N=100)], ["soft"])
+    said = capsys.readouterr().out
+    assert said.isascii()
+    assert said.splitlines()[0].startswith("\033[1m ")
+    assert "soft | unit\033[0m" in said

@@ -11,7 +11,6 @@ import pytest
 from fused import compiled
 from meshes import (
     SHAPES,
-    brute_force,
     bumpy_sphere,
     flat,
     mug,
@@ -19,10 +18,10 @@ from meshes import (
     sheet,
     shifted,
     surface_point,
-    winding_number,
 )
 from numpy.typing import NDArray
 
+from graspfx.bench.brute_force import brute_force, winding_number
 from graspfx.surfaces import tree, walk
 from graspfx.surfaces.proxy import BOX, closest
 from graspfx.surfaces.tree import flatten

@@ -79,10 +79,10 @@ def positive_roots(h: FloatArray) -> FloatArray:
     size = np.abs(flat)
     kept = size > TRIM * size.max(axis=0, initial=0.0)
     degree = np.where(kept.any(axis=0), n - np.argmax(kept[::-1], axis=0), 0)
-    for d in np.unique(degree):
-        if d == 0:
-            continue
+    for d in range(1, n + 1):
         points = degree == d
+        if not points.any():
+            continue
         monic = flat[:d, points] / flat[d, points]
         roots = _cubic(monic) if d == 3 else _eigenvalues(monic)
         y = np.where(np.abs(roots.imag) <= REAL * np.abs(roots), roots.real, np.nan)

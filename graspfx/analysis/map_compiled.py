@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from importlib.util import find_spec
 from itertools import pairwise
-from types import FunctionType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis import map_kernel
 from graspfx.analysis.arguments import one_of
+from graspfx.compile.machine import compiled
 from graspfx.errors import InputError, MissingPackageError
 
 FloatArray = NDArray[np.float64]
@@ -58,18 +55,6 @@ def external_limits(*parameters: FloatArray, integrator: int) -> FloatArray:
     return _shared_out(compiled(map_kernel.external_limits), _flat(parameters), map_kernel.EXTERNAL_WIDTH, integrator)
 
 
-@cache
-def compiled(kernel: Any) -> Callable[..., None]:
-    """The kernel and the functions that it calls as machine code, which lets go of the interpreter's lock."""
-    import numba
-
-    named = {name: kernel.__globals__.get(name) for name in kernel.__code__.co_names}
-    calls = {name: compiled(called) for name, called in named.items() if isinstance(called, FunctionType)}
-    twin = FunctionType(kernel.__code__, kernel.__globals__ | calls)
-    machine_code: Callable[..., None] = numba.njit(nogil=True, error_model="numpy")(twin)
-    return machine_code
-
-
 def _flat(parameters: tuple[FloatArray, ...]) -> FloatArray:
     points = np.empty((max(a.size for a in parameters), len(parameters)))
     for column, a in zip(points.T, parameters, strict=True):
@@ -86,6 +71,8 @@ def _shared_out(kernel: Callable[..., None], points: FloatArray, width: int, *mo
     if cores == 1:
         kernel(points, limits, 0, total, *more)
         return limits
+    from concurrent.futures import ThreadPoolExecutor  # takes longer to load than one limit to find
+
     with ThreadPoolExecutor(cores) as pool:
         for done in [pool.submit(kernel, points, limits, *ends, *more) for ends in pairwise(bounds)]:
             done.result()

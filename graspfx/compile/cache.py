@@ -1,4 +1,4 @@
-"""Machine code kept on disk from one run to the next: a folder of bounded size that no fault of the disk can spoil."""
+"""What is kept on disk from one run to the next: a folder of bounded size that no fault of the disk can spoil."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import os
 import sys
-import tempfile
 from pathlib import Path
 
 LIMIT = 200_000_000  # [bytes]; what was used longest ago goes first
@@ -41,6 +40,8 @@ def stored(key: str) -> bytes | None:
 
 def store(key: str, content: bytes) -> str:
     """Keeps something under a key; what stood in the way, or nothing."""
+    import tempfile  # takes longer to load than most of what is kept
+
     here = folder()
     try:
         here.mkdir(parents=True, exist_ok=True)
@@ -55,7 +56,7 @@ def store(key: str, content: bytes) -> str:
             raise
         _trim(here)
     except OSError as error:
-        return f"compiled code cannot be kept in {here}: {error.strerror or error}"
+        return f"nothing can be kept in {here}: {error.strerror or error}"
     return ""
 
 

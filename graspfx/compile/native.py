@@ -139,7 +139,9 @@ def interpreted(source: str) -> Interpreted:
     return Interpreted(source)
 
 
-def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False, quick: bool = False) -> Native:
+def compiled(
+    source: str, floats: Collection[str] = (), *, checked: bool = False, quick: bool = False, make: bool = True
+) -> Native:
     """A program as machine code, taken from the cache if it was compiled before.
 
     Args:
@@ -149,6 +151,7 @@ def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False
         checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
         quick: compile in a tenth of the time what then takes some times as long to run, the same bits; not if better
             code is in the cache.
+        make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
         MissingPackageError: no LLVM.
@@ -167,6 +170,8 @@ def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False
         if found is not None:
             head, _, machine = found.partition(b"\n")
             return Native(json.loads(head), machine, cached=True)
+    if not make:
+        raise LookupError("not compiled yet")
     program = written(source, floats, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
     machine = _emitted(program, effort)

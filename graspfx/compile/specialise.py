@@ -85,6 +85,7 @@ class Program:
     unroll: int = 1
     lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
+    files: set[str] = field(default_factory=set)  # that kernels were taken from
     _made: dict[Any, Made | None] = field(default_factory=dict)
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made:
@@ -96,6 +97,7 @@ class Program:
         code = function.__code__
         if key not in self._made and list(self._made.values()).count(None) < DEEPEST:
             self._made[key] = None
+            self.files.add(code.co_filename)
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
             self._made[key] = self._make(kernel, arguments, f"{function.__name__}_{len(self._made)}")
         found = self._made.get(key)
@@ -197,6 +199,11 @@ class _Body:
 
     def statement(self, node: ast.stmt, scope: Scope) -> tuple[list[ast.stmt], bool]:
         if isinstance(node, ast.Assign):
+            first, value = node.targets[0], node.value
+            if isinstance(first, ast.Tuple) and isinstance(value, ast.IfExp):  # a choice of tuples, as a branch
+                one: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.body), node)]
+                other: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.orelse), node)]
+                return self.branch(ast.copy_location(ast.If(value.test, one, other), node), scope)
             out = self.assign(node.targets[0], node.value, scope)
             for target in node.targets[1:]:  # a = b = 0.0: the second takes what the first has got
                 out += self.assign(target, _loaded(node.targets[0]), scope)

@@ -13,7 +13,7 @@ EXTERNAL_DAMPING = 4  # ked [N s/m]
 INTERNAL_STIFFNESS = 5  # kip [N/m]
 INTERNAL_DAMPING = 6  # kid [N s/m]
 EQUAL = 7  # kep = kip and ked = kid: the conventional method, no projector
-DENSE = 8  # gains are matrices: the squares at `dense` are filled from outside
+DENSE = 8  # gains are matrices: K and D are squares at `dense`
 DAMPED = 9  # some damping is not zero
 ATTACHED = 10  # bilateral: contacts fixed in the object, no normals
 STICK = 11  # a touching finger holds where it touched
@@ -39,7 +39,13 @@ PROBLEM = 34  # offset of the friction problem of the elastic force
 BRAKE = 35  # and of the damping force
 RAYS = 36  # without friction, and gains are numbers: forces along the normals
 OBSERVED = 37  # ELASTIC is wanted
-AXES = 38  # free directions in the object's frame, 6 x 3
+# Of gains that are matrices; the four are kep, ked, kip, kid.
+RULE = 38  # how stiffness, then damping are made of them: equal, literal, symmetric (`gains`)
+TURNED = 40  # the four stand in world axes, and the object turns against those
+WHOLE = 41  # one flag for each of the four: (n d) x (n d), else n times d x d
+GAINS = 45  # offsets of the four
+SKEW = 49  # the largest sum of squares of K - K', then of D - D', so far
+AXES = 51  # free directions in the object's frame, 6 x 3
 BODY = AXES + 18
 
 ROW = BODY + body.SIZE  # the first finger
@@ -139,11 +145,29 @@ def dense(n: int, c: int) -> int:
     return levers(n, c) + 6 * n * c
 
 
-def problems(n: int, c: int, *, matrices: bool) -> int:
-    """Offset of what friction needs, where there is a coefficient: the elastic problem, then that of the damping."""
-    return dense(n, c) + (2 * (n * c) ** 2 if matrices else 0)
+def made(n: int, c: int) -> int:
+    """Offset of what K and D were last made from, with scratch behind it; present only when gains are matrices."""
+    return dense(n, c) + 2 * (n * c) ** 2
 
 
-def size(n: int, c: int, *, matrices: bool, problem: int = 0) -> int:
+def skewest(n: int, c: int) -> int:
+    """Offset of the K, then the D with the largest skew part so far."""
+    return made(n, c) + 46 + 4 * n + 24 * n * c
+
+
+def gains(n: int, c: int) -> int:
+    """Offset of the first gain that is a matrix."""
+    return skewest(n, c) + 2 * (n * c) ** 2
+
+
+def problems(n: int, c: int, matrices: int) -> int:
+    """Offset of what friction needs, where there is a coefficient: the elastic problem, then that of the damping.
+
+    `matrices` is how many entries the four gains take, 0 where they are numbers.
+    """
+    return gains(n, c) + matrices if matrices else dense(n, c)
+
+
+def size(n: int, c: int, matrices: int, problem: int) -> int:
     """Entries of the block; `problem` is the size of a friction problem."""
-    return problems(n, c, matrices=matrices) + 2 * problem
+    return problems(n, c, matrices) + 2 * problem

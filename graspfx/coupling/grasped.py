@@ -11,18 +11,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.cones.friction import problem_size
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import AGAIN, NOT_FINITE, UNRESOLVED, approach
-from graspfx.coupling.sample import FINE, let_go, locate, resplit, respond, sample
+from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
+from graspfx.coupling.gains import ALONE, LITERAL, SYMMETRIC
+from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
-from graspfx.grasp.impedance import Coupling
-from graspfx.grasp.matrix import Grasp
-from graspfx.grasp.split import Split
+from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.objects import kernels as body
-from graspfx.surfaces import ball, walk
+from graspfx.surfaces import ball, tree, walk
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
-WEIGHT_FLOOR = 1e-12  # a metric has to be positive; the cone takes what is left of a faded finger's force
+
+STRUCTURE = (
+    at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
+    at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
+    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.TURNED, *range(at.WHOLE, at.WHOLE + 4),
+    *range(at.GAINS, at.GAINS + 4),
+)  # fmt: skip
+RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
 
 
 class Shape(Protocol):
@@ -98,12 +105,8 @@ class GraspedObject:
     ) -> None:
         n, d = fingers, dimensions
         self.fingers, self.dimensions, self.law = n, d, law
-        scalars = [
-            float(gain) if np.ndim(gain) == 0 else None
-            for part in (law.external, law.internal)
-            for gain in (part.stiffness, part.damping)
-        ]
-        self.matrices = any(gain is None for gain in scalars)
+        gains = [gain for part in (law.external, law.internal) for gain in (part.stiffness, part.damping)]
+        self.matrices = any(np.ndim(gain) for gain in gains)
         mu, patch = np.broadcast_to(rules.friction, n), np.broadcast_to(rules.patch, n)
         slips = bool(np.any(mu)) and not rules.attached
         self.soft = bool(np.any(patch))
@@ -117,26 +120,27 @@ class GraspedObject:
         # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
         rays = not (slips or rules.attached or rules.stick or square or law.equal)
         problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
-        end = at.size(n, c, matrices=self.matrices, problem=problem)
+        squares = [per_finger(gain, n, d) for gain in gains] if self.matrices else []
+        entries = sum(matrix.size for matrix in squares)
+        end = at.size(n, c, entries, problem)
         data = None if shape is None else shape.data
         self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
         S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
-        S[at.PROBLEM] = at.problems(n, c, matrices=self.matrices)
+        S[at.PROBLEM] = at.problems(n, c, entries)
         S[at.BRAKE] = S[at.PROBLEM] + problem
         S[at.EQUAL] = law.equal
+        S[at.DAMPED] = bool(np.any(gains[1]) or np.any(gains[3]))
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
-            S[at.DENSE] = 1.0
-            S[at.DAMPED] = any(np.any(part.damping) for part in (law.external, law.internal))
+            self._place_gains(squares)
         else:
-            S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = scalars
-            S[at.DAMPED] = scalars[1] != 0.0 or scalars[3] != 0.0
-            if not rules.attached and not (scalars[0] and scalars[2]):
+            S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = gains
+            if not rules.attached and not (gains[0] and gains[2]):
                 raise InputError(
-                    "stiffness", f"external {scalars[0]}, internal {scalars[2]} N/m", "both above zero",
+                    "stiffness", f"external {gains[0]}, internal {gains[2]} N/m", "both above zero",
                     "unilateral contact shares a push between them; attach the contacts to study a zero",
                 )  # fmt: skip
         S[at.ATTACHED], S[at.STICK], S[at.AT_CONTACT] = rules.attached, rules.stick, rules.at_contact
@@ -179,12 +183,29 @@ class GraspedObject:
         self.touching = rows[:, at.TOUCHING]
         self.touching[:] = rules.attached
         self.where = self._entries()
-        self._made_from: FloatArray | None = None
 
     @property
     def wrench(self) -> FloatArray:
         """f_v of eq. (2) about the object's centre, (w,): force, then moment."""
         return self.block[self.where["wrench"]]
+
+    @property
+    def structure(self) -> Index:
+        """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets.
+
+        Values are not among them but for zeros that stay zero: gains, and what a finger lacks of friction, of a patch
+        and of a radius.
+        """
+        fixed = [*STRUCTURE, *(at.BODY + entry for entry in (body.DIMENSIONS, body.INTEGRATOR))]
+        fixed += range(at.BODY + body.FREE, at.BODY + body.FREE + 6)
+        if self._walks is not None:
+            start = int(self.block[at.MESH])
+            fixed += [at.MESH, at.WALKS, *range(start + tree.CLOSED, start + tree.RINGS + 1)]
+        lacking = list(range(at.EXTERNAL_STIFFNESS, at.INTERNAL_DAMPING + 1))
+        for o in range(at.ROW, at.ROW + self.fingers * at.STRIDE, at.STRIDE):
+            lacking += [o + at.COEFFICIENT, o + at.PATCH, o + at.RADIUS]
+        fixed += [entry for entry in lacking if self.block[entry] == 0.0]
+        return np.array(sorted(fixed), dtype=np.intp)
 
     @property
     def implicit(self) -> bool:
@@ -223,27 +244,24 @@ class GraspedObject:
 
     def sample(self) -> int:
         """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
-        if not self.matrices:
-            return sample(self._S)
-        fault = locate(self._S)
-        if fault == FINE:
-            self._fill_matrices()
-            fault = respond(self._S, True)
-        passes = self.fingers
-        while fault == AGAIN:
-            resplit(self._S)
-            self._fill_matrices()
-            passes -= 1
-            fault = respond(self._S, passes > 0)
-        if fault != FINE:
-            let_go(self._S)
-        return fault
+        return sample(self._S)
+
+    def check_activity(self) -> None:
+        """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.
+
+        Samples do not warn; who runs them asks here.
+        """
+        if self.matrices:
+            o, m = at.skewest(self.fingers, self.dimensions), self.fingers * self.dimensions
+            K, D = self.block[o : o + 2 * m * m].reshape(2, m, m)
+            self.law.warn_if_active("stiffness", K)
+            self.law.warn_if_active("damping", D)
 
     def let_go(self) -> None:
         """Zero force and wrench."""
         let_go(self._S)
 
-    def _entries(self) -> dict[str, NDArray[np.intp]]:
+    def _entries(self) -> dict[str, Index]:
         """Which entries of the block hold what a recording asks for."""
         n, d = self.fingers, self.dimensions
         rows = np.arange(at.ROW, at.ROW + n * at.STRIDE).reshape(n, at.STRIDE)
@@ -287,25 +305,19 @@ class GraspedObject:
         # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
         S[at.MIXED] = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
 
-    def _fill_matrices(self) -> None:
-        """K and D of the law in the object's axes, anew when a contact, a weight or the rotation has changed."""
-        n, d, rows = self.fingers, self.dimensions, self.rows
-        o = body.NEXT_ROTATION if self.block[at.IMPLICIT] else body.ROTATION
-        R = self.body_state[o : o + 9].reshape(3, 3)[:d, :d]
-        now = np.concatenate([R.ravel(), rows[:, at.CONTACT : at.CONTACT + d].ravel(), rows[:, at.WEIGHT]])
-        if self._made_from is not None and np.array_equal(now, self._made_from):
-            return
-        self._made_from = now
-        k = int(self.block[at.COUNT])  # no modes where the gains are equal: then none are asked for
-        modes = self.block[at.modes(n) : at.modes(n) + k * (1 + 3 * n)].reshape(k, 1 + 3 * n)
-        motions = np.sqrt(modes[:, :1, None]) * (modes[:, 1:].reshape(k, n, 3)[..., :d] @ R.T)
-        arms = rows[:, at.CONTACT : at.CONTACT + d] @ R.T
-        weights = np.maximum(rows[:, at.WEIGHT], WEIGHT_FLOOR)
-        split = Split.blended(Grasp(arms), motions.reshape(k, n * d).T, weights)
-        turn = np.kron(np.eye(n), R)
-        o, m = at.dense(n, d), n * d
-        self.block[o : o + m * m] = (turn.T @ self.law.stiffness(split) @ turn).ravel()
-        self.block[o + m * m : o + 2 * m * m] = (turn.T @ self.law.damping(split) @ turn).ravel()
+    def _place_gains(self, squares: Sequence[FloatArray]) -> None:
+        """kep, ked, kip and kid as matrices, for each finger or for all of them together."""
+        S, n, d, law = self.block, self.fingers, self.dimensions, self.law
+        S[at.DENSE] = 1.0
+        o = at.gains(n, d)
+        for k, matrix in enumerate(squares):
+            S[at.GAINS + k], S[at.WHOLE + k] = o, matrix.ndim == 2
+            S[o : o + matrix.size] = matrix.ravel()
+            o += matrix.size
+        S[at.RULE], S[at.RULE + 1] = RULES[law.rule("stiffness")], RULES[law.rule("damping")]
+        S[at.TURNED] = d > 1 and any(
+            np.ndim(part.stiffness) > 1 or np.ndim(part.damping) > 1 for part in (law.external, law.internal)
+        )
 
 
 def _radii(given: ArrayLike, n: int) -> FloatArray:

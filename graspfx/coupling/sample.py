@@ -6,6 +6,7 @@ from typing import Any
 
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, LARGEST, LOST, approach, pose, refactor, turn_axes
+from graspfx.coupling.gains import fill_gains
 from graspfx.coupling.projection import attached, push, unilateral
 from graspfx.coupling.rays import press
 from graspfx.coupling.slip import rub
@@ -14,24 +15,18 @@ from graspfx.objects import kernels as body
 FINE = 0
 
 
-def locate(S: Any) -> int:
-    """The first part: where the contacts are, and the split if it is needed and has changed."""
-    fault = approach(S)
-    if fault == FINE:
-        resplit(S)
-    return fault
-
-
 def resplit(S: Any) -> None:
-    """The split, if the gains need it and it has changed."""
+    """The split, if the gains need it, and the matrices of gains that are no numbers, where they have changed."""
     if S[at.MIXED] != 0.0:
         turn_axes(S)
     if S[at.EQUAL] == 0.0:
         refactor(S)
+    if S[at.DENSE] != 0.0:
+        fill_gains(S)
 
 
 def respond(S: Any, again: bool) -> int:
-    """The second part: forces on the object and its wrench. AGAIN, where `again` allows it, asks for the split anew."""
+    """Forces on the object and its wrench. AGAIN, where `again` allows it, asks for the split anew."""
     if S[at.ATTACHED] != 0.0:
         fault = attached(S)
     elif S[at.FRICTION] != 0.0:
@@ -49,9 +44,10 @@ def respond(S: Any, again: bool) -> int:
 
 def sample(S: Any) -> int:
     """Motion in, forces and wrench out; returns FINE, or why every force is zero."""
-    fault = locate(S)
+    fault = approach(S)
     passes = int(S[at.FINGERS])  # at worst the fingers lose their anchors one after another
     if fault == FINE:
+        resplit(S)
         fault = respond(S, True)
     while fault == AGAIN:
         resplit(S)

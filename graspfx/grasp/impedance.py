@@ -120,6 +120,13 @@ class Coupling:
         difference = part[1] if rate[1] is None else rate[1]
         return f if difference is None else f + split.project(difference)
 
+    def rule(self, which: Pair) -> Literal["equal", "literal", "symmetric"]:
+        """How a pair of gains makes a matrix: one alone where both are equal, else by the form; numbers by either."""
+        outer, inner = self._pair(which)
+        if _equal(outer, inner):
+            return "equal"
+        return "literal" if isinstance(outer, float) and isinstance(inner, float) else self.form
+
     def _pair(self, which: Pair) -> tuple[Gain, Gain]:
         return getattr(self.external, which), getattr(self.internal, which)
 
@@ -136,23 +143,25 @@ class Coupling:
         if made is not None and made[0] is split:
             return made[1]
         outer, inner = self._pair(which)
-        if _equal(outer, inner):
+        rule = self.rule(which)
+        if rule == "equal":
             K = spread(outer, split)
         elif isinstance(outer, float) and isinstance(inner, float):
             K = spread(inner, split) + (outer - inner) * split.modal_metric()
         else:
             A, B, E = spread(outer, split), spread(inner, split), split.external
-            if self.form == "symmetric":
+            if rule == "symmetric":
                 K = E @ A @ E.T + split.internal @ B @ split.internal.T
                 K = (K + K.T) / 2
             else:
                 K = B + E @ (A - B)
-                self._warn_if_active(which, K)
+                self.warn_if_active(which, K)
         K.setflags(write=False)
         self._made[which] = (split, K)
         return K
 
-    def _warn_if_active(self, which: Pair, K: FloatArray) -> None:
+    def warn_if_active(self, which: Pair, K: FloatArray) -> None:
+        """Warn of a stiffness or damping that can create energy, once and whenever that has grown tenfold."""
         told = GROWN * self._told.get(which, 0.0)
         if told > 0.0 and float(np.linalg.norm(K - K.T)) <= 2.0 * told:  # no less than the spectral norm, and cheap
             return
@@ -215,6 +224,25 @@ def spread(gain: Gain, split: Split) -> FloatArray:
             f"{expected}, {n} numbers, or (d, d) or ({n}, d, d) where each contact has d forces and no moment",
         )
     return split.stretch(split.stretch(K).T).T  # L K L; without a metric K to the bit
+
+
+def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
+    """A gain of point contacts as (n, d, d), a matrix for each finger, or as the full matrix (m, m) that it is.
+
+    Raises:
+        InputError: a gain that does not fit the contacts.
+    """
+    n, d = fingers, dimensions
+    given = np.asarray(gain, dtype=float)
+    if given.shape in ((), (n,)):
+        return np.broadcast_to(given, n)[:, None, None] * np.eye(d)
+    if given.shape in ((d, d), (n, d, d)):
+        return np.broadcast_to(given, (n, d, d))
+    if given.shape == (n * d, n * d):
+        return given
+    raise InputError(
+        "gain", gain, f"a number, {n} numbers, or an array ({d}, {d}), ({n}, {d}, {d}) or ({n * d}, {n * d})"
+    )
 
 
 def skew_part(K: FloatArray) -> float:

@@ -99,21 +99,6 @@ class Split:
         orthonormal = self._root is None and (self.grasp is None or not self.grasp.torsion_columns.any())
         self._modes = basis if orthonormal else np.linalg.qr(self.stretch(basis.T).T)[0]
 
-    @classmethod
-    def blended(cls, grasp: ContactSet, modes: FloatArray, weights: FloatArray) -> Split:
-        """The split of P = L U U' L^-1 for given modes U (m, k), unchecked, with weights (n,) as its metric L L.
-
-        For a sample, where rotations join the external space bit by bit: columns of U are orthogonal, their lengths 1
-        or less, so that P lies between the projectors without and with them.
-        """
-        split = cls.__new__(cls)
-        split.grasp, split.components = grasp, len(grasp.finger_of_column)
-        split.rank, split.condition = modes.shape[1], 1.0
-        split.metric = weights[grasp.finger_of_column]
-        split._root = None if (weights == 1.0).all() else np.sqrt(split.metric)
-        split._motions = split._modes = modes
-        return split
-
     @cached_property
     def external(self) -> FloatArray:
         """P on forces, (m, m)."""

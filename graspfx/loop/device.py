@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.plant import Plant
+from graspfx.loop.plant import Kernel, Plant, unaltered
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -81,3 +82,75 @@ class SimulatedDevice(Protocol):
     def plant(devices: Sequence[Device]) -> Plant:
         """The plant that moves all channels of these devices together, in their order."""
         ...
+
+
+class DevicePorts(NamedTuple):
+    """Where a device's block takes its inputs and shows what comes of them: the first of their entries."""
+
+    sensed: int  # what its sensors see, copied from its plant's block before `reading`
+    position: int  # (k, d) [m] after `reading`
+    velocity: int  # (k, d) [m/s] after `reading`
+    command: int  # (k, d) [N], the forces to display, before `writing`
+    effort: int  # (k, d) what the actuators hold after `writing`, in the plant's units
+
+
+@runtime_checkable
+class FusedDevice(SimulatedDevice, Protocol):
+    """A simulated device that shows its block and its kernels, so that a run may read and write it without calling it.
+
+    After `open`, and once its plant is made and placed, each sample: its plant's entries `sensed` copied to its block
+    at `ports.sensed`, `reading(S, 0)` once, forces written at `ports.command`, `writing(S, 0)`, efforts read at
+    `ports.effort`. `read`, `write` and `stop` do nothing else.
+    """
+
+    @property
+    def state(self) -> FloatArray:
+        """S, flat, the same array for the device's life."""
+        ...
+
+    @property
+    def structure(self) -> Index:
+        """Entries of the block, whole numbers, that do not change after `open` and pick what the kernels do."""
+        ...
+
+    @property
+    def ports(self) -> DevicePorts:
+        """Where in the block the caller writes and reads, counted from its beginning."""
+        ...
+
+    @property
+    def sensed(self) -> Index:
+        """Entries of its plant's block that its sensors see, in their order; none before it has a plant."""
+        ...
+
+    @property
+    def reading(self) -> Kernel:
+        """reading(S, o), for the block that starts at S[o], gives 0 or why there is no reading."""
+        ...
+
+    @property
+    def writing(self) -> Kernel:
+        """writing(S, o) gives 0, or why the forces are not displayed: then it has stopped."""
+        ...
+
+    @property
+    def stopping(self) -> Kernel:
+        """stopping(S, o): zero force now, and none on its way."""
+        ...
+
+    def fault_text(self, code: int) -> str:
+        """What a number other than 0 means, as an error says it, by the figures in the block."""
+        ...
+
+
+def fused(device: Device) -> FusedDevice | None:
+    """The device, if its kernels do all that its methods do.
+
+    None for one that lacks them, or whose class has a `read`, `write` or `stop` of its own over the kernels of one it
+    is made from.
+    """
+    if isinstance(device, FusedDevice) and unaltered(
+        device, ("read", "write", "stop"), ("reading", "writing", "stopping")
+    ):
+        return device
+    return None

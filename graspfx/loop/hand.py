@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.loop import plant
-from graspfx.loop.motion import Levels, Motion, Rest, floats
+from graspfx.loop import plant, targets
+from graspfx.loop.motion import Levels, Motion, Rest, floats, lay_out, parts_of
 from graspfx.loop.turn import Turn
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +26,8 @@ class Hand:
     x the motion, R the turns about c, one after another, s the squeeze and u_i the unit vector along `inward`: one
     number s closes all fingers, a synergy, and its directions turn with the hand. With nothing that moves this is a
     plain spring and damper to `rest`; with zero gains it is no hand at all.
+
+    Made of motions of this package it is a `FusedHand`: one that is given a motion of another has no `kernel`.
 
     Args:
         rest: (n, d), where the fingers rest [m].
@@ -56,22 +57,32 @@ class Hand:
     ) -> None:
         r = _rest(rest)
         n, d = r.shape
-        self._rest = r
         self._stiffness = _gains("stiffness", stiffness, n, d)
         self._damping = _gains("damping", damping, n, d)
-        self._motion: Motion = Rest() if motion is None else motion
-        if self._motion.dimensions not in (None, d):
-            raise InputError("motion", self._motion.dimensions, f"a motion in {d} dimensions, as rest has")
-        self._turns = tuple(turns)
+        x: Motion = Rest() if motion is None else motion
+        if x.dimensions not in (None, d):
+            raise InputError("motion", x.dimensions, f"a motion in {d} dimensions, as rest has")
         if any(turn.dimensions != d for turn in turns):
             raise InputError("turns", [turn.dimensions for turn in turns], f"turns in {d} dimensions, as rest has")
-        self._squeeze = _squeeze(squeeze, squeeze_ramp)
-        self._along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
-        self._still = _frozen(np.zeros((n, d)))
-        levels = self._squeeze if isinstance(self._squeeze, Levels) else None
-        self._closed = levels.end if levels is not None else math.inf  # from then on the squeeze is constant
-        self._settled = _frozen(r + levels.last * self._along) if levels is not None else r
-        self._resting = isinstance(self._motion, Rest) and not turns
+        if any(getattr(type(turn), "turned", None) is not Turn.turned for turn in turns):
+            raise InputError("turns", turns, "turns that are a Turn", "another course in time is a motion of its angle")
+        closing = _squeeze(squeeze, squeeze_ramp)
+        along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
+        squeezing = lay_out(parts_of(closing) if along.any() else (), 1)
+        courses = [(squeezing, 1), (lay_out(parts_of(x), d), d), *((turn.laid_out, 1) for turn in turns)]
+        ports = plant.HandPorts(position=targets.HAND, velocity=targets.HAND + n * d)
+        still, room = np.zeros(n * d), np.zeros(2 * d + 2)
+        first = targets.HAND + 4 * n * d + len(room)
+        starts = np.cumsum([first, *(len(course.entries) for course, _ in courses)]).tolist()
+        header = n, d, starts[0], starts[1], len(turns), starts[2]
+        arrays = [header, r.ravel(), still, r.ravel(), along.ravel(), room]
+        placed = [(at, course, each) for at, (course, each) in zip(starts, courses, strict=False)]
+        self.state: FloatArray = np.concatenate([*arrays, *(course.entries for course, _ in courses)])
+        self.structure = np.concatenate([np.arange(targets.HAND), *(at + course.structure for at, course, _ in placed)])
+        self.ports = ports
+        self._asked = [each for each in placed if each[1].given]  # others' motions, which no kernel knows
+        if not self._asked and type(self).target is Hand.target:
+            self.kernel: plant.HandKernel = targets.target  # makes it a FusedHand
 
     @classmethod
     def arm_and_grip(
@@ -121,17 +132,10 @@ class Hand:
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
-        if time >= self._closed:
-            r, v = self._settled, self._still
-        else:
-            s, ds = self._squeeze.at(time)
-            r, v = self._rest + s * self._along, ds * self._along
-        if self._resting:
-            return r, v
-        for turn in self._turns:
-            r, v = turn.turned(time, r, v)
-        x, dx = self._motion.at(time)
-        return r + x, v + dx
+        for at, course, d in self._asked:
+            course.ask(self.state, at, time, d)
+        targets.target(self.state.data, 0, time)
+        return _targets(self.state, self.ports, self._stiffness)
 
 
 class JoinedHands:
@@ -145,14 +149,39 @@ class JoinedHands:
     def __init__(self, hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> None:
         if not hands:
             raise InputError("hands", hands, "one hand at least")
-        self._hands = tuple(hands)
+        self._asked: list[tuple[plant.Hand, int, int]] = []  # hands without a kernel, where r and r' are written
         n = sum(hand.stiffness.shape[1] for hand in hands)
         if order is not None and sorted(order) != list(range(n)):
             raise InputError("order", order, f"each of the {n} fingers once")
-        self._order = np.arange(n) if order is None else np.array(order)
-        rows = self._order[:, None], self._order
+        where = list(range(n)) if order is None else list(order)
+        rows = np.array(where)[:, None], np.array(where)
         self._stiffness = _frozen(_block_diagonal([hand.stiffness for hand in hands])[:, *rows])
         self._damping = _frozen(_block_diagonal([hand.damping for hand in hands])[:, *rows])
+        d = len(self._stiffness)
+        header = targets.JOINED + len(hands)
+        at = header + 2 * n * d + 2 * n
+        parts: list[FloatArray] = []
+        starts, places, structure = [], [], list(range(header)) + list(range(at - 2 * n, at))
+        for hand in hands:
+            fingers = hand.stiffness.shape[1]
+            if isinstance(hand, plant.FusedHand) and hand.kernel is targets.target:
+                starts.append(at)
+                structure += (at + hand.structure).tolist()
+                r, v = at + hand.ports.position, at + hand.ports.velocity
+                parts.append(hand.state)
+            else:
+                starts.append(0)
+                r, v = at, at + fingers * d
+                self._asked.append((hand, r, v))
+                parts.append(np.zeros(2 * fingers * d))
+            places += [(r + i * d, v + i * d) for i in range(fingers)]
+            at += len(parts[-1])
+        front = [len(hands), n, d, *starts, *np.zeros(2 * n * d), *np.ravel([places[i] for i in where])]
+        self.state: FloatArray = np.concatenate([np.array(front, dtype=float), *parts])
+        self.structure = np.array(structure, dtype=np.intp)
+        self.ports = plant.HandPorts(position=header, velocity=header + n * d)
+        if not self._asked and type(self).target is JoinedHands.target:
+            self.kernel: plant.HandKernel = targets.joined_target  # makes it a FusedHand
 
     @property
     def stiffness(self) -> FloatArray:
@@ -165,10 +194,13 @@ class JoinedHands:
         return self._damping
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]."""
-        targets = [hand.target(time) for hand in self._hands]
-        r, v = np.concatenate([r for r, _ in targets]), np.concatenate([v for _, v in targets])
-        return r[self._order], v[self._order]
+        """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
+        for hand, at, rate in self._asked:
+            r, v = hand.target(time)
+            self.state[at : at + r.size] = r.ravel()
+            self.state[rate : rate + v.size] = v.ravel()
+        targets.joined_target(self.state.data, 0, time)
+        return _targets(self.state, self.ports, self._stiffness)
 
 
 def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> plant.Hand:
@@ -252,6 +284,13 @@ def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
         whole[:, start:stop, start:stop] = block
         start = stop
     return whole
+
+
+def _targets(S: FloatArray, ports: plant.HandPorts, K: FloatArray) -> tuple[FloatArray, FloatArray]:
+    d, n, _ = K.shape
+    both = S[ports.position : ports.position + 2 * n * d].reshape(2, n, d).copy()
+    both.flags.writeable = False
+    return both[0], both[1]
 
 
 def _frozen(array: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import sys
 from collections.abc import Mapping, Sequence
@@ -70,25 +71,28 @@ def now() -> str:
 
 def versions(*packages: str) -> dict[str, str]:
     """Of Python, GraspFX, numpy and the other packages named that are installed."""
-    from importlib.metadata import PackageNotFoundError, version
-
     import numpy as np
 
     import graspfx
+    from graspfx.installed import version
 
     found = {"python": platform.python_version(), "graspfx": graspfx.__version__, "numpy": np.__version__}
-    for package in packages:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
+    others = {package: version(package) for package in packages}
+    return found | {package: number for package, number in others.items() if number is not None}
 
 
 def machine() -> dict[str, str]:
     """Platform, processor and interpreter."""
     return {
-        "platform": platform.platform(),
-        "processor": platform.processor() or platform.machine(),
+        "platform": _platform(),
+        "processor": platform.machine() if sys.platform == "linux" else platform.processor() or platform.machine(),
         "implementation": f"{platform.python_implementation()} {sys.version.split()[0]}",
     }
+
+
+def _platform() -> str:
+    """As `platform.platform` has it, which on Linux waits 20 ms for a process that says `unknown`, or the machine."""
+    if sys.platform != "linux":
+        return platform.platform()
+    here, library = os.uname(), "".join(platform.libc_ver())
+    return "-".join([here.sysname, here.release, here.machine, *(["with", library] if library else [])])

@@ -21,6 +21,7 @@ from typing import Any
 
 from graspfx.analysis import passivity_observer as po
 from graspfx.analysis.passivity_observer import balance, book, squares
+from graspfx.cones.cone import eliminate
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import pose
 from graspfx.grasp.kernels import rigid_modes
@@ -33,9 +34,10 @@ COUNT = 1  # modes
 DRAG = 2  # least friction b_i/w_i of the devices [N s/m]
 LIGHT = 3  # largest w_i/m_i of the devices [1/kg]
 OTHERS = 4  # not our integrator: what the body met is what is left over
-GIVEN = 5  # h is written from outside
-SCALE = 6  # the largest energy so far [J]
-LEDGER = 7  # of `passivity_observer`
+GIVEN = 5  # gains are matrices with cones: h = K^-1 fe
+CONTROL = 6  # modes that leak are braked (`watch`)
+SCALE = 7  # the largest energy so far [J]
+LEDGER = 8  # of `passivity_observer`
 DAMPED = LEDGER + po.SIZE
 BRAKED = DAMPED + 8
 SLIPPED = BRAKED + 8
@@ -77,8 +79,14 @@ def modes(n: int) -> int:
     return ROWS + n * STRIDE
 
 
-def size(n: int) -> int:
+def square(n: int) -> int:
+    """Offset of K and fe while h is found from them; present only where gains are matrices."""
     return modes(n) + 6 * (1 + 4 * n)
+
+
+def size(n: int, m: int = 0) -> int:
+    """Entries of the buffer; `m` is how many components the forces have where gains are matrices."""
+    return square(n) + m * m + m
 
 
 def observe(S: Any, B: Any, T: float) -> None:
@@ -175,9 +183,11 @@ def load(S: Any, B: Any) -> None:
             B[modes(n) + k] = S[at.modes(n) + k]
     kep, kip = S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS]
     split(B, n, width, int(S[at.SHIFTS]), NEXT, NEW)
+    if B[GIVEN] != 0.0 and stretch_by_matrix(S, B):
+        return
     if B[GIVEN] == 0.0 and kep > 0.0 and kip > 0.0:
         stretch(B, n, width, kep, kip)
-    elif B[GIVEN] == 0.0:
+    else:  # without cones, and where a K without an inverse leaves it open
         for i in range(n):
             for a in range(4):
                 B[ROWS + i * STRIDE + STRETCH + a] = S[at.ROW + i * at.STRIDE + at.DISPLACEMENT + a]
@@ -231,6 +241,25 @@ def stretch(B: Any, n: int, width: int, kep: float, kip: float) -> None:
             if B[r + WEIGHT] > 0.0:
                 for a in range(width):
                     B[r + STRETCH + a] += z * B[m + 1 + width * i + a] * B[r + WEIGHT] ** -0.5
+
+
+def stretch_by_matrix(S: Any, B: Any) -> bool:
+    """h = K^-1 fe with the K that stands in the block, to STRETCH; False, and nothing, where K has no inverse."""
+    n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
+    m = n * d
+    K, H = at.dense(n, d), square(n)
+    fe = H + m * m
+    for k in range(m * m):
+        B[H + k] = S[K + k]
+    for i in range(n):
+        for a in range(d):
+            B[fe + i * d + a] = B[ROWS + i * STRIDE + NEXT + a]
+    if not eliminate(B, H, fe, m):
+        return False
+    for i in range(n):
+        for a in range(d):
+            B[ROWS + i * STRIDE + STRETCH + a] = B[fe + i * d + a]
+    return True
 
 
 def book_springs(B: Any, n: int) -> None:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from csv import reader
 from os import PathLike
 from pathlib import Path as FilePath
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.loop import targets
 
 FloatArray = NDArray[np.float64]
 
@@ -34,29 +34,78 @@ class Motion(Protocol):
         ...
 
 
-def minimum_jerk(s: float) -> tuple[float, float]:
-    """10 s^3 - 15 s^4 + 6 s^5 and its derivative by s; 0 before s = 0, 1 after s = 1.
+class Part(NamedTuple):
+    """One term of a motion: a kind of `graspfx.loop.targets` with its numbers, or a motion that is none of ours."""
 
-    The step with the least integral of squared jerk between two states of rest (T. Flash and N. Hogan, The coordination
-    of arm movements, J. Neuroscience 5(7), 1985).
-    """
-    if s <= 0.0:
-        return 0.0, 0.0
-    if s >= 1.0:
-        return 1.0, 0.0
-    return s * s * s * (10.0 + s * (6.0 * s - 15.0)), 30.0 * s * s * (1.0 - s) * (1.0 - s)
+    kind: int
+    rows: int  # how many points or levels
+    numbers: FloatArray
+    source: Motion | None = None
 
 
-class Rest:
-    """No motion."""
+class Course(NamedTuple):
+    """A motion laid out for `targets.motion_at`."""
 
-    dimensions = None
+    entries: FloatArray
+    structure: NDArray[np.intp]  # entries that never change and pick what is done
+    given: list[tuple[int, Motion]]  # where offset (d) and velocity (d) of others' motions are written
+
+    def ask(self, S: FloatArray, o: int, time: float, d: int) -> None:
+        """Write others' motions at a time into the course that stands at S[o]."""
+        for at, motion in self.given:
+            x, v = motion.at(time)
+            S[o + at : o + at + d] = x
+            S[o + at + d : o + at + 2 * d] = v
+
+
+def lay_out(parts: Sequence[Part], d: int) -> Course:
+    """The course, in d dimensions, of what is made of these parts."""
+    entries, structure, given = [np.array([float(len(parts))])], [0], []
+    at = 1
+    for kind, rows, own, source in parts:
+        numbers = own if source is None else np.zeros(2 * d)
+        if source is not None:
+            given.append((at + targets.OWN, source))
+        structure += [at + targets.KIND, at + targets.SIZE, at + targets.COUNT]
+        size = targets.OWN + len(numbers)
+        entries += [np.array([kind, size, rows], dtype=float), numbers]
+        at += size
+    return Course(np.concatenate(entries), np.array(structure, dtype=np.intp), given)
+
+
+def parts_of(motion: Motion) -> Sequence[Part]:
+    """Of ours, what they are made of; of another, or one whose `at` is another, itself."""
+    if isinstance(motion, _Parts) and type(motion).at is _Parts.at:
+        return motion.parts
+    return [Part(targets.GIVEN, 0, np.zeros(0), motion)]
+
+
+class _Parts:
+    """What our motions have in common: the parts that they are made of, and the kernel that adds these up."""
+
+    def __init__(self, dimensions: int | None, parts: Sequence[Part]) -> None:
+        self.dimensions = dimensions
+        self.parts = tuple(parts)
+        d = dimensions or 1
+        self._course = lay_out(parts, d)
+        self._block: FloatArray = np.concatenate([np.zeros(2 * d), self._course.entries])
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        return np.zeros(1), np.zeros(1)
+        """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]."""
+        d = self.dimensions or 1
+        self._course.ask(self._block, 2 * d, time, d)
+        targets.motion_at(self._block.data, 2 * d, time, 0, d)
+        return self._block[:d].copy(), self._block[d : 2 * d].copy()
 
 
-class Sine:
+class Rest(_Parts):
+    """No motion."""
+
+    def __init__(self) -> None:
+        super().__init__(None, [])
+
+
+class Sine(_Parts):
     """x(t) = a s((t - begin) / ramp) sin(2 pi f (t - begin)) along one direction, zero before `begin`.
 
     s is the minimum-jerk step, 1 throughout when `ramp` is zero: then the velocity jumps by 2 pi f a at `begin`.
@@ -80,26 +129,15 @@ class Sine:
         *,
         dimensions: int | None = None,
     ) -> None:
-        self._a = _number("amplitude", amplitude, "a finite length [m]")
-        self._f = _number("frequency", frequency, "a finite frequency above zero [Hz]", above=0.0)
-        self._u = direction(axis, dimensions)
-        self._begin = _number("begin", begin, "a finite time [s]")
-        self._ramp = _number("ramp", ramp, "a finite time of zero or more [s]", least=0.0)
-        self.dimensions: int | None = len(self._u)
-
-    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        t = time - self._begin
-        if t < 0.0:
-            return 0.0 * self._u, 0.0 * self._u
-        s, ds = minimum_jerk(t / self._ramp) if self._ramp > 0.0 else (1.0, 0.0)
-        if ds:
-            ds /= self._ramp
-        w = 2.0 * math.pi * self._f
-        sin, cos = math.sin(w * t), math.cos(w * t)
-        return self._a * s * sin * self._u, self._a * (s * w * cos + ds * sin) * self._u
+        a = _number("amplitude", amplitude, "a finite length [m]")
+        f = _number("frequency", frequency, "a finite frequency above zero [Hz]", above=0.0)
+        u = direction(axis, dimensions)
+        t = _number("begin", begin, "a finite time [s]")
+        fade = _number("ramp", ramp, "a finite time of zero or more [s]", least=0.0)
+        super().__init__(len(u), [Part(targets.SINE, 0, np.array([a, 2.0 * math.pi * f, t, fade, *u]))])
 
 
-class Reach:
+class Reach(_Parts):
     """x(t) = s((t - begin) / duration) displacement, s the minimum-jerk step; it stays there.
 
     Args:
@@ -109,17 +147,13 @@ class Reach:
     """
 
     def __init__(self, displacement: ArrayLike, begin: float = 0.0, duration: float = 1.0) -> None:
-        self._x = _vector("displacement", displacement, "the finite components (d,) of a displacement [m]")
-        self._begin = _number("begin", begin, "a finite time [s]")
-        self._duration = _number("duration", duration, "a finite time above zero [s]", above=0.0)
-        self.dimensions: int | None = len(self._x)
-
-    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        s, ds = minimum_jerk((time - self._begin) / self._duration)
-        return s * self._x, ds / self._duration * self._x
+        x = _vector("displacement", displacement, "the finite components (d,) of a displacement [m]")
+        t = _number("begin", begin, "a finite time [s]")
+        T = _number("duration", duration, "a finite time above zero [s]", above=0.0)
+        super().__init__(len(x), [Part(targets.REACH, 0, np.array([t, T, *x]))])
 
 
-class Path:
+class Path(_Parts):
     """A recorded path: cubic between its points and continuous in velocity, without overshoot; it holds its ends.
 
     The slopes are those of F. N. Fritsch and R. E. Carlson (Monotone piecewise cubic interpolation, SIAM J. Numerical
@@ -140,12 +174,8 @@ class Path:
             raise InputError("times", times, "two or more finite times (N,), each later than the one before [s]")
         if x.ndim != 2 or len(x) != len(t) or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
             raise InputError("positions", positions, f"finite positions (N, d) or (N,), N = {len(t)} as for times [m]")
-        self._times: list[float] = t.tolist()
-        self._first, self._last = x[0].copy(), x[-1].copy()
-        self._c: FloatArray = np.moveaxis(
-            np.asarray(PchipInterpolator(t, x).c, dtype=float), 1, 0
-        ).copy()  # (N-1, 4, d)
-        self.dimensions: int | None = x.shape[1]
+        cubics = np.moveaxis(np.asarray(PchipInterpolator(t, x).c, dtype=float), 1, 0)  # (N - 1, 4, d)
+        super().__init__(x.shape[1], [Part(targets.PATH, len(t), np.concatenate([t, cubics.ravel(), x[-1]]))])
 
     @classmethod
     def read(cls, file: str | PathLike[str]) -> Path:
@@ -166,17 +196,8 @@ class Path:
         except InputError as error:
             raise InputError(f"{path}: {error.name}", error.given, error.expected) from error
 
-    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        if time <= self._times[0] or time >= self._times[-1]:
-            end = self._first if time <= self._times[0] else self._last
-            return end.copy(), np.zeros_like(end)
-        k = bisect_right(self._times, time) - 1
-        s = time - self._times[k]
-        c3, c2, c1, c0 = self._c[k]
-        return ((c3 * s + c2) * s + c1) * s + c0, (3.0 * c3 * s + 2.0 * c2) * s + c1
 
-
-class Levels:
+class Levels(_Parts):
     """From level to level by minimum-jerk steps, each held until the next begins; zero before the first. d = 1.
 
         x(t) = x_k-1 + s((t - begin_k) / duration_k) (x_k - x_k-1)    from begin_k on
@@ -186,8 +207,6 @@ class Levels:
             duration of zero is a jump, which has no velocity.
     """
 
-    dimensions = 1
-
     def __init__(self, steps: ArrayLike) -> None:
         table = floats("steps", steps)
         if table.ndim != 2 or table.shape[1] != 3 or len(table) < 1 or not np.isfinite(table).all():
@@ -195,21 +214,10 @@ class Levels:
         begin, duration = table[:, 1], table[:, 2]
         if (duration < 0.0).any() or any(map(overlap, begin, duration, begin[1:])):
             raise InputError("steps", steps, "durations of zero or more, and no step before the end of the one before")
-        self._levels: list[float] = [0.0, *table[:, 0].tolist()]
-        self._begin: list[float] = begin.tolist()
-        self._duration: list[float] = duration.tolist()
-        self.end = self._begin[-1] + self._duration[-1]  # [s]; from here on nothing moves
-        self.last = self._levels[-1]
-
-    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        k = bisect_right(self._begin, time) - 1
-        before, level = self._levels[max(k, 0)], self._levels[k + 1]
-        t = time - self._begin[k]
-        if k < 0 or t >= self._duration[k]:
-            return np.array([level]), np.zeros(1)
-        s, ds = minimum_jerk(t / self._duration[k])
-        change = level - before
-        return np.array([before + s * change]), np.array([ds / self._duration[k] * change])
+        table = np.concatenate([begin, duration, [0.0], table[:, 0]])
+        super().__init__(1, [Part(targets.LEVELS, len(begin), table)])
+        self.end = float(begin[-1] + duration[-1])  # [s]; from here on nothing moves
+        self.last = float(table[-1])
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
@@ -218,7 +226,7 @@ def overlap(begin: float, duration: float, following: float) -> bool:
     return following < end - ROUNDING * max(abs(begin), abs(end))
 
 
-class Sum:
+class Sum(_Parts):
     """Motions that add up.
 
     Args:
@@ -230,15 +238,8 @@ class Sum:
         if not motions or len(known) > 1:
             given = [motion.dimensions for motion in motions]
             raise InputError("motions", given, "one motion at least, all of the same number of dimensions")
-        self._motions = tuple(motions)
-        self.dimensions: int | None = known.pop() if known else None
-
-    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        x, v = self._motions[0].at(time)
-        for motion in self._motions[1:]:
-            dx, dv = motion.at(time)
-            x, v = x + dx, v + dv
-        return x, v
+        dimensions = known.pop() if known else None
+        super().__init__(dimensions, [part for motion in motions for part in parts_of(motion)])
 
 
 def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.loop import brake, ledger
+from graspfx.loop import ledger
+from graspfx.loop.watch import watch
 from graspfx.objects import energy
 from graspfx.objects.body import NativeBody
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 BY_MODE = ("work", "stored", "damped", "slipped", "reshaped", "leaked", "balance", "braked", "damping")
 OF_OBJECT = ("fingers", "wrench", "kinetic", "gravity", "contact", "viscous", "defect", "gap")
@@ -31,6 +33,12 @@ class Observer:
         control: whether the forces of modes that leak are damped.
         friction: of each finger's device, (n,) [N s/m]; zero where it is not known.
         mass: of each finger's device, (n,) [kg]; infinite where it is not known.
+
+    Attributes:
+        buffer: beside the object's block; `watch` works on the two.
+        met: of a body on planes what they did to it in the sample that has ended, (6,), to be copied to
+            `buffer[MET : MET + 6]` before `watch`; else None.
+        where: which entries of the buffer hold what a recording asks for.
     """
 
     def __init__(
@@ -43,47 +51,36 @@ class Observer:
         friction: FloatArray,
         mass: FloatArray,
     ) -> None:
-        self.control = control
-        self._grasped, self._T = grasped, period
-        n = grasped.fingers
-        S = grasped.block
+        self._T = period
+        n, S = grasped.fingers, grasped.block
         self._S: Any = memoryview(S)
-        self.buffer = B = np.zeros(ledger.size(n))
+        given = grasped.matrices and not S[at.ATTACHED]
+        self.buffer = B = np.zeros(ledger.size(n, n * grasped.dimensions if given else 0))
         self._B: Any = memoryview(B)
         S[at.OBSERVED] = 1.0
         share = grasped.rows[:, at.SHARE]
+        native = isinstance(body, NativeBody)
         B[ledger.DRAG] = min(friction / share, default=0.0)
         B[ledger.LIGHT] = max(share / mass, default=0.0)
-        B[ledger.OTHERS] = not isinstance(body, NativeBody)
-        B[ledger.GIVEN] = grasped.matrices and not S[at.ATTACHED]
-        native = isinstance(body, NativeBody)
-        self._met: FloatArray | None = getattr(body, "contact_wrench", None) if native else None  # of a body on planes
+        B[ledger.OTHERS] = not native
+        B[ledger.GIVEN] = given
+        B[ledger.CONTROL] = control
+        self.met: FloatArray | None = getattr(body, "contact_wrench", None) if native else None
         self.where = self._entries()
+
+    @property
+    def structure(self) -> Index:
+        """Entries of `buffer` that never change and choose what is computed."""
+        fixed = [ledger.OTHERS, ledger.GIVEN, ledger.CONTROL]
+        return np.array(fixed if self.buffer[ledger.DRAG] else [ledger.DRAG, *fixed], dtype=np.intp)
 
     def sample(self) -> None:
         """Books the sample that has ended, brakes if asked to, and keeps what the next one holds."""
-        S, B = self._S, self._B
-        if self._met is not None:
-            self.buffer[MET : MET + 6] = self._met
-        if B[ledger.GIVEN]:
-            self._solve()
-        ledger.observe(S, B, self._T)
-        if self.control:
-            brake.control(S, B, self._T)
-        ledger.hold(S, B)
-        ledger.report(S, B)
+        if self.met is not None:
+            self.buffer[MET : MET + 6] = self.met
+        watch(self._S, self._B, self._T)
 
-    def _solve(self) -> None:
-        """h of fe = K h, where gains are matrices."""
-        g = self._grasped
-        n, d = g.fingers, g.dimensions
-        m, o = n * d, at.dense(n, d)
-        K = g.block[o : o + m * m].reshape(m, m)
-        h = np.linalg.solve(K, g.rows[:, at.ELASTIC : at.ELASTIC + d].ravel())
-        rows = self.buffer[ledger.ROWS : ledger.ROWS + n * ledger.STRIDE].reshape(n, ledger.STRIDE)
-        rows[:, ledger.STRETCH : ledger.STRETCH + d] = h.reshape(n, d)
-
-    def _entries(self) -> dict[str, NDArray[np.intp]]:
+    def _entries(self) -> dict[str, Index]:
         """Which entries of the buffer hold what a recording asks for."""
         o = ledger.OUT
         found = {name: np.arange(o + 3 * k, o + 3 * k + 3) for k, name in enumerate(BY_MODE)}

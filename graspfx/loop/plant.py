@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
 Kernel = Callable[[Any, int], int]
+HandKernel = Callable[[Any, int, float], None]
 
 
 class Hand(Protocol):
@@ -30,6 +32,44 @@ class Hand(Protocol):
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Intended positions r (n, d) [m] and their velocities (n, d) [m/s] at a time [s]."""
+        ...
+
+
+class HandPorts(NamedTuple):
+    """Where a hand's block shows its targets: the first of their entries, finger by finger."""
+
+    position: int  # r, (n, d) [m]
+    velocity: int  # r', (n, d) [m/s]
+
+
+@runtime_checkable
+class FusedHand(Hand, Protocol):
+    """A hand that shows its block and its kernel, so that a run may ask for its targets without calling it.
+
+    With S the block, `kernel(S, 0, t)` leaves at `ports` what `target(t)` gives.
+    """
+
+    @property
+    def state(self) -> FloatArray:
+        """S, flat, the same array for the hand's life."""
+        ...
+
+    @property
+    def structure(self) -> Index:
+        """Entries of the block, whole numbers, that never change and pick what the kernel does."""
+        ...
+
+    @property
+    def ports(self) -> HandPorts:
+        """Where in the block the targets are, counted from its beginning."""
+        ...
+
+    @property
+    def kernel(self) -> HandKernel:
+        """kernel(S, o, t) works out the targets at a time t [s] of the hand whose block starts at S[o].
+
+        A plain function in the subset of Python that numba compiles, for an array or a memoryview of it.
+        """
         ...
 
 
@@ -72,12 +112,18 @@ class FusedPlant(Plant, Protocol):
 
     `hold` comes first: after `place`, and when the hand, its gains or T change. Then, with S the block, each sample:
     efforts and targets written to S at `ports`, `kernel(S, 0)`, positions and velocities read from S. `advance` does
-    nothing else. The kernel carries the plant's time and the targets' beginning along in the block.
+    nothing else. The kernel carries the plant's time and the targets' beginning along in the block. In sample k after
+    `place` the end is at (k + 1) T, the middle at 0.5 (k T + (k + 1) T).
     """
 
     @property
     def state(self) -> FloatArray:
         """S, flat, the same array for the plant's life; `position` and `velocity` are views of it."""
+        ...
+
+    @property
+    def structure(self) -> Index:
+        """Entries of the block, whole numbers, that do not change after `hold` and pick what the kernel does."""
         ...
 
     @property
@@ -100,3 +146,23 @@ class FusedPlant(Plant, Protocol):
     def fault_text(self, code: int) -> str:
         """Why the kernel gave this number instead of 0, as an error says it."""
         ...
+
+
+def fused(plant: Plant) -> FusedPlant | None:
+    """The plant, if its kernel does all that `advance` does.
+
+    None for one that lacks it, or whose class has an `advance` of its own over the kernel of one it is made from.
+    """
+    if isinstance(plant, FusedPlant) and unaltered(plant, ("advance",), ("kernel",)):
+        return plant
+    return None
+
+
+def unaltered(component: object, methods: Sequence[str], kernels: Sequence[str]) -> bool:
+    """Whether no class has these methods of its own over these kernels of a class that it is made from."""
+
+    def nearest(names: Sequence[str]) -> int:
+        order = type(component).__mro__
+        return min((i for i, kind in enumerate(order) if not vars(kind).keys().isdisjoint(names)), default=0)
+
+    return nearest(methods) >= nearest(kernels)

@@ -33,10 +33,11 @@ class Sink(Protocol):
 
 
 class Recorder:
-    """Takes one row per tick into blocks allocated beforehand; full blocks leave between ticks.
+    """Takes rows into blocks allocated beforehand; full blocks leave between ticks.
 
-    In the tick: `recorder.row(k)[:] = ...`, one copy. After it: `recorder.drain()`, which hands a full block to the
-    sinks and does nothing otherwise. Used as a context manager it closes the sinks also when the run breaks off.
+    `space()` tells where the next rows go; once they are written `take(count)` keeps them, and `drain()` hands a full
+    block to the sinks and does nothing otherwise. Used as a context manager it closes the sinks also when the run
+    breaks off.
 
     Args:
         layout: the columns of a row.
@@ -62,25 +63,26 @@ class Recorder:
         self._keep = keep
         self._kept: list[FloatArray] = []
         self._full: list[FloatArray] = []  # on their way to the sinks
-        self._first = self._told = 0
+        self._told = 0
         self._open()
         self._outcome: Outcome | None = None
 
-    def row(self, k: int) -> FloatArray:
-        """The row (width,) of tick k, to be filled before the tick ends; ticks come in order."""
-        i = k - self._first
-        if i == self._size:
+    def space(self) -> tuple[FloatArray, int, int]:
+        """A block of rows (r, width), the first that is free and how many are; one at least."""
+        if self.used == self._size:
             self._turn()
-            i = 0
-        self._used = i + 1
-        return self._rows[i]
+        return self._block, self.used, self._size - self.used
+
+    def take(self, count: int) -> None:
+        """Keep that many rows more of the block."""
+        self.used += count
 
     def fault(self, k: int, message: str) -> None:
         self.faults.append(RunFault(k, message))
 
     def drain(self) -> None:
         """Hands what is full to the sinks; call it between ticks."""
-        if self._used == self._size:
+        if self.used == self._size:
             self._turn()
         while self._full:
             block = self._full.pop(0)
@@ -99,11 +101,11 @@ class Recorder:
             fade_shortfall: by how much free fingers began to fade too near the surface, at most [m].
         """
         self.drain()
-        rest = self._block[: self._used]
+        rest = self._block[: self.used]
         self._kept += [rest] if self._keep else []
         self._outcome = Outcome(tuple(self.faults), wall_time, complete, fade_shortfall)
         try:
-            if self._used or len(self.faults) > self._told:
+            if self.used or len(self.faults) > self._told:
                 self._write(rest)
         finally:
             for sink in self._sinks:
@@ -122,12 +124,10 @@ class Recorder:
 
     def _open(self) -> None:
         self._block = np.zeros((self._size, self.layout.width))
-        self._rows = list(self._block)  # views made now, so that a tick makes none
-        self._used = 0
+        self.used = 0
 
     def _turn(self) -> None:
         self._full.append(self._block)
-        self._first += self._size
         self._open()
 
     def _write(self, rows: FloatArray) -> None:

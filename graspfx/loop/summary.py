@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.smoother import roughness
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 VIBRATION_FROM = 5.0  # [Hz]: an operator's own motion stays below
-FINEST = 1e-3  # [s]: beyond it q D D' + I is singular to rounding
-SQUARED_DIFFERENCES = np.array([70.0, -56.0, 28.0, -8.0, 1.0])  # the diagonals of D D'
+FINEST = 1e-3  # [s]: beyond it the smoother's equations are singular to rounding
 MICROSECONDS = 1e6
 
 
@@ -184,13 +185,7 @@ def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) 
     N = len(signal)
     if 2.0 * above * period >= 1.0 or N * period * above < 2.0:
         return None
-    from scipy.linalg import solveh_banded
-
-    q = (2.0 * sin(pi * above * period)) ** -8
-    banded = np.repeat(q * SQUARED_DIFFERENCES[:, None], N - 4, axis=1)
-    banded[0] += 1.0  # I + q D D'
-    z = solveh_banded(banded, np.diff(signal.reshape(N, -1), 4, axis=0), lower=True)
-    fast = q * np.diff(np.pad(z, ((4, 4), (0, 0))), 4, axis=0)  # x - s = q D' (I + q D D')^-1 D x: no cancellation
+    fast = roughness(signal.reshape(N, -1), (2.0 * sin(pi * above * period)) ** -8)
     return float(np.sqrt((fast**2).sum() / (N * signal.shape[1])))
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.loop.motion import Motion, direction, floats
+from graspfx.loop import targets
+from graspfx.loop.motion import Course, Motion, direction, floats, lay_out, parts_of
 
 FloatArray = NDArray[np.float64]
 
@@ -29,26 +28,34 @@ class Turn:
         if angle.dimensions not in (None, 1):
             raise InputError("angle", angle.dimensions, "a motion of one dimension, an angle [rad]")
         self.dimensions = d = len(c)
-        self._angle, self._centre = angle, c
         if d == 2:
             if axis is not None:
                 raise InputError("axis", axis, "no axis in the plane: it is z")
-            self._along = np.zeros((2, 2))
-            self._cross = np.array([[0.0, -1.0], [1.0, 0.0]])  # [u]x: its product with v is u x v
+            u = direction(2, 3)
         else:
             if axis is None:
                 raise InputError("axis", axis, "an axis (3,) in space")
             u = direction(axis, 3)
-            self._along = np.outer(u, u)
-            self._cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
-        self._across = np.eye(d) - self._along
+        self._course = lay_out(parts_of(angle), 1)
+        length = targets.COURSE + len(self._course.entries)
+        room = [0.0] * (targets.COURSE - targets.ANGLE)
+        self._entries = np.concatenate([[length], c, [0.0] * (3 - d), u, room, self._course.entries])
+
+    @property
+    def laid_out(self) -> Course:
+        """The turn for `targets.turn`."""
+        _, structure, given = self._course
+        start = targets.COURSE
+        return Course(
+            self._entries, np.append(start + structure, targets.LENGTH), [(start + at, angle) for at, angle in given]
+        )
 
     def turned(self, time: float, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions (n, d) [m] and velocities (n, d) [m/s] after this turn, from those before it; the same arrays
         while there is nothing to turn."""
-        angle, rate = (float(value[0]) for value in self._angle.at(time))
-        if angle == 0.0 and rate == 0.0:
+        o = 2 * r.size
+        S = np.concatenate([r.ravel(), v.ravel(), self._entries])
+        self._course.ask(S, o + targets.COURSE, time, 1)
+        if not targets.turn(S.data, o, time, 0, r.size, len(r), self.dimensions):
             return r, v
-        R = self._along + math.cos(angle) * self._across + math.sin(angle) * self._cross
-        arms = (r - self._centre) @ R.T
-        return self._centre + arms, v @ R.T + rate * (arms @ self._cross.T)
+        return S[: r.size].reshape(r.shape), S[r.size : o].reshape(r.shape)

@@ -38,6 +38,14 @@ def estimate(S: Any, o: int, x: float) -> float:
     when s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so that one pass decides.
     """
     length = int(S[o + LENGTH])
+    if length == 1:  # the plain difference, without a walk through the ring
+        before, first = S[o + RING], S[o + FILLED] == 0.0
+        S[o + RING] = x
+        S[o + FILLED] = 1.0
+        if first:
+            return 0.0
+        S[o + USED] = 1.0
+        return (x - before) / S[o + PERIOD]  # type: ignore[no-any-return]
     head = int(S[o + HEAD]) + 1
     if head > length:
         head = 0
@@ -99,9 +107,17 @@ class VelocityEstimator:
         noise: the sensor's largest error, half its resolution [m or rad]; 0 means the plain backward difference over
             one sample, whatever the window.
         window: the longest window [samples].
+        memory: where its state is to stand, `size(window)` entries for each component; its own if None.
     """
 
-    def __init__(self, period: float, shape: tuple[int, ...], noise: float = 0.0, window: int = WINDOW) -> None:
+    def __init__(
+        self,
+        period: float,
+        shape: tuple[int, ...],
+        noise: float = 0.0,
+        window: int = WINDOW,
+        memory: FloatArray | None = None,
+    ) -> None:
         if not (np.isfinite(period) and period > 0.0):
             raise InputError("period", period, "a finite time above zero [s]")
         if not (np.isfinite(noise) and noise >= 0.0):
@@ -113,7 +129,9 @@ class VelocityEstimator:
         self._position: FloatArray = np.zeros(shape)
         self._count = self._velocity.size
         self._size = size(self._length)
-        self._state: FloatArray = np.zeros(self._count * self._size)
+        entries = self._count * self._size
+        self._state: FloatArray = np.zeros(entries) if memory is None else memory[:entries]
+        self._state[...] = 0.0
         self._rows = self._state.reshape(self._count, self._size)
         self._rows[:, PERIOD] = period
         self._rows[:, NOISE] = noise

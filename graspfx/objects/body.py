@@ -69,12 +69,35 @@ class BlockBody:
         return float(self.state[at.ANGULAR_VELOCITY + 2]) if self.dimensions == 2 else None
 
 
+def advance(S: Any, o: int, F: Any, T: float) -> int:
+    """One step of a body that nothing is in the way of; what stands beside its block is not used."""
+    at.step(S, o, T)
+    return 0
+
+
+def expect(S: Any, o: int, F: Any, T: float) -> None:
+    """The implicit integrator's motion without a wrench, of such a body."""
+    at.predict(S, o, T)
+
+
 class NativeBody(BlockBody):
     """A rigid body moved by the integrator that its block names.
+
+    A run may move it by its kernels: `stepping(S, o, F, T)`, 0 or a code, and `predicting(S, o, F, T)`, for the body
+    whose block starts at S[o] and what stands beside it in F, its `buffer`; S again where that is None.
 
     Args:
         state: (SIZE,) the block, filled by `fill_body`; kept and written in place.
     """
+
+    stepping = staticmethod(advance)
+    predicting = staticmethod(expect)
+    buffer: FloatArray | None = None
+    structure: tuple[int, ...] = ()  # entries of the buffer that never change and pick what the kernels do
+
+    def fault_text(self, code: int) -> str:
+        """Why `stepping` gave this number instead of 0."""
+        raise InputError("code", code, "0: a body that meets nothing always moves on")
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block, held."""

@@ -21,6 +21,18 @@ FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
 
 
+def advance(S: Any, o: int, F: Any, T: float) -> int:
+    """One step of the body on its planes; 1 if their forces did not settle, and then it has not moved."""
+    return 1 if rest.step_on_planes(S, o, F, T) < 0 else 0
+
+
+def expect(S: Any, o: int, F: Any, T: float) -> None:
+    """The implicit integrator's motion without a wrench of the fingers, the planes' last forces held."""
+    at.predict(S, o, T)
+    if F[rest.TOUCHING] != 0.0:
+        rest.predict_on_planes(S, o, F, T)
+
+
 class FloorBody(NativeBody):
     """A rigid body that meets half-spaces and planes; its contact law is in `objects.rest`.
 
@@ -35,13 +47,18 @@ class FloorBody(NativeBody):
         InputError: an obstacle that is neither, a shape without end, or a restitution.
     """
 
+    stepping = staticmethod(advance)
+    predicting = staticmethod(expect)
+    structure = (rest.PLANES, rest.FEATURES)
+    buffer: FloatArray
+
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
         super().__init__(member.state)
         if meeting.restitution != 0.0:
             raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", "use bullet")
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
-        F = self._buffer = np.zeros(rest.size(len(planes), len(points)))
+        F = self.buffer = np.zeros(rest.size(len(planes), len(points)))
         self._F: Any = memoryview(F)
         mass = float(self.state[at.MASS])
         F[rest.PLANES], F[rest.FEATURES] = len(planes), len(points)
@@ -59,17 +76,17 @@ class FloorBody(NativeBody):
     @property
     def contact_wrench(self) -> FloatArray:
         """Force and moment of all planes on the body in the last sample, world axes, (6,) [N, N m]."""
-        return self._buffer[rest.WRENCH : rest.WRENCH + 6]
+        return self.buffer[rest.WRENCH : rest.WRENCH + 6]
 
     @property
     def touching(self) -> int:
         """Contact points that bore a force in the last sample."""
-        return int(self._buffer[rest.TOUCHING])
+        return int(self.buffer[rest.TOUCHING])
 
     @property
     def associated(self) -> int:
         """Samples so far in which no answer of Coulomb's law was found: slipping then also lifts."""
-        return int(self._buffer[rest.OTHER_LAW])
+        return int(self.buffer[rest.OTHER_LAW])
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block and the planes' forces, all held.
@@ -77,8 +94,12 @@ class FloorBody(NativeBody):
         Raises:
             GraspFXError: the contact forces did not settle.
         """
-        if rest.step_on_planes(self._S, 0, self._F, T) < 0:
-            raise GraspFXError("the contact forces between the object and its obstacles did not settle")
+        code = advance(self._S, 0, self._F, T)
+        if code:
+            raise GraspFXError(self.fault_text(code))
+
+    def fault_text(self, code: int) -> str:
+        return "the contact forces between the object and its obstacles did not settle"
 
     def free_motion(self, T: float) -> None:
         """Fill the NEXT and COMPLIANCE entries over T [s], the last sample's contact forces held.
@@ -87,8 +108,7 @@ class FloorBody(NativeBody):
             InputError: for another integrator than "implicit", whose step they would not describe.
         """
         super().free_motion(T)
-        if self.touching:
-            rest.predict_on_planes(self._S, 0, self._F, T)
+        expect(self._S, 0, self._F, T)
 
 
 def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:

@@ -13,7 +13,8 @@ from typing import Any
 
 from graspfx import plugins
 from graspfx.errors import Fault, GraspFXError, InputError, SceneError, closest
-from graspfx.scene.model import Scene, Source, make_scene
+from graspfx.scene.model import Scene, make_scene
+from graspfx.scene.source import Source
 
 PLACE = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
 OPEN_ENDED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import PrivateAttr
@@ -15,32 +13,11 @@ from graspfx.scene.checks.faults import as_faults, find_faults
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.making.wiring import placing_faults
 from graspfx.scene.overrides import Key, overridden
+from graspfx.scene.source import Source
 from graspfx.scene.tables.parts import SceneTable
 
 if TYPE_CHECKING:
     from graspfx.analysis.linearisation import Linearisation
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a scene came from.
-
-    Attributes:
-        name: as it stands in messages.
-        text: of the file, verbatim; empty for a scene made in Python.
-        path: of the file.
-        overrides: by dotted key.
-    """
-
-    name: str = "scene"
-    text: str = ""
-    path: Path | None = None
-    overrides: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def folder(self) -> Path | None:
-        """Where relative paths in the scene start; None for the current folder."""
-        return self.path.parent if self.path is not None else None
 
 
 class Scene(SceneTable):

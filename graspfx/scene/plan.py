@@ -11,8 +11,9 @@ from graspfx.scene.making.holding import descriptions, holdings
 from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.making.surroundings import meeting
 from graspfx.scene.model import Scene
-from graspfx.scene.tables.hands import Moving, listed
+from graspfx.scene.tables.hands import Moving
 from graspfx.scene.tables.parts import Device, Object, SceneTable
+from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.shapes import MeshShape
 
 

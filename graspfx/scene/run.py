@@ -10,14 +10,16 @@ import sys
 from collections.abc import Callable
 from os import PathLike
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.scene.making.build import build, make_layout
 from graspfx.scene.making.meshes import frames
-from graspfx.scene.model import Scene
-from graspfx.scene.tables.shapes import MeshShape
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
 
 
 def run(
@@ -93,6 +95,7 @@ def _memory() -> float:
 
 def _header(scene: Scene) -> Header:
     source = scene.source
+    meshes = frames(scene.object, source.folder)
     return Header(
         period=scene.period,
         scene=source.path.stem.replace("_", "-") if source.path is not None else source.name,
@@ -105,8 +108,8 @@ def _header(scene: Scene) -> Header:
         versions=versions(
             "scipy",
             *(("pybullet",) if any(thing.dynamics == "bullet" for thing in scene.object) else ()),
-            *(("trimesh",) if any(isinstance(thing.shape, MeshShape) for thing in scene.object) else ()),
+            *(("trimesh",) if meshes else ()),
         ),
         machine=machine(),
-        frames=frames(scene.object, source.folder),
+        frames=meshes,
     )

@@ -8,7 +8,8 @@ import numpy as np
 
 from graspfx.scene.making.holding import holdings
 from graspfx.scene.model import Scene
-from graspfx.scene.tables.hands import MadeHand, Reach, SharedMadeHand, Step, TurnReach, listed
+from graspfx.scene.tables.hands import MadeHand, Reach, SharedMadeHand, Step, TurnReach
+from graspfx.scene.tables.reading import listed
 
 FARTHEST = 5.0  # [m]: of a finger from its object at first, and of a reach: more than an arm
 LARGEST = 0.1  # [m]: a fingertip's radius, and a squeeze

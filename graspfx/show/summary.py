@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+from graspfx.show.table import ASCII, RULES, Column, lines
 
+if TYPE_CHECKING:
     from graspfx.loop.record import Recording
 
 Row = tuple[str, str, str, float]  # what, key, unit, by what an SI value is multiplied
@@ -42,40 +43,33 @@ ROWS: tuple[Row, ...] = (
 )
 
 
-def table(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> Table:
-    """One column per recording; of two, a third with the change from the first to the second.
+def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> list[Column]:
+    """What each row is, one column per recording, of two the change from the first to the second, and units.
 
     Args:
         recordings: one or more.
         titles: of the columns; each recording's scene if not given.
     """
-    from rich.table import Table
-
     summaries = [recording.summary() for recording in recordings]
-    compared = len(summaries) == 2
-    made = Table(show_edge=False, pad_edge=False, header_style="bold")
-    made.add_column("", no_wrap=True)
-    for title in titles or [recording.header.scene for recording in recordings]:
-        made.add_column(title.replace("/", "/\n"), justify="right", overflow="fold")
-    if compared:
-        made.add_column("change", justify="right", no_wrap=True)
-    made.add_column("unit", no_wrap=True)
-    for what, key, unit, scale in ROWS:
-        values = [summary[key] for summary in summaries]
-        if all(value is None for value in values):
-            continue
-        cells = [_cell(value, scale) for value in values]
-        made.add_row(what, *cells, *([_change(*values)] if compared else []), unit)
-    return made
+    names = titles or [recording.header.scene for recording in recordings]
+    rows = [row for row in ROWS if any(summary[row[1]] is not None for summary in summaries)]
+    made = [Column("", [what for what, _, _, _ in rows])]
+    for name, summary in zip(names, summaries, strict=True):
+        cells = [_cell(summary[key], scale) for _, key, _, scale in rows]
+        made.append(Column(name.replace("/", "/\n"), cells, right=True, folds=True))
+    if len(summaries) == 2:
+        before, after = summaries
+        made.append(Column("change", [_change(before[key], after[key]) for _, key, _, _ in rows], right=True))
+    return [*made, Column("unit", [unit for _, _, unit, _ in rows])]
 
 
-def print_summary(
-    recordings: Sequence[Recording], titles: Sequence[str] | None = None, console: Console | None = None
-) -> None:
-    """Prints the summary of one recording, or those of several side by side."""
-    from rich.console import Console
-
-    (console or Console()).print(table(recordings, titles))
+def print_summary(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> None:
+    """Prints the summary of one recording, or those of several side by side, as wide as the terminal."""
+    encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
+    rules = RULES if encoding.startswith("utf") else ASCII
+    width = get_terminal_size().columns
+    for line in lines(columns(recordings, titles), width, rules=rules, bold=sys.stdout.isatty()):
+        print(line)
 
 
 def _cell(value: Any, scale: float) -> str:

@@ -17,9 +17,10 @@ from graspfx.scene.checks.lengths import Found, Location, length_faults, numbers
 from graspfx.scene.checks.settings import reason, signature_faults
 from graspfx.scene.making import holding
 from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.hands import AXES, MadeHand, Reach, SharedHand, Sine, Step, listed
+from graspfx.scene.tables.hands import MadeHand, Reach, SharedHand, Sine, Step
 from graspfx.scene.tables.hands import Path as RecordedPath
 from graspfx.scene.tables.parts import Object, SceneTable
+from graspfx.scene.tables.reading import AXES, listed
 
 NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
 

@@ -24,7 +24,8 @@ from graspfx.scene.checks.viscosity import may_turn, viscosity_faults
 from graspfx.scene.making import bodies
 from graspfx.scene.making.wiring import wiring_faults
 from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.parts import WIDTHS, SceneTable
+from graspfx.scene.tables.parts import SceneTable
+from graspfx.scene.tables.reading import WIDTHS
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

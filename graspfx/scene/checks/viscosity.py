@@ -12,7 +12,8 @@ import numpy as np
 from graspfx.errors import GraspFXError
 from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.scene.making import bodies
-from graspfx.scene.tables.parts import WIDTHS, SceneTable
+from graspfx.scene.tables.parts import SceneTable
+from graspfx.scene.tables.reading import WIDTHS
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

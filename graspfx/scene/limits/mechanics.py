@@ -15,7 +15,8 @@ from graspfx.loop.plant import Hand
 from graspfx.scene.making.holding import Holding, hold, holdings
 from graspfx.scene.making.wiring import wires
 from graspfx.scene.model import Scene
-from graspfx.scene.tables.hands import Moving, Rest, listed
+from graspfx.scene.tables.hands import Moving, Rest
+from graspfx.scene.tables.reading import listed
 
 FloatArray = NDArray[np.float64]
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,26 +13,28 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 from graspfx.objects.body import fill_body
 from graspfx.scene.making.meshes import scene_mesh
-from graspfx.scene.tables.parts import Object, Obstacle, SceneTable
-from graspfx.surfaces import shape as shapes
-from graspfx.surfaces.mesh import Mesh
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.parts import Object, Obstacle, SceneTable
+    from graspfx.surfaces.mesh import Mesh
+    from graspfx.surfaces.shape import Shape
 
 FloatArray = NDArray[np.float64]
 Inertia = float | tuple[float, ...]
 
 
-SHAPES: dict[str, Callable[..., shapes.Shape]] = {
-    "box": shapes.Box,
-    "sphere": shapes.Sphere,
-    "half-space": shapes.HalfSpace,
-    "plane": shapes.Plane,
-    "capsule": shapes.Capsule,
-    "cylinder": shapes.Cylinder,
-    "ellipsoid": shapes.Ellipsoid,
+SHAPES = {  # by kind, the classes of graspfx.surfaces.shape, which is loaded where a scene has a shape
+    "box": "Box",
+    "sphere": "Sphere",
+    "half-space": "HalfSpace",
+    "plane": "Plane",
+    "capsule": "Capsule",
+    "cylinder": "Cylinder",
+    "ellipsoid": "Ellipsoid",
 }
 
 
-def make_shape(table: Object | Obstacle, folder: Path | None) -> shapes.Shape | Mesh | None:
+def make_shape(table: Object | Obstacle, folder: Path | None) -> Shape | Mesh | None:
     """The shape that a table describes, in the body's frame; `folder` is where the path of a mesh starts.
 
     Raises:
@@ -41,12 +45,14 @@ def make_shape(table: Object | Obstacle, folder: Path | None) -> shapes.Shape | 
     return found.mesh if found is not None else _primitive(table)
 
 
-def _primitive(table: Object | Obstacle) -> shapes.Shape | None:
+def _primitive(table: Object | Obstacle) -> Shape | None:
     """A shape in closed form: its table's keys are what it takes."""
     if table.shape is None or table.shape.kind not in SHAPES:
         return None
-    names = [name for name in type(table.shape).model_fields if name != "kind"]
-    return SHAPES[table.shape.kind](**{name: getattr(table.shape, name) for name in names})
+    from graspfx.surfaces import shape
+
+    make: Callable[..., Shape] = getattr(shape, SHAPES[table.shape.kind])
+    return make(**{name: getattr(table.shape, name) for name in signature(make).parameters})
 
 
 def mass(table: Object, folder: Path | None) -> float:

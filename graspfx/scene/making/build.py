@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,10 @@ from graspfx.scene.making.bodies import fill, make_shape
 from graspfx.scene.making.holding import Holding, hold, holdings
 from graspfx.scene.making.movers import make_movers
 from graspfx.scene.making.wiring import Wire, wires
-from graspfx.scene.model import Scene
-from graspfx.scene.tables.fields import Gains
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+    from graspfx.scene.tables.fields import Gains
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +59,7 @@ def build(scene: Scene) -> Iterator[Servo]:
         stations = [Station(wire.device, wire.fingers) for wire in wired]
         layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
         observers = list(_observers(scene, wired, objects, movers))
-        yield Servo(scene.period, layout, stations, objects, movers, moved, observers)
+        yield Servo(scene.period, layout, stations, objects, movers, moved, observers, scene.engine)
 
 
 def make_layout(scene: Scene, *, simulated: bool) -> Layout:

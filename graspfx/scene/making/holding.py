@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path as FilePath
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,14 @@ from graspfx.loop import motion as motions
 from graspfx.loop import plant
 from graspfx.loop.hand import Hand
 from graspfx.loop.turn import Turn
-from graspfx.scene.tables.hands import AXES, MadeHand, Moving, OwnHand, SharedHand, SharedMadeHand, TurnReach, listed
-from graspfx.scene.tables.hands import Axis as AxisTable
-from graspfx.scene.tables.hands import Motion as MotionTable
-from graspfx.scene.tables.hands import Turn as TurnTable
-from graspfx.scene.tables.parts import SceneTable
+from graspfx.scene.tables.reading import AXES, listed
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.hands import Axis as AxisTable
+    from graspfx.scene.tables.hands import MadeHand, Moving, OwnHand, SharedHand, SharedMadeHand
+    from graspfx.scene.tables.hands import Motion as MotionTable
+    from graspfx.scene.tables.hands import Turn as TurnTable
+    from graspfx.scene.tables.parts import SceneTable
 
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]
@@ -63,11 +66,11 @@ def hold(
     table, rest, normals = holding.table, start[holding.fingers], inward[holding.fingers]
     if table is None:
         return Hand(rest, 0.0)
-    if isinstance(table, MadeHand):
+    if table.form == "made":
         return made(plugins.load_blaming("hands", table.kind, folder), table, rest, normals)
     motion = make_motions(scene, folder, table)
     turns = make_turns(scene, table, holding.fingers)
-    if isinstance(table, OwnHand):
+    if table.form == "own":
         if table.rest is not None:
             rest = np.array([table.rest])
         closing = normals if table.closing == "normal" else np.array([table.closing], dtype=float)
@@ -161,7 +164,7 @@ def make_turns(scene: SceneTable, table: Moving, fingers: Sequence[int]) -> list
 
 def _turn(scene: SceneTable, table: TurnTable, fingers: Sequence[int]) -> Turn:
     angle: motions.Motion
-    if isinstance(table, TurnReach):
+    if table.kind == "reach":
         angle = motions.Reach([table.angle], table.begin, table.duration)
     else:
         angle = motions.Sine(table.amplitude, table.frequency, [1.0], table.begin, table.ramp)
@@ -185,17 +188,17 @@ def descriptions(scene: SceneTable) -> Iterator[str]:
     own: dict[str, list[str]] = {}
     for holding in holdings(scene):
         names = [scene.finger_names[i] for i in holding.fingers]
-        if isinstance(holding.table, SharedHand | SharedMadeHand):
-            yield f"{holding.table.name} holds {', '.join(names)} ({doing(holding.table)})"
+        if holding.table is not None and holding.at[0] == "hand":
+            yield f"{scene.hand[int(holding.at[1])].name} holds {', '.join(names)} ({doing(holding.table)})"
         elif holding.table is not None:
             own.setdefault(doing(holding.table), []).extend(names)
     for what, names in own.items():
         yield f"{', '.join(names)} by {'itself' if len(names) == 1 else 'themselves'} ({what})"
 
 
-def doing(table: Moving | MadeHand) -> str:
+def doing(table: OwnHand | SharedHand | MadeHand) -> str:
     """What a hand does in time, in words."""
-    if isinstance(table, MadeHand):
+    if table.form == "made":
         return f"as {table.kind} has it"
     said = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
     if table.turn is not None:

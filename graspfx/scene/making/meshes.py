@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from graspfx.errors import InputError
-from graspfx.scene.tables.parts import Object, Obstacle
-from graspfx.scene.tables.shapes import MeshShape
 from graspfx.spatial import product, quaternion, rotate
-from graspfx.surfaces.mesh import MassProperties, Mesh, load_mesh, make_mesh
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.parts import Object, Obstacle
+    from graspfx.surfaces.mesh import MassProperties, Mesh
 
 Numbers = tuple[float, ...]
 
@@ -75,7 +76,7 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
         MissingPackageError: what reads the file is not installed.
     """
     shape = table.shape
-    if not isinstance(shape, MeshShape):
+    if shape is None or shape.kind != "mesh":
         return None
     if shape.mesh is not None:
         path = (folder or Path()) / Path(shape.mesh).expanduser()
@@ -106,11 +107,15 @@ def frames(objects: Sequence[Object], folder: Path | None) -> dict[str, Mapping[
 
 @lru_cache(KEPT)
 def _read(path: str, version: tuple[int, int], scale: float, shell: bool) -> SceneMesh:
+    from graspfx.surfaces.mesh import load_mesh
+
     return _weighed(load_mesh(path, scale=scale, shell=shell))
 
 
 @lru_cache(KEPT)
 def _made(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
+    from graspfx.surfaces.mesh import make_mesh
+
     return _weighed(make_mesh(np.array(vertices), np.array(faces), scale=scale, shell=shell, name="vertices"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,9 @@ from graspfx.loop.servo import Mover
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.scene.making import surroundings
 from graspfx.scene.making.bodies import make_shape
-from graspfx.scene.model import Scene
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 

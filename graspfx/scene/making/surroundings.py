@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graspfx.objects.surroundings import Obstacle, placed
 from graspfx.scene.making import bodies
-from graspfx.scene.tables.parts import Object, SceneTable
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.parts import Object, SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

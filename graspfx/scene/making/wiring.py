@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,10 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.errors import DeviceError, shown
 from graspfx.loop.device import Device, SimulatedDevice
-from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.parts import Device as DeviceTable
-from graspfx.scene.tables.parts import Finger, SceneTable
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.parts import Device as DeviceTable
+    from graspfx.scene.tables.parts import Finger, SceneTable
 
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]
@@ -71,6 +73,8 @@ def wires(scene: SceneTable, folder: Path | None) -> list[Wire]:
 
 def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Found]:
     """Faults between the fingers and the devices that could be connected."""
+    from graspfx.scene.tables.fields import NotValid
+
     channels: dict[Location, list[int]] = {at: [] for at in connected}
     kinds: dict[str, type] = {}
     for i, finger in enumerate(scene.finger):

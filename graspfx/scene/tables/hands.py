@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
@@ -21,8 +21,6 @@ from graspfx.scene.tables.fields import (
     by_kind,
     number_or_list,
 )
-
-AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def _form(value: Any) -> str:
@@ -165,6 +163,8 @@ class Moving(Table):
 class OwnHand(Moving):
     """What holds one fingertip: K (r - p) + B (r' - p')."""
 
+    form: ClassVar[Literal["own"]] = "own"
+
     stiffness: PerAxis = Field(description="K [N/m], or one per axis")
     damping: PerAxis = Field(default=0.0, description="B [N s/m], or one per axis")
     rest: Vector | None = Field(
@@ -177,6 +177,8 @@ class OwnHand(Moving):
 
 class SharedHand(Moving):
     """What holds several fingertips together: an arm that carries their mean, a grip that closes on it."""
+
+    form: ClassVar[Literal["shared"]] = "shared"
 
     name: Name
     arm: Spring
@@ -195,6 +197,7 @@ class MadeHand(Table):
     """A hand from a Python file or another distribution, and its settings: whatever its `hold` takes."""
 
     model_config = ConfigDict(extra="allow")
+    form: ClassVar[Literal["made"]] = "made"
 
     kind: str = Field(description="the path of a .py file, or a name that `graspfx list` gives")
 
@@ -224,10 +227,3 @@ HandOrName = Annotated[
 AnySharedHand = Annotated[
     Annotated[SharedHand, Tag("<table>")] | Annotated[SharedMadeHand, Tag("<made>")], Discriminator(_hand_form)
 ]
-
-
-def listed(value: Any) -> tuple[Any, ...]:
-    """The tables of a field that takes one or a list of them."""
-    if value is None:
-        return ()
-    return value if isinstance(value, tuple) else (value,)

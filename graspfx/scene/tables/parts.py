@@ -25,9 +25,8 @@ from graspfx.scene.tables.fields import (
     as_float,
 )
 from graspfx.scene.tables.hands import AnySharedHand, HandOrName
+from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.shapes import Shape
-
-WIDTHS = {1: 1, 2: 3, 3: 6}  # w, the freedoms of an object
 
 
 class Object(Table):
@@ -180,12 +179,16 @@ def _table_or_list(value: Any) -> Any:
     return [value] if isinstance(value, Mapping | Object) else value
 
 
-class SceneTable(Table):
+class SceneTable(Readable, Table):
     """A whole scene, each field on its own; what the fields must be to one another is checked elsewhere."""
 
     title: str = ""
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(description="d")
     period: Positive = Field(description="T [s]")
+    engine: Literal["auto", "compiled", "interpreted"] = Field(
+        default="auto",
+        description="whether ticks run compiled, as they stand, or as the length of the run makes it worth",
+    )
     duration: Positive = Field(description="[s]")
     gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")
     object: Annotated[tuple[Object, ...], BeforeValidator(_table_or_list)]
@@ -195,30 +198,3 @@ class SceneTable(Table):
     hand: tuple[AnySharedHand, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
     world: World = World()
-
-    @property
-    def finger_names(self) -> tuple[str, ...]:
-        """Each finger's name, or finger0, finger1, ..."""
-        return tuple(finger.name or f"finger{i}" for i, finger in enumerate(self.finger))
-
-    @property
-    def finger_objects(self) -> tuple[int, ...]:
-        """Which object each finger touches, by index."""
-        numbers = {thing.name: i for i, thing in enumerate(self.object)}
-        return tuple(numbers[finger.object] if finger.object else 0 for finger in self.finger)
-
-    @property
-    def coefficients(self) -> tuple[float, ...]:
-        """Each finger's coefficient of friction; 0 where it slips freely or sticks."""
-        given = self.coupling.friction
-        if isinstance(given, str) or self.coupling.contact == "attached":
-            return (0.0,) * len(self.finger)
-        return tuple(given if finger.friction is None else finger.friction for finger in self.finger)
-
-    def free(self, thing: Object) -> tuple[bool, ...]:
-        """Which of an object's w freedoms move."""
-        return thing.free if thing.free is not None else (True,) * WIDTHS[self.dimensions]
-
-    def turns(self, thing: Object) -> bool:
-        """Whether a rotation of an object is free."""
-        return any(self.free(thing)[self.dimensions :])

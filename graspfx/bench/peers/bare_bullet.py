@@ -1,0 +1,75 @@
+"""The calls to PyBullet that a tick cannot do without: push, step, read."""
+
+from __future__ import annotations
+
+import weakref
+
+import numpy as np
+
+from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
+from graspfx.objects.bullet import NO_LIMIT, new_client, pybullet
+from graspfx.objects.kernels import held
+
+Three = tuple[float, float, float]
+
+
+class BareBullet:
+    """A body that is given known wrenches, sample by sample.
+
+    Args:
+        given: mass, inertia, viscosities and period.
+        wrench: (N, w) of a run on PyBullet; velocity (N, d) and spin (N, ...) of that run, for the exact viscosity.
+    """
+
+    def __init__(self, given: Springs, wrench: FloatArray, velocity: FloatArray, spin: FloatArray | None) -> None:
+        d, T = given.dimensions, given.T
+        self._dimensions = d
+        self._bullet = bullet = pybullet()
+        self._client = client = new_client()
+        weakref.finalize(self, bullet.disconnect, client)
+        bullet.setTimeStep(T, physicsClientId=client)
+        self._body = bullet.createMultiBody(given.mass, physicsClientId=client)
+        bullet.changeDynamics(
+            self._body, -1, mass=given.mass, localInertiaDiagonal=[given.inertia] * 3, linearDamping=0.0,
+            angularDamping=0.0, maxJointVelocity=NO_LIMIT, physicsClientId=client,
+        )  # fmt: skip
+        count = len(wrench)
+        pushes, twists = np.zeros((count, 3)), np.zeros((count, 3))
+        share = held(given.viscosity * T / given.mass)[1]
+        pushes[:, :d] = share * (wrench[:, :d] - given.viscosity * velocity)
+        if spin is not None:
+            b = given.rotational_viscosity
+            share = held(b * T / given.inertia)[1]
+            twists[:, 2 if d == 2 else 0 :] = share * (wrench[:, d:] - b * spin.reshape(count, -1))
+        self._pushes: list[Three] = [(x, y, z) for x, y, z in pushes.tolist()]
+        self._twists: list[Three] = [(x, y, z) for x, y, z in twists.tolist()]
+        self.reset()
+
+    def reset(self) -> None:
+        bullet, client, body = self._bullet, self._client, self._body
+        bullet.resetBasePositionAndOrientation(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), physicsClientId=client)
+        bullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=client)
+        self._where, self._turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+
+    def run(self) -> None:
+        """All the samples."""
+        bullet, client, body = self._bullet, self._client, self._body
+        frame = bullet.WORLD_FRAME
+        turns = self._dimensions > 1
+        where, turn = self._where, self._turn
+        for push, twist in zip(self._pushes, self._twists, strict=True):
+            bullet.applyExternalForce(body, -1, push, where, frame, physicsClientId=client)
+            if turns:
+                bullet.applyExternalTorque(body, -1, twist, frame, physicsClientId=client)
+            bullet.stepSimulation(physicsClientId=client)
+            where, turn = bullet.getBasePositionAndOrientation(body, physicsClientId=client)
+            bullet.getBaseVelocity(body, physicsClientId=client)
+        self._where, self._turn = where, turn
+
+    @property
+    def position(self) -> FloatArray:
+        return np.array(self._where[: self._dimensions])
+
+    def rotation(self) -> FloatArray:
+        d = self._dimensions
+        return rotation_matrix(3, 0.0, self._turn)[:d, :d]

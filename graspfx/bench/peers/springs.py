@@ -1,0 +1,76 @@
+"""Fingertips that hang by springs on a free body, in MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
+
+AXES = ("1 0 0", "0 1 0", "0 0 1")
+
+
+class MuJoCoSprings:
+    """Every coupling spring is a tendon of length zero between two sites: equal gains, kep = kip.
+
+    Args:
+        given: what it is made from; its internal gain is not looked at.
+        steps: that one tick makes.
+    """
+
+    def __init__(self, given: Springs, *, steps: int = 1) -> None:
+        self._mujoco: Any = import_module("mujoco")
+        self._given, self._steps = given, steps
+        d = given.dimensions
+        sites = "".join(f'<site name="a{i}" pos="{_text(anchor)}"/>' for i, anchor in enumerate(given.anchors))
+        kind = {1: "", 2: 'type="hinge" axis="0 0 1"', 3: 'type="ball"'}[d]
+        turn = f'<joint {kind} damping="{given.rotational_viscosity!r}"/>' if kind else ""
+        moments = " ".join([repr(given.inertia)] * 3)
+        fingers = "".join(
+            f'<body pos="{_text(at)}">{_slides(d, given.finger_friction, given.hand, rest - at)}'
+            f'<inertial pos="0 0 0" mass="{given.finger_mass!r}" diaginertia="1 1 1"/><site name="f{i}"/></body>'
+            for i, (at, rest) in enumerate(zip(given.start, given.rest, strict=True))
+        )
+        springs = "".join(
+            f'<spatial stiffness="{given.external!r}" springlength="0 0">'
+            f'<site site="a{i}"/><site site="f{i}"/></spatial>'
+            for i in range(len(given.anchors))
+        )
+        self._model = self._mujoco.MjModel.from_xml_string(f"""
+            <mujoco><option timestep="{given.T!r}" gravity="0 0 0"/><worldbody>
+              <body>{_slides(d, given.viscosity, 0.0, np.zeros(d))}{turn}
+                <inertial pos="0 0 0" mass="{given.mass!r}" diaginertia="{moments}"/>{sites}</body>{fingers}
+              </worldbody><tendon>{springs}</tendon></mujoco>""")
+        self._data = self._mujoco.MjData(self._model)
+
+    def reset(self) -> None:
+        self._mujoco.mj_resetData(self._model, self._data)
+
+    def tick(self) -> None:
+        self._mujoco.mj_step(self._model, self._data, self._steps)
+
+    @property
+    def position(self) -> FloatArray:
+        return np.array(self._data.qpos[: self._given.dimensions])
+
+    def rotation(self) -> FloatArray:
+        d, q = self._given.dimensions, self._data.qpos
+        if d < 3:
+            return rotation_matrix(d, float(q[d]) if d == 2 else 0.0, ())
+        w, x, y, z = q[3:7].tolist()
+        return rotation_matrix(3, 0.0, (x, y, z, w))
+
+
+def _slides(d: int, damping: float, stiffness: float, rest: FloatArray) -> str:
+    return "".join(
+        f'<joint type="slide" axis="{axis}" damping="{damping!r}" stiffness="{stiffness!r}" springref="{float(x)!r}"/>'
+        for axis, x in zip(AXES[:d], rest, strict=True)
+    )
+
+
+def _text(point: Sequence[float] | FloatArray) -> str:
+    """Three numbers, those that a line or a plane does not have zero."""
+    return " ".join(repr(float(x)) for x in [*point, 0.0, 0.0][:3])

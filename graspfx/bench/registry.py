@@ -1,0 +1,45 @@
+"""The benchmarks there are, by name; one is imported when it is run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from typing import cast
+
+from graspfx.bench.case import Benchmark
+from graspfx.bench.measure import FULL, MISSING, QUICK, Row, measure
+from graspfx.errors import MissingPackageError, UnknownNameError
+
+BENCHMARKS = {
+    "eq4": "graspfx.bench.eq4",
+    "projection": "graspfx.bench.projection",
+    "contact": "graspfx.bench.contact",
+    "bodies": "graspfx.bench.bodies",
+    "ticks": "graspfx.bench.ticks",
+    "maps": "graspfx.bench.maps",
+    "startup": "graspfx.bench.startup",
+    "jitter": "graspfx.bench.jitter",
+}
+
+
+def chosen(names: Sequence[str]) -> list[str]:
+    """The names, all there are if none is given, in the order of the report; an unknown one is an error."""
+    for name in names:
+        if name not in BENCHMARKS:
+            raise UnknownNameError("benchmark", name, BENCHMARKS)
+    return [name for name in BENCHMARKS if name in names or not names]
+
+
+def benchmark(name: str) -> Benchmark:
+    return cast(Benchmark, import_module(BENCHMARKS[name]))
+
+
+def rows(name: str, quick: bool) -> Iterator[Row]:
+    """Runs a benchmark, case by case; without the package that its oracle needs, one row says so."""
+    module = benchmark(name)
+    try:
+        for case in module.cases(quick):
+            yield from measure(case, QUICK if quick else FULL)
+    except MissingPackageError as absent:
+        note = f"not installed: pip install {absent.package}"
+        yield Row(name, "", absent.wanted_by, None, None, note, state=MISSING)

@@ -1,0 +1,22 @@
+"""graspfx bench: run time against error, every method beside its peers."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from graspfx.commands.output import DONE
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("names", metavar="NAME", nargs="*", help="of benchmarks (all of them)")
+    parser.add_argument("--quick", action="store_true", help="a few seconds each, and rougher")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of benchmarks.json, its page and pictures")
+
+
+def execute(chosen: Namespace) -> int:
+    from graspfx.bench.run import bench
+
+    bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out)
+    return DONE

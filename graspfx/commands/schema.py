@@ -1,0 +1,18 @@
+"""graspfx schema: the JSON schema of a scene."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+
+from graspfx.commands.output import DONE, print_json
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """It takes none."""
+
+
+def execute(chosen: Namespace) -> int:
+    from graspfx.scene.model import schema
+
+    print_json(schema())
+    return DONE

@@ -1,0 +1,89 @@
+"""The program of a script, specialised once: kept on disk as long as no source that it was made from changes."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from graspfx.compile import cache as kept
+from graspfx.compile.specialise import Program
+from graspfx.compile.values import Later, Memory
+
+
+def program_source(
+    text: str,
+    kernels: Mapping[str, Callable[..., Any]],
+    arrays: Sequence[str],
+    frozen: Mapping[tuple[str, int], float],
+    *,
+    unroll: int = 1,
+    lanes: int = 1,
+    make: bool = True,
+) -> str:
+    """The function that a text defines as a program of its own, the kernels that it calls specialised for it.
+
+    Args:
+        text: one function; its parameters stay, its other names are kernels and arrays.
+        kernels: by name.
+        arrays: the names of the buffers.
+        frozen: entries of buffers that never change, by array and index.
+        unroll: most turns of a loop that is written out.
+        lanes: so many programs side by side (`Program`).
+        make: whether to specialise what is not kept yet; else a LookupError.
+    """
+    roots = {name: f"{kernel.__module__}.{kernel.__qualname__}" for name, kernel in sorted(kernels.items())}
+    numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
+    asked = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
+    key = hashlib.sha256(f"program {asked}".encode()).hexdigest()
+    found = kept.stored(key)
+    if found is not None:
+        entry = json.loads(found)
+        if all(_digest(file) == digest for file, digest in entry["files"].items()):
+            return str(entry["source"])
+    if not make:
+        raise LookupError("not specialised yet")
+    program = Program(frozen, unroll, lanes)
+    names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
+    [tree] = ast.parse(text).body
+    assert isinstance(tree, ast.FunctionDef)
+    program.add_text(text, names, [Later(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
+    source = program.source()
+    folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
+    files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
+    kept.store(key, json.dumps({"files": files, "source": source}).encode())
+    return source
+
+
+@cache
+def own_sources() -> str:
+    """One digest of all of our sources: kernels are taken from many files, and numbers from still more."""
+    digest = hashlib.sha256()
+    for folder in _folders():
+        for file in sorted(folder.rglob("*.py")):
+            digest.update(f"{file.relative_to(folder)}\0".encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _folders() -> tuple[Path, ...]:
+    """The package, and in a checkout the shelf of drivers beside it."""
+    package = sys.modules[__name__.partition(".")[0]]
+    first, *others = [Path(place) for place in package.__path__]
+    return first, *(place / "devices" for place in others if (place / "devices").is_dir())
+
+
+def _is_own(file: str) -> bool:
+    return any(Path(file).is_relative_to(folder) for folder in _folders())
+
+
+def _digest(file: str) -> str:
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    except OSError:
+        return ""

@@ -1,0 +1,112 @@
+"""Eq. (4) for point contacts on a free object, in place: forces from points, displacements and rates of one block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.machine import compiled
+from graspfx.errors import InputError, MissingPackageError, UnknownNameError
+from graspfx.grasp import direct
+from graspfx.grasp.impedance import Impedance
+
+FloatArray = NDArray[np.float64]
+
+ENGINES = ("auto", "compiled", "interpreted")
+
+
+class PointCoupling:
+    """f = P (k_ep e + k_ed e') + (I - P) (k_ip e + k_id e') (Kawai and Yoshikawa, eq. 4), f on the object.
+
+    For n hard fingers on an object that is free to move, with numbers for gains: P d is the rigid motion that fits a
+    field d of displacements best, so that neither G nor P is formed. The error is a few roundings of the largest force,
+    also where contacts lie nearly on a line, far from the origin, or close together.
+
+    Write `points`, `displacement` and `rate`, call `compute()`, read `force`; all four are (n, d) views of one array
+    and stay the same for the object's life. A `rate` that is never written is zero. Numbers that are not finite give
+    forces that are none.
+
+    Contacts on one line turn about it freely (rank 5 in space), coincident ones do not turn (rank 3); the rank is
+    decided here and now, without the blend of a run (scene key `coupling.blend`), and without locked freedoms, weights
+    or torsion, for which there are `Grasp`, `Split` and `Coupling.force`.
+
+    Args:
+        external: k_ep [N/m] and k_ed [N s/m], numbers.
+        internal: k_ip and k_id, numbers.
+        fingers: n.
+        dimensions: d, 1, 2 or 3.
+        tolerance: contacts lie on a line from which they are no farther away than this, rms, relative to their rms
+            distance from the centroid (`Split`: 1e-6); or than their coordinates are rounded.
+        engine: "compiled" by numba, "interpreted", or "auto": compiled where numba is installed. Compiling takes a
+            few seconds, once in a process; both give the same forces but for rounding.
+
+    Attributes:
+        compute: fills `force`; a plain callable without arguments, to be bound to a local name in a loop.
+        points: (n, d) [m].
+        displacement: e = p - c, (n, d) [m].
+        rate: e', (n, d) [m/s].
+        force: f, (n, d) [N].
+
+    Raises:
+        InputError: gains that are matrices, no fingers, dimensions other than 1, 2 and 3, a tolerance outside [0, 1).
+        UnknownNameError: another engine.
+        MissingPackageError: engine "compiled" without numba.
+    """
+
+    compute: Callable[[], None]
+
+    def __init__(
+        self,
+        external: Impedance,
+        internal: Impedance,
+        fingers: int,
+        dimensions: int = 3,
+        *,
+        tolerance: float = 1e-12,
+        engine: str = "auto",
+    ) -> None:
+        gains = [
+            _number("external", external, "stiffness"),
+            _number("external", external, "damping"),
+            _number("internal", internal, "stiffness"),
+            _number("internal", internal, "damping"),
+        ]
+        n, d = fingers, dimensions
+        if n < 1:
+            raise InputError("fingers", n, "one or more")
+        if d not in (1, 2, 3):
+            raise InputError("dimensions", d, "1, 2 or 3")
+        if not 0.0 <= tolerance < 1.0:
+            raise InputError("tolerance", tolerance, "a relative tolerance in [0, 1)")
+        if engine not in ENGINES:
+            raise UnknownNameError("engine", engine, ENGINES)
+        installed = find_spec("numba") is not None
+        if engine == "compiled" and not installed:
+            raise MissingPackageError("numba", "engine='compiled'", "pip install numba, or use engine='interpreted'")
+        self._block = S = np.zeros(direct.size(n, d))
+        S[: direct.RANK] = [n, d, *gains, tolerance]
+        self.points, self.displacement, self.rate, self.force = S[direct.POINTS :].reshape(4, n, d)
+        self.engine = "compiled" if installed and engine != "interpreted" else "interpreted"
+        if self.engine == "compiled":
+            kernel = compiled(direct.couple)
+            kernel(S.copy())  # compiles now and not at the first sample
+            self.compute = partial(kernel, S)
+        else:
+            self.compute = partial(direct.couple, memoryview(S))  # items of a memoryview are Python floats
+
+    @property
+    def rank(self) -> int:
+        """Of the grasp matrix of the contacts that the last `compute()` was about; 0 before."""
+        return int(self._block[direct.RANK])
+
+
+def _number(name: str, part: object, which: Literal["stiffness", "damping"]) -> float:
+    gain = getattr(part, which, part)
+    if not (isinstance(part, Impedance) and isinstance(gain, float)):
+        raise InputError(name, gain, f"an Impedance whose {which} is a number", "matrices are for Coupling.force")
+    return gain

@@ -1,0 +1,425 @@
+"""The tick of a scene as a script: read, couple, display; record, move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.coupling import block as at
+from graspfx.coupling.approach import LOST
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.sample import let_go, sample
+from graspfx.loop import plant as plants
+from graspfx.loop.device import Device, FusedDevice, SimulatedDevice, fused
+from graspfx.loop.layout import Layout
+from graspfx.loop.observer import BY_MODE, MET, OF_OBJECT, Observer
+from graspfx.loop.plant import FusedHand, FusedPlant, Hand, Plant
+from graspfx.loop.script import Script, copied, under
+from graspfx.loop.watch import watch
+from graspfx.objects.body import NativeBody
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+COMPUTED = ("finger_position", "finger_velocity", "contact_position", "finger_force", "finger_moment",
+            "touching", "status", "gap")  # fmt: skip
+OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "residual", "wrench")
+
+# The servo's own memory.
+FAULTED = 0
+TICK = 1  # of the first fault
+KIND = 2  # what could not go on,
+INDEX = 3  # which of its kind,
+CODE = 4  # and why
+PERIOD = 5  # T [s]
+STUCK = 6  # one for each mover, then for each plant
+
+STATION, OBJECT_, MOVER, PLANT, TOLD = range(5)  # TOLD: by code that is no kernel, in words
+
+CHUNK = 1024  # ticks for which the targets of a hand without a kernel are known ahead
+
+
+@dataclass(frozen=True)
+class Held:
+    """An object and the numbers of the fingers that are assigned to it."""
+
+    name: str
+    grasped: GraspedObject
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A body, or a world of bodies that meet one another, and the numbers of the objects that it moves."""
+
+    body: Any
+    objects: Sequence[int]
+
+
+@dataclass(frozen=True)
+class Station:
+    """A device and the finger that each of its channels is (-1: a channel that the scene does not use)."""
+
+    device: Device
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A plant, the hand that holds it, the devices whose efforts drive it and the fingers that it moves."""
+
+    plant: Plant
+    hand: Hand
+    devices: Sequence[SimulatedDevice]
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Parts:
+    """All that a servo runs."""
+
+    period: float
+    layout: Layout
+    stations: Sequence[Station]
+    objects: Sequence[Held]
+    movers: Sequence[Mover]
+    moved: Sequence[Moved]
+    observers: Sequence[Observer]
+
+
+def latch(S: Any, k: int, kind: int, index: int, code: int) -> None:
+    """Keeps the first fault; from then on every force is zero."""
+    if S[FAULTED] == 0.0:
+        S[FAULTED] = 1.0
+        S[TICK] = k
+        S[KIND] = kind
+        S[INDEX] = index
+        S[CODE] = code
+
+
+@dataclass
+class Port:
+    """The memory through which a device that is no kernel is read and written."""
+
+    station: int
+    position: FloatArray
+    velocity: FloatArray
+    command: FloatArray
+    memory: FloatArray  # whether it could be read; then the three above
+
+
+@dataclass
+class Table:
+    """The targets of a hand that is no kernel, for each tick of a call."""
+
+    moved: int
+    memory: FloatArray  # (CHUNK, width), flat: r and r' at the end of each sample, then in its middle if asked for
+    middle: bool
+
+
+@dataclass
+class Tick:
+    """The script's lines, and what is left to be done beside it."""
+
+    script: Script
+    own: FloatArray
+    begin: list[str] = field(default_factory=list)  # read, couple, display
+    end: list[str] = field(default_factory=list)  # let go after a fault, record, move
+    ports: list[Port] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    bodies: list[int] = field(default_factory=list)  # movers that are no kernels
+    plants: list[int] = field(default_factory=list)  # plants that are no kernels
+
+
+def write(parts: Parts, *, record: bool = True) -> Tick:
+    """The tick of these parts.
+
+    Args:
+        record: whether a row is written, to the array `rows` at row r.
+    """
+    return _Writer(parts).written(record)
+
+
+class _Writer:
+    def __init__(self, parts: Parts) -> None:
+        self.parts = parts
+        self.n, self.d = len(parts.layout.fingers), parts.layout.dimensions
+        self.displayed = STUCK + len(parts.movers) + len(parts.moved)
+        self.before = self.displayed + self.n * self.d
+        self.energy = self.before + self.n * self.d
+        self.script = script = Script()
+        self.tick = Tick(script, np.zeros(self.energy + self.n))
+        self.tick.own[PERIOD] = parts.period
+        self.own = script.memory("servo", self.tick.own, [PERIOD])
+        self.blocks = [script.memory("object", h.grasped.block, h.grasped.structure) for h in parts.objects]
+        self.books = [script.memory("ledger", o.buffer, o.structure) for o in parts.observers]
+        for m in parts.moved:
+            if isinstance(m.plant, FusedPlant):
+                m.plant.hold(m.hand, parts.period)
+        self.native = [self._is_native(m) for m in parts.moved]
+        self.plants = [
+            script.memory("plant", m.plant.state, m.plant.structure)
+            if isinstance(m.plant, FusedPlant)
+            else script.memory("plant", m.plant.position.reshape(-1))
+            for m in parts.moved
+        ]
+        self.entry_of = self._fingers()
+
+    def written(self, record: bool) -> Tick:
+        tick = self.tick
+        tick.begin += [*self._read(), *self._couple(), *self._work(), *self._display()]
+        tick.end += [*self._let_go(), *(self._record() if record else ()), *self._move(), *self._advance()]
+        return tick
+
+    def _is_native(self, m: Moved) -> bool:
+        """Whether kernels do all that a plant needs."""
+        seen = {id(station.device) for station in self.parts.stations}
+        devices = [cast("Device", device) for device in m.devices]
+        return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in seen for d in devices)
+
+    def _fingers(self) -> dict[int, tuple[str, int]]:
+        """Name and row of the block that holds each finger."""
+        found = {}
+        for name, held in zip(self.blocks, self.parts.objects, strict=True):
+            for j, f in enumerate(held.fingers.tolist()):
+                found[f] = name, at.ROW + j * at.STRIDE
+        return found
+
+    def _latched(self, kind: int, index: int) -> str:
+        return f"{self.script.kernel(latch)}({self.own}, k, {kind}, {index}, code)"
+
+    def _faulted(self) -> str:
+        return f"{self.own}[{FAULTED}] != 0.0"
+
+    # Read ---------------------------------------------------------------------------------------------------------
+
+    def _read(self) -> Iterator[str]:
+        for i, station in enumerate(self.parts.stations):
+            device, used = station.device, station.fingers
+            plant = self._plant_of(device)
+            if plant is not None and isinstance(device, FusedDevice):
+                name = self.script.memory("device", device.state, device.structure)
+                port = device.ports
+                sensed = range(port.sensed, port.sensed + len(device.sensed))
+                yield from copied(name, sensed, plant, device.sensed)
+                yield f"code = {self.script.kernel(device.reading)}({name}, 0)"
+                seen = self._seen(used, name, port.position, port.velocity)
+                yield from under("code != 0", [self._latched(STATION, i)], seen)
+            else:
+                name, position, velocity, _ = self._port(i, station)
+                yield from under(f"{name}[0] != 0.0", self._seen(used, name, position, velocity))
+
+    def _plant_of(self, device: Device) -> str | None:
+        """The memory of the native plant that moves a device."""
+        for m, name, native in zip(self.parts.moved, self.plants, self.native, strict=True):
+            if native and id(device) in map(id, m.devices):
+                return name
+        return None
+
+    def _port(self, i: int, station: Station) -> tuple[str, int, int, int]:
+        k, size = len(station.fingers), len(station.fingers) * self.d
+        memory = np.zeros(1 + 3 * size)
+        arrays = memory[1:].reshape(3, k, self.d)
+        self.tick.ports.append(Port(i, arrays[0], arrays[1], arrays[2], memory))
+        return self.script.memory("port", memory), 1, 1 + size, 1 + 2 * size
+
+    def _seen(self, fingers: Index, name: str, position: int, velocity: int) -> Iterator[str]:
+        for c, f in enumerate(fingers.tolist()):
+            if f >= 0:
+                block, row = self.entry_of[f]
+                for to, source in ((at.POSITION, position), (at.VELOCITY, velocity)):
+                    start = source + c * self.d
+                    yield from copied(block, range(row + to, row + to + self.d), name, range(start, start + self.d))
+
+    # Couple -------------------------------------------------------------------------------------------------------
+
+    def _couple(self) -> Iterator[str]:
+        T = f"{self.own}[{PERIOD}]"
+        for mover in self.parts.movers:
+            if isinstance(mover.body, NativeBody) and self.parts.objects[mover.objects[0]].grasped.implicit:
+                block, other = self._bodies_memory(mover)
+                yield f"{self.script.kernel(mover.body.predicting)}({block}, {at.BODY}, {other}, {T})"
+        for i, block in enumerate(self.blocks):
+            number = next(number for number, mover in enumerate(self.parts.movers) if i in mover.objects)
+            lost = under(f"code == {LOST}", [f"{self.own}[{STUCK + number}] = 1.0"])
+            lines = [f"code = {self.script.kernel(sample)}({block})"]
+            lines += under("code != 0", [self._latched(OBJECT_, i), *lost])
+            if self.parts.observers:
+                observer, book = self.parts.observers[i], self.books[i]
+                lines += under(f"{self.own}[{FAULTED}] == 0.0", self._watched(observer, number, block, book))
+            yield from under(f"{self.own}[{FAULTED}] == 0.0", lines)
+
+    def _watched(self, observer: Observer, mover: int, block: str, book: str) -> Iterator[str]:
+        if observer.met is not None:
+            body = self.parts.movers[mover].body
+            first = (observer.met.ctypes.data - body.buffer.ctypes.data) // observer.met.itemsize
+            _, floor = self._bodies_memory(self.parts.movers[mover])
+            yield from copied(book, range(MET, MET + 6), floor, range(first, first + 6))
+        yield f"{self.script.kernel(watch)}({block}, {book}, {self.own}[{PERIOD}])"
+
+    def _bodies_memory(self, mover: Mover) -> tuple[str, str]:
+        """The block that a native body is in, and its buffer beside it or the block again."""
+        block = self.blocks[mover.objects[0]]
+        buffer = mover.body.buffer
+        return block, block if buffer is None else self.script.memory("floor", buffer, mover.body.structure)
+
+    def _work(self) -> Iterator[str]:
+        """Of the last sample's forces at the devices; then where the fingers are now."""
+        places = [self._place(f) for f in range(self.n)]
+        lines = []
+        for f, (name, place) in enumerate(places):
+            o = f * self.d
+            terms = [
+                f"{self.own}[{self.displayed + o + a}] * ({name}[{place + a}] - {self.own}[{self.before + o + a}])"
+                for a in range(self.d)
+            ]
+            lines.append(f"{self.own}[{self.energy + f}] += {' + '.join(terms)}")
+        yield from under(f"k > 0 and {self.own}[{FAULTED}] == 0.0", lines)
+        for f, (name, place) in enumerate(places):
+            o = self.before + f * self.d
+            yield from copied(self.own, range(o, o + self.d), name, range(place, place + self.d))
+        yield from under(self._faulted(), self._released())
+
+    def _place(self, f: int) -> tuple[str, int]:
+        """Where the fingertip truly is, or where it was read if that is not known."""
+        if self.parts.layout.simulated:
+            for m, name in zip(self.parts.moved, self.plants, strict=True):
+                if f in m.fingers:
+                    start = m.plant.ports.position if isinstance(m.plant, FusedPlant) else 0
+                    return name, start + m.fingers.tolist().index(f) * self.d
+        block, row = self.entry_of[f]
+        return block, row + at.POSITION
+
+    def _released(self) -> list[str]:
+        return [f"{self.script.kernel(let_go)}({block})" for block in self.blocks]
+
+    # Display ------------------------------------------------------------------------------------------------------
+
+    def _display(self) -> Iterator[str]:
+        for f in range(self.n):
+            block, row = self.entry_of[f]
+            o, force = self.displayed + f * self.d, row + at.FORCE
+            yield from copied(self.own, range(o, o + self.d), block, range(force, force + self.d), sign="-")
+        foreign = {port.station: port for port in self.tick.ports}
+        for i, station in enumerate(self.parts.stations):
+            device = station.device
+            if i in foreign:
+                name, start = self.script.memory("port", foreign[i].memory), 1 + 2 * len(station.fingers) * self.d
+                yield from self._told(station.fingers, name, start)
+            elif isinstance(device, FusedDevice):
+                name = self.script.memory("device", device.state)
+                yield from self._told(station.fingers, name, device.ports.command)
+                yield f"code = {self.script.kernel(device.writing)}({name}, 0)"
+                yield from under("code != 0", [self._latched(STATION, i)])
+
+    def _told(self, fingers: Index, name: str, command: int) -> Iterator[str]:
+        for c, f in enumerate(fingers.tolist()):
+            if f >= 0:
+                to, o = command + c * self.d, self.displayed + f * self.d
+                yield from copied(name, range(to, to + self.d), self.own, range(o, o + self.d))
+
+    # The end of the tick ------------------------------------------------------------------------------------------
+
+    def _let_go(self) -> list[str]:
+        lines = self._released()
+        lines += [f"{self.own}[{self.displayed + a}] = 0.0" for a in range(self.n * self.d)]
+        foreign = {port.station for port in self.tick.ports}
+        for i, station in enumerate(self.parts.stations):
+            device = station.device
+            if i not in foreign and isinstance(device, FusedDevice):
+                lines.append(f"{self.script.kernel(device.stopping)}({self.script.memory('device', device.state)}, 0)")
+        return under(self._faulted(), lines)
+
+    def _record(self) -> Iterator[str]:
+        width = self.parts.layout.width
+        yield f"row = r * {width}"
+        for column, (name, entry) in sorted(self._sources()):
+            yield f"rows[row + {column}] = {name}[{entry}]"
+
+    def _sources(self) -> Iterator[tuple[int, tuple[str, int]]]:
+        """Where each number of a row comes from."""
+        columns, numbers = self.parts.layout.columns, np.arange(self.parts.layout.width)
+
+        def pairs(column: str, source: str, entries: Index) -> Iterator[tuple[int, tuple[str, int]]]:
+            if column in columns:
+                places = numbers[columns[column].where]
+                yield from ((int(p), (source, int(e))) for p, e in zip(places, entries.ravel(), strict=True))
+
+        for held, block in zip(self.parts.objects, self.blocks, strict=True):
+            where = held.grasped.where
+            for quantity in COMPUTED:
+                if quantity in columns:
+                    places = numbers[columns[quantity].where].reshape(columns[quantity].shape)[held.fingers]
+                    for p, e in zip(places.ravel(), where[quantity].ravel(), strict=True):
+                        yield int(p), (block, int(e))
+            for quantity in OBJECT:
+                yield from pairs(f"objects/{held.name}/{quantity}", block, where[quantity])
+        for held, observer, book in zip(self.parts.objects, self.parts.observers, self.books, strict=False):
+            for quantity in (*BY_MODE, *OF_OBJECT):
+                yield from pairs(f"objects/{held.name}/energy/{quantity}", book, observer.where[quantity])
+        yield from pairs("device_energy", self.own, np.arange(self.energy, self.energy + self.n))
+        yield from pairs("true_position", self.own, np.arange(self.before, self.before + self.n * self.d))
+
+    def _move(self) -> Iterator[str]:
+        for i, mover in enumerate(self.parts.movers):
+            if not isinstance(mover.body, NativeBody):
+                self.tick.bodies.append(i)
+                continue
+            block, other = self._bodies_memory(mover)
+            stuck = f"{self.own}[{STUCK + i}]"
+            step = f"{self.script.kernel(mover.body.stepping)}({block}, {at.BODY}, {other}, {self.own}[{PERIOD}])"
+            failed = under("code != 0", [self._latched(MOVER, i), f"{stuck} = 1.0"])
+            yield from under(f"{stuck} == 0.0", [f"code = {step}", *failed])
+
+    def _advance(self) -> Iterator[str]:
+        for j, (m, name, native) in enumerate(zip(self.parts.moved, self.plants, self.native, strict=True)):
+            if not native:
+                self.tick.plants.append(j)
+                continue
+            assert isinstance(m.plant, FusedPlant)
+            stuck = f"{self.own}[{STUCK + len(self.parts.movers) + j}]"
+            lines = [*self._efforts(m, name), *self._targets(j, m, name)]
+            lines.append(f"code = {self.script.kernel(m.plant.kernel)}({name}, 0)")
+            lines += under("code != 0", [self._latched(PLANT, j), f"{stuck} = 1.0"])
+            yield from under(f"{stuck} == 0.0", lines)
+
+    def _efforts(self, m: Moved, plant: str) -> Iterator[str]:
+        assert isinstance(m.plant, FusedPlant)
+        to = m.plant.ports.effort
+        for device in m.devices:
+            fingers = device.features.fingers  # type: ignore[attr-defined] # it is a Device too
+            assert isinstance(device, FusedDevice)
+            count = fingers * self.d
+            name, effort = self.script.memory("device", device.state), device.ports.effort
+            yield from copied(plant, range(to, to + count), name, range(effort, effort + count))
+            to += count
+
+    def _targets(self, j: int, m: Moved, plant: str) -> Iterator[str]:
+        assert isinstance(m.plant, FusedPlant)
+        count, port = len(m.fingers) * self.d, m.plant.ports
+        hand = m.hand if isinstance(m.hand, FusedHand) else None
+        T = f"{self.own}[{PERIOD}]"
+        wanted = [(port.end, f"(k + 1) * {T}")]
+        if port.middle is not None:
+            wanted.insert(0, (port.middle, f"0.5 * (k * {T} + (k + 1) * {T})"))
+        if hand is not None:
+            name = self.script.memory("hand", hand.state, hand.structure)
+            for to, time in wanted:
+                yield f"{self.script.kernel(hand.kernel)}({name}, 0, {time})"
+                yield from copied(
+                    plant, range(to, to + count), name, range(hand.ports.position, hand.ports.position + count)
+                )
+                velocity = range(hand.ports.velocity, hand.ports.velocity + count)
+                yield from copied(plant, range(to + count, to + 2 * count), name, velocity)
+            return
+        width = 2 * count * len(wanted)
+        table = Table(j, np.zeros(CHUNK * width), port.middle is not None)
+        self.tick.tables.append(table)
+        name = self.script.memory("targets", table.memory)
+        for start, (to, _) in zip(range(width - 2 * count, -1, -2 * count), wanted, strict=True):
+            for a in range(2 * count):
+                yield f"{plant}[{to + a}] = {name}[i * {width} + {start + a}]"

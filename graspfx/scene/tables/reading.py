@@ -1,0 +1,55 @@
+"""What is read from the tables of a scene, whether they have just been checked or were kept from a run before."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.parts import Coupling, Finger, Object
+
+WIDTHS = {1: 1, 2: 3, 3: 6}  # w, the freedoms of an object
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def listed(value: Any) -> tuple[Any, ...]:
+    """The tables of a field that takes one or a list of them."""
+    if value is None:
+        return ()
+    return value if isinstance(value, tuple) else (value,)
+
+
+class Readable:
+    """What follows from a whole scene's fields."""
+
+    if TYPE_CHECKING:
+        dimensions: int
+        object: tuple[Object, ...]
+        coupling: Coupling
+        finger: tuple[Finger, ...]
+
+    @property
+    def finger_names(self) -> tuple[str, ...]:
+        """Each finger's name, or finger0, finger1, ..."""
+        return tuple(finger.name or f"finger{i}" for i, finger in enumerate(self.finger))
+
+    @property
+    def finger_objects(self) -> tuple[int, ...]:
+        """Which object each finger touches, by index."""
+        numbers = {thing.name: i for i, thing in enumerate(self.object)}
+        return tuple(numbers[finger.object] if finger.object else 0 for finger in self.finger)
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """Each finger's coefficient of friction; 0 where it slips freely or sticks."""
+        given = self.coupling.friction
+        if isinstance(given, str) or self.coupling.contact == "attached":
+            return (0.0,) * len(self.finger)
+        return tuple(given if finger.friction is None else finger.friction for finger in self.finger)
+
+    def free(self, thing: Object) -> tuple[bool, ...]:
+        """Which of an object's w freedoms move."""
+        return thing.free if thing.free is not None else (True,) * WIDTHS[self.dimensions]
+
+    def turns(self, thing: Object) -> bool:
+        """Whether a rotation of an object is free."""
+        return any(self.free(thing)[self.dimensions :])

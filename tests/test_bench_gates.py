@@ -1,0 +1,72 @@
+"""What must stay faster than its peers: ratios within one run, at half of what was measured, never a time by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from graspfx.bench.case import Case, Method
+from graspfx.bench.measure import Effort, Row, check, interleaved
+from graspfx.bench.registry import benchmark as benchmark_named
+
+BRIEF = Effort(rounds=9, batch=200_000, most=300_000_000, least=2, singles=1)
+
+
+NORMALS = "frictionless, 5 fingers, gains' ratio 3"
+PIVOTING = "GraspFX pivoting, compiled"
+WALL = "device on a wall, 60 by 60"
+
+
+@contextmanager
+def case_of(name: str, case_name: str) -> Iterator[Case]:
+    """A case; what its benchmark has built is there until the end."""
+    with closing(benchmark_named(name).cases(quick=True)) as cases:
+        yield next(each for each in cases if each.name == case_name)
+
+
+def method_of(case: Case, name: str) -> tuple[Method, Row]:
+    """A method with its checked row."""
+    [method] = [m for m in case.methods if m.name == name]
+    return method, check(case, method)
+
+
+@pytest.mark.parametrize(
+    ("name", "case_name", "ours", "peer", "least"),
+    [
+        pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "numpy pinv", 90.0, id="direct-pinv"),
+        pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "scipy posv", 25.0, id="direct-posv"),
+        pytest.param(
+            "projection", NORMALS, "GraspFX pivoting, compiled", "clarabel to 1e-08", 60.0, id="cone-clarabel"
+        ),
+        pytest.param(
+            "maps", "device on a wall, 60 by 60", "GraspFX, numpy", "python-control", 5000.0, id="map-control"
+        ),
+        pytest.param("startup", "whole processes", "import graspfx", "import numpy", 0.77, id="import-numpy"),
+    ],
+)
+def test_faster_than_its_peer_and_no_less_exact(
+    name: str, case_name: str, ours: str, peer: str, least: float, benchmark: BenchmarkFixture
+) -> None:
+    if "compiled" in ours:
+        pytest.importorskip("numba")
+    with case_of(name, case_name) as case:
+        (own, own_row), (other, other_row) = method_of(case, ours), method_of(case, peer)
+        assert (own_row.state, other_row.state) == ("timed", "timed")
+        own_times, other_times = interleaved([own, other], BRIEF)
+        benchmark.pedantic(own.call, rounds=3)
+    ratio = min(other_times) / min(own_times)
+    benchmark.extra_info.update(peer=peer, ratio=ratio, least=least)
+    assert ratio >= least
+    if own_row.error is not None:
+        assert other_row.error is not None and own_row.error <= max(other_row.error, 4e-15)
+
+
+@pytest.mark.parametrize("case_name", ["5 fingers", "5 fingers, 1 km from the origin", "5 fingers on a line (rank 5)"])
+def test_direct_kernel_is_exact(case_name: str) -> None:
+    pytest.importorskip("numba")
+    with case_of("eq4", case_name) as case:
+        _, row = method_of(case, "GraspFX direct kernel, compiled")
+    assert row.error is not None and row.error <= 4e-15

@@ -1,0 +1,52 @@
+"""What blocks say never changes: the entries that pick what is computed stay the same through a run of every scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx import plugins
+from graspfx.coupling import block as at
+from graspfx.loop.header import Header
+from graspfx.loop.record import Recorder
+from graspfx.scene.making.build import build
+from graspfx.surfaces import tree
+from graspfx.surfaces.proxy import MESH
+
+
+@pytest.mark.parametrize("name", sorted(plugins.names("scenes")))
+def test_structure_stays_the_same_through_a_run(name: str) -> None:
+    """60 samples with the brake on, which is all that writes to the blocks; each entry a whole number, named once."""
+    scene = gx.load(name, {"coupling.passivity": "control"})
+    with build(scene) as servo:
+        watched = [(held.grasped.block, held.grasped.structure) for held in servo.objects]
+        watched += [(observer.buffer, observer.structure) for observer in servo.observers]
+        before = [block.copy() for block, _ in watched]
+        with Recorder(servo.layout, Header(scene.period)) as recorder:
+            servo.run(60, recorder)
+        assert servo.ticks == 60
+        for (block, structure), old in zip(watched, before, strict=True):
+            assert not np.array_equal(block, old, equal_nan=True)
+            assert np.array_equal(block[structure], old[structure])
+            assert np.array_equal(block[structure], np.round(block[structure]))
+            assert len(structure) == len(set(structure.tolist()))
+        assert len(servo.observers) == len(servo.objects)
+
+
+def test_what_a_finger_lacks_is_structure_and_what_it_has_is_not() -> None:
+    with build(gx.load("soft-pinch")) as servo:
+        soft = servo.objects[0].grasped
+    with build(gx.load("paper-waving")) as servo:
+        hard = servo.objects[0].grasped
+    row = at.ROW + at.STRIDE
+    assert {row + at.PATCH, row + at.COEFFICIENT, row + at.RADIUS} <= set(hard.structure.tolist())
+    assert not {row + at.PATCH, row + at.COEFFICIENT} & set(soft.structure.tolist())
+
+
+def test_offsets_of_a_mesh_are_structure() -> None:
+    with build(gx.load("thin-plate")) as servo:
+        thing = servo.objects[0].grasped
+    assert thing.block[at.SHAPE] == MESH
+    start = int(thing.block[at.MESH])
+    assert {at.MESH, at.WALKS, start + tree.NODES, start + tree.RINGS} <= set(thing.structure.tolist())
