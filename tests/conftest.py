@@ -1,19 +1,17 @@
-"""What every test stands on: figures without a display, hypothesis with the same examples, a cache of its own."""
+"""What every test stands on: figures without a display, no cache of the user's, the same examples every time."""
 
 from __future__ import annotations
 
+import atexit
 import os
+from shutil import rmtree
+from tempfile import mkdtemp
 
-import pytest
 from hypothesis import settings
 
 os.environ.setdefault("MPLBACKEND", "agg")
+os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")
+atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
 
 settings.register_profile("graspfx", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("graspfx")
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Compiled code is neither taken from the user's folder nor left there."""
-    os.environ["GRASPFX_CACHE"] = str(tmp_path_factory.mktemp("compiled"))

@@ -20,6 +20,7 @@ def third_party_after(code: str, cwd: Path = ROOT) -> set[str]:
     program = (
         f"import sys; sys.path.insert(0, {str(ROOT)!r}); before = set(sys.modules)\n{code}\n"
         "late = {name.partition('.')[0] for name in set(sys.modules) - before} - sys.stdlib_module_names\n"
+        "late = {name for name in late if not name.startswith('_') and name != 'cython_runtime'}\n"
         "print('\\n' + ' '.join(sorted(late)))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=cwd)
@@ -93,6 +94,51 @@ def test_a_run_loads_what_its_scene_names(tmp_path: Path) -> None:
     )
     assert {"graspfx", "numpy", "h5py"} <= loaded
     assert not loaded & {"pybullet", "trimesh", "numba", "matplotlib"}
+
+
+RUN = "main(['run', 'reference-1dof', '--duration', '0.1', '--out', 'out', '--no-figure'])"
+CHECKS = {"annotated_types", "pydantic", "pydantic_core", "typing_extensions", "typing_inspection"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        ("--help", set()),
+        ("list", set()),
+        ("schema", CHECKS | {"numpy"}),
+        ("run reference-1dof --no-figure", CHECKS | {"numpy", "h5py"}),
+    ],
+)
+def test_what_each_command_may_load(arguments: str, allowed: set[str], tmp_path: Path) -> None:
+    """Beyond these, none: each package costs a start tens of milliseconds."""
+    loaded = third_party_after(
+        "from graspfx.__main__ import main\n"
+        "import contextlib\n"
+        f"with contextlib.suppress(SystemExit): main({arguments.split()!r})",
+        cwd=tmp_path,
+    )
+    assert loaded - {"graspfx"} <= allowed
+
+
+def test_the_second_run_of_a_scene_loads_nothing_that_checks_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
+    code = f"from graspfx.__main__ import main\nassert {RUN} == 0"
+    assert "pydantic" in third_party_after(code, cwd=tmp_path)
+    assert third_party_after(code, cwd=tmp_path) == {"graspfx", "numpy", "h5py"}
+
+
+@pytest.mark.parametrize("module", ["numpy.ma", "email", "importlib.metadata"])
+def test_the_second_run_does_without_what_is_slow_to_load(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\nfrom graspfx.__main__ import main\nassert {RUN} == 0\n"
+    for _ in range(2):
+        program = [sys.executable, "-c", f"{code}print({module!r} in sys.modules)"]
+        done = subprocess.run(program, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.splitlines()[-1] == "False"
 
 
 def test_help_costs_less_than_importing_numpy() -> None:
