@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import cache
-from types import FunctionType, ModuleType
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from graspfx.loop.plant import FusedPlant, Hand
@@ -99,31 +96,3 @@ def advanced(plant: FusedPlant, efforts: FloatArray, hand: Hand, T: float) -> Fl
         plant.advance(effort, hand, T)
         rows.append([plant.position.copy(), plant.velocity.copy()])
     return np.array(rows)
-
-
-def compiled(kernel: Any) -> Any:
-    """The kernel and the functions that it calls, compiled by numba; skips the test without it."""
-    pytest.importorskip("numba")
-    return _twin(kernel)
-
-
-@cache  # kernels call one another: each is compiled once for all tests
-def _twin(function: FunctionType) -> Any:
-    import numba
-
-    names = function.__code__.co_names
-    found = {name: function.__globals__.get(name) for name in names}
-    calls = {name: _twin(called) for name, called in found.items() if isinstance(called, FunctionType)}
-    modules = {name: _twins(module, names) for name, module in found.items() if isinstance(module, ModuleType)}
-    return numba.njit(FunctionType(function.__code__, function.__globals__ | calls | modules))
-
-
-def _twins(module: ModuleType, names: Iterable[str]) -> ModuleType:
-    """The module, with those of its functions compiled that have one of these names."""
-    functions = {name: getattr(module, name, None) for name in names}
-    calls = {name: _twin(called) for name, called in functions.items() if isinstance(called, FunctionType)}
-    if not calls:
-        return module
-    twin = ModuleType(module.__name__)
-    vars(twin).update(vars(module) | calls)
-    return twin

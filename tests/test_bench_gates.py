@@ -51,7 +51,7 @@ def test_faster_than_its_peer_and_no_less_exact(
     name: str, case_name: str, ours: str, peer: str, least: float, benchmark: BenchmarkFixture
 ) -> None:
     if "compiled" in ours:
-        pytest.importorskip("numba")
+        pytest.importorskip("llvmlite")
     with case_of(name, case_name) as case:
         (own, own_row), (other, other_row) = method_of(case, ours), method_of(case, peer)
         assert (own_row.state, other_row.state) == ("timed", "timed")
@@ -66,7 +66,7 @@ def test_faster_than_its_peer_and_no_less_exact(
 
 @pytest.mark.parametrize("case_name", ["5 fingers", "5 fingers, 1 km from the origin", "5 fingers on a line (rank 5)"])
 def test_direct_kernel_is_exact(case_name: str) -> None:
-    pytest.importorskip("numba")
+    pytest.importorskip("llvmlite")
     with case_of("eq4", case_name) as case:
         _, row = method_of(case, "GraspFX direct kernel, compiled")
     assert row.error is not None and row.error <= 4e-15

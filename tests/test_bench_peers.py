@@ -28,8 +28,8 @@ def errors(case: Case) -> dict[str, float]:
 
 
 def interpreted(package: str) -> bool:
-    """As if there were no numba: the kernels are compiled in tests of their own."""
-    return package != "numba" and is_installed(package)
+    """As if there were no compiler: the kernels are compiled in tests of their own."""
+    return package != "llvmlite" and is_installed(package)
 
 
 @pytest.fixture(scope="module")

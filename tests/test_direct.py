@@ -159,7 +159,7 @@ def test_tolerance_says_how_near_a_line_is_on_it() -> None:
 @pytest.mark.parametrize("d", [1, 2, 3])
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
 def test_compiled_forces_are_the_interpreted_ones_but_for_rounding(n: int, d: int) -> None:
-    pytest.importorskip("numba")
+    pytest.importorskip("llvmlite")
     rng = np.random.default_rng(6)
     slow, fast = point_coupling(n, d), point_coupling(n, d, engine="compiled")
     assert (slow.engine, fast.engine) == ("interpreted", "compiled")
@@ -216,7 +216,7 @@ def test_refusals_say_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
             gx.PointCoupling(number, number, n, d, tolerance=tolerance)
     with pytest.raises(UnknownNameError, match="did you mean 'compiled'"):
         gx.PointCoupling(number, number, 2, engine="compild")
-    monkeypatch.setitem(sys.modules, "numba", None)
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setattr("graspfx.grasp.point_coupling.find_spec", lambda name: None)
     assert gx.PointCoupling(number, number, 2).engine == "interpreted"
     with pytest.raises(MissingPackageError, match="engine='interpreted'"):

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fused import Arena, called, compiled, on_memory
+from fused import Arena, called, on_memory
 
 from graspfx import plugins
+from graspfx.compile.machine import compiled
 from graspfx.devices._point_sample import nearest
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import DeviceError

@@ -12,7 +12,7 @@ import pytest
 import graspfx
 
 ROOT = Path(__file__).parents[1]
-HEAVY = {"h5py", "matplotlib", "numba", "pybullet", "pydantic", "rich", "scipy", "tree_sitter", "trimesh"}
+HEAVY = {"h5py", "llvmlite", "matplotlib", "numba", "pybullet", "pydantic", "rich", "scipy", "tree_sitter", "trimesh"}
 
 
 def third_party_after(code: str, cwd: Path = ROOT) -> set[str]:
@@ -93,7 +93,7 @@ def test_a_run_loads_what_its_scene_names(tmp_path: Path) -> None:
         cwd=tmp_path,
     )
     assert {"graspfx", "numpy", "h5py"} <= loaded
-    assert not loaded & {"pybullet", "trimesh", "numba", "matplotlib"}
+    assert not loaded & {"pybullet", "trimesh", "llvmlite", "matplotlib"}
 
 
 RUN = "main(['run', 'reference-1dof', '--duration', '0.1', '--out', 'out', '--no-figure'])"

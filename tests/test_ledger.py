@@ -8,10 +8,10 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from fused import compiled
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
+from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import SceneError

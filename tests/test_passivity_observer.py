@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fused import compiled
 
 import graspfx as gx
 from graspfx.analysis import passivity_observer as po
+from graspfx.compile.machine import compiled
 from graspfx.grasp.kernels import rigid_modes
 
 POINT, WEIGHT, FORCE, STEP, STRETCH, STRIDE = 0, 3, 4, 7, 10, 13

@@ -5,10 +5,11 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from fused import advanced, compiled, drive
+from fused import advanced, drive
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from graspfx.compile.machine import compiled
 from graspfx.devices import _points as points
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import DeviceError, InputError

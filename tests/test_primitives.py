@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fused import compiled
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
+from graspfx.compile.machine import compiled
 from graspfx.surfaces.proxy import (
     BOX,
     CAPSULE,

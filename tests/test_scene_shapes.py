@@ -14,6 +14,7 @@ import trimesh
 
 import graspfx as gx
 from graspfx.__main__ import main
+from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import place_contact
 from graspfx.coupling.grasped import GraspedObject, Rules
@@ -24,7 +25,6 @@ from graspfx.scene.making.build import build
 from graspfx.scene.making.meshes import scene_mesh
 from graspfx.scene.plan import plan
 from graspfx.surfaces.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
-from tests.fused import compiled
 from tests.meshes import ell, plate, sheet
 
 FloatArray = np.ndarray

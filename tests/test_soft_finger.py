@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.compile.machine import compiled
 from graspfx.cones.cone import jacobian_of_modes, jacobian_of_square
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject, Rules
@@ -19,7 +20,6 @@ from graspfx.objects.kernels import orient
 from graspfx.scene.plan import plan
 from graspfx.spatial import exponential, product
 from graspfx.surfaces.shape import Box, Sphere
-from tests.fused import compiled
 from tests.test_coupling import grasped, law, respond
 
 RHO = 0.006  # [m]

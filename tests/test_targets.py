@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fused import compiled
 from numpy.typing import NDArray
 
+from graspfx.compile.machine import compiled
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import InputError
 from graspfx.loop.hand import Hand, JoinedHands, join

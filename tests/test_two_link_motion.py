@@ -9,10 +9,11 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 import pytest
-from fused import advanced, compiled, drive
+from fused import advanced, drive
 from numpy.typing import NDArray
 
 from graspfx import plugins
+from graspfx.compile.machine import compiled
 from graspfx.devices._arm import directed, turned
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand

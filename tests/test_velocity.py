@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from graspfx.compile.machine import compiled
 from graspfx.errors import InputError
 from graspfx.loop.velocity import SLACK, WINDOW, VelocityEstimator, estimate, size
 
@@ -120,13 +121,12 @@ def test_a_position_that_is_not_finite_shows_and_passes():
 
 
 def test_kernel_runs_compiled_with_the_same_result():
-    numba = pytest.importorskip("numba")
-    compiled = numba.njit(estimate)
+    machine_code = compiled(estimate)
     rng = np.random.default_rng(3)
     states = np.zeros((2, size(8)))
     states[:, :3] = T, 5e-6, 8
     for x in np.rint(np.cumsum(rng.normal(0.0, 1.0, 200))) * 1e-5:
-        assert compiled(states[0], 0, x) == estimate(states[1].data, 0, x)
+        assert machine_code(states[0], 0, x) == estimate(states[1].data, 0, x)
     np.testing.assert_array_equal(*states)
 
 

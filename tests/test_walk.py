@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fused import compiled
 from meshes import (
     SHAPES,
     bumpy_sphere,
@@ -22,6 +21,7 @@ from meshes import (
 from numpy.typing import NDArray
 
 from graspfx.bench.brute_force import brute_force, winding_number
+from graspfx.compile.machine import compiled
 from graspfx.surfaces import tree, walk
 from graspfx.surfaces.proxy import BOX, closest
 from graspfx.surfaces.tree import flatten

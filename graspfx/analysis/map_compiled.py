@@ -1,4 +1,4 @@
-"""Limits of many points by `map_kernel`, compiled by numba when first asked for, on every core."""
+"""Limits of many points by `map_kernel`, compiled when first asked for, on every core."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def is_compiled(engine: str, points: int, *, covered: bool) -> bool:
     Args:
         covered: whether the kernel knows the case, without delay and dampers of the coupling.
 
-    Errors: `compiled` for a case that the kernel does not know, or without numba.
+    Errors: `compiled` for a case that the kernel does not know, or without llvmlite.
     """
     one_of("engine", engine, ENGINES)
     if engine == "numpy" or (engine == "auto" and (points < PAYS or not covered)):
@@ -38,10 +38,10 @@ def is_compiled(engine: str, points: int, *, covered: bool) -> bool:
         raise InputError(
             "engine", engine, "'auto' or 'numpy' for maps with a delay or with damping of the coupling or the wall"
         )
-    if find_spec("numba") is not None:
+    if find_spec("llvmlite") is not None:
         return True
     if engine == "compiled":
-        raise MissingPackageError("numba", "engine='compiled'", "pip install numba, or use engine='numpy'")
+        raise MissingPackageError("llvmlite", "engine='compiled'", "pip install llvmlite, or use engine='numpy'")
     return False
 
 

@@ -1,4 +1,4 @@
-"""The first limit of one point without delay and coupling dampers, in scalars that CPython runs and numba compiles."""
+"""The first limit of one point without delay and coupling dampers, in scalars that run interpreted and compiled."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ WALL_WIDTH = 4  # numbers per point: m, b, T, k_s
 EXTERNAL_WIDTH = 6  # m, b, T, k_s, m_v/n, b_v/n
 
 TERMS = 20  # at most, of the series of `held`
-INVERSE = (0.0, *(1.0 / j for j in range(1, TERMS + 1)))
 DONE = 1e-18  # of the sum 1/2: terms of the series below it are nothing
 WIDE = 0.5  # as in `discrete`
 STIFF = 0.5
@@ -160,8 +159,8 @@ def held(p: float, kappa: float, T: float) -> tuple[float, float]:
     x, y = p * T, kappa * T * T
     before, term, total = 0.0, 1.0, 0.5
     for j in range(2, TERMS):
-        before, term = term, -(x * term + y * before * INVERSE[j - 1]) * INVERSE[j]
-        total += term * INVERSE[j + 1]
+        before, term = term, -(x * term + y * before / (j - 1)) / j
+        total += term / (j + 1)
         if abs(term) + abs(before) < DONE:
             break
     return R, T * T * total

@@ -121,12 +121,12 @@ def _ours(
     refused = integrator in ("explicit", "semi-implicit") and ratio >= VISCOUS_LIMIT
     note = f"b T/m is {ratio:g}: `graspfx check` refuses it" if refused else ""
     name = f"GraspFX {integrator}"
-    has_numba = is_installed("numba")
-    if has_numba:
+    has_llvm = is_installed("llvmlite")
+    if has_llvm:
         yield _native(name, compiled(advance), np.asarray, state, T, forces, error, bound, note)
     else:
-        yield missing(name, "numba")
-    if integrator == "exact" or not has_numba:
+        yield missing(name, "llvmlite")
+    if integrator == "exact" or not has_llvm:
         yield _native(f"{name}, interpreted", advance, memoryview, state, T, forces, error, bound, note)
 
 

@@ -6,10 +6,10 @@ import ctypes
 import ctypes.util
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 from graspfx.bench.case import is_installed
 from graspfx.bench.measure import clocked, collector_off
+from graspfx.compile.machine import compiled
 
 STEPS = 20_000
 ROUNDS = 25
@@ -31,21 +31,13 @@ def chain(steps: int, x: float) -> float:
 
 
 def calibrate() -> Calibration:
-    """The chain as machine code; without numba libm's cos, whose call from Python is most of its time."""
-    if is_installed("numba"):
-        run = _machine_code()
-        return Calibration("numba: x = 1 / (x / 2 + 3 / 4)", _step(lambda: run(STEPS, 1.0), STEPS))
+    """The chain as machine code; without llvmlite libm's cos, whose call from Python is most of its time."""
+    if is_installed("llvmlite"):
+        run = compiled(chain)
+        return Calibration("compiled: x = 1 / (x / 2 + 3 / 4)", _step(lambda: run(STEPS, 1.0), STEPS))
     cos = ctypes.CDLL(ctypes.util.find_library("m")).cos
     cos.restype, cos.argtypes = ctypes.c_double, (ctypes.c_double,)
     return Calibration("ctypes: cos of libm", _step(lambda: [cos(1.0) for _ in range(STEPS // 20)], STEPS // 20))
-
-
-@cache
-def _machine_code() -> Callable[[int, float], float]:
-    import numba
-
-    compiled: Callable[[int, float], float] = numba.njit(error_model="numpy")(chain)
-    return compiled
 
 
 def _step(call: Callable[[], object], steps: int) -> float:

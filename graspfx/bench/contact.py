@@ -164,8 +164,8 @@ def ours(path: Path) -> list[Method]:
     M = flatten(path.vertices, path.faces, closed=True)
     bound = 32.0 * EXACT * float(np.ptp(path.vertices, axis=0).max())
     one = _method("GraspFX, interpreted", path, memoryview(M), fingers_on_mesh, memoryview, 1, bound)
-    if not is_installed("numba"):
-        return [missing("GraspFX, compiled", "numba"), one]
+    if not is_installed("llvmlite"):
+        return [missing("GraspFX, compiled", "llvmlite"), one]
     kernel = compiled(fingers_on_mesh)
     return [
         _method("GraspFX, compiled", path, M, kernel, np.asarray, 1, bound),

@@ -77,8 +77,8 @@ def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
     block, size = _blocks(law, given)
     n, N = given.points.shape[1], len(given.points)
     yield _kernel("GraspFX tick, interpreted", sample_all, memoryview(block), (N, size), block, n, exact)
-    if not is_installed("numba"):
-        yield missing("GraspFX tick, compiled", "numba")
+    if not is_installed("llvmlite"):
+        yield missing("GraspFX tick, compiled", "llvmlite")
         return
     machine_code = compiled(sample_all)
     yield _kernel("GraspFX tick, compiled", machine_code, block, (N, size), block, n, exact)
@@ -86,8 +86,8 @@ def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
 
 def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str) -> Iterator[Method]:
     """The direct kernel, a call for each grasp and one call for all of them."""
-    if engine == "compiled" and not is_installed("numba"):
-        yield missing("GraspFX PointCoupling, compiled", "numba")
+    if engine == "compiled" and not is_installed("llvmlite"):
+        yield missing("GraspFX PointCoupling, compiled", "llvmlite")
         return
     N, n, _ = given.points.shape
     own = [PointCoupling(law.external, law.internal, n, tolerance=given.tolerance, engine=engine) for _ in range(N)]

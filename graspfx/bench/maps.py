@@ -60,10 +60,10 @@ def _methods(
         return _error(limits(engine)[where], exact)
 
     yield Method("GraspFX, numpy", partial(limits, "numpy"), partial(error, "numpy"), calls=points)
-    if is_installed("numba"):
+    if is_installed("llvmlite"):
         yield Method("GraspFX, compiled", partial(limits, "compiled"), partial(error, "compiled"), calls=points)
     else:
-        yield missing("GraspFX, compiled", "numba")
+        yield missing("GraspFX, compiled", "llvmlite")
     if is_installed("control"):
         margins = partial(_margins, loops)
         yield Method("python-control", margins, lambda: _error(margins(), exact), calls=len(loops))

@@ -24,7 +24,7 @@ LIMITATIONS = """
 - The best round leaves out what the scheduler and other processes do; the section on jitter is about those.
 - Times are of calls from Python in a warm process: code and data are in the caches, as in a servo loop that does nothing else, and branches are predicted as well as a few different inputs allow.
 - Peers are called as their documentation says, by us; their authors may know a quicker way. They solve more general problems than the one here.
-- "interpreted" and "compiled" are the same source, run by Python and by numba.
+- "interpreted" and "compiled" are the same source, run by Python and compiled.
 - Errors are over the inputs listed and bound nothing else.
 """  # noqa: E501
 

@@ -26,7 +26,7 @@ Given are K and e in contact frames; clarabel and Gauss-Seidel need the inverse 
 clarabel's set-up. "In modes" is what a tick does with numbers for gains: it is given the rigid motions instead of K;
 "warm" starts from the answer for displacements that differ by 1 %. Coulomb's law has no convex problem, so clarabel is
 not there; problems for which no Coulomb answer was found are left out, so that failures do not show. Gauss-Seidel is
-compiled where numba is installed.
+compiled where llvmlite is installed.
 """
 
 TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12)
@@ -60,7 +60,7 @@ def _by_clarabel(mu: float, tolerance: float, p: Problem) -> FloatArray:
 
 
 def _gauss_seidel(kind: Problems) -> Iterator[Method]:
-    sweep = compiled(gauss_seidel) if is_installed("numba") else gauss_seidel
+    sweep = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
     for tolerance in TOLERANCES:
         yield _method(f"Gauss-Seidel to {tolerance:.0e}", kind, partial(_by_gauss_seidel, kind, sweep, tolerance))
 
@@ -92,7 +92,7 @@ def _ours(kind: Problems) -> Iterator[Method]:
         yield from _both("GraspFX Newton", newton_all, *_square(kind), (n, coulomb), kind, 3)
     more = (n, by_modes, kind.external, INTERNAL, kind.law == "coulomb")
     yield from _both("GraspFX Newton in modes", modes_all, *_modes(kind, by_modes, 0.0), more, kind, by_modes)
-    if is_installed("numba"):
+    if is_installed("llvmlite"):
         block, force = _modes(kind, by_modes, 0.01)
         warm = compiled(modes_all)
         yield _kernel("GraspFX Newton in modes, compiled, warm", warm, block, block, force, more, kind, by_modes)
@@ -106,10 +106,10 @@ def _both(
     name: str, kernel: Callable[..., None], block: FloatArray, force: int, more: Sequence[Any], kind: Problems, d: int
 ) -> Iterator[Method]:
     yield _kernel(f"{name}, interpreted", kernel, memoryview(block.ravel()), block, force, more, kind, d)
-    if is_installed("numba"):
+    if is_installed("llvmlite"):
         yield _kernel(f"{name}, compiled", compiled(kernel), block.copy(), None, force, more, kind, d)
     else:
-        yield missing(f"{name}, compiled", "numba")
+        yield missing(f"{name}, compiled", "llvmlite")
 
 
 def _kernel(

@@ -17,7 +17,7 @@ from graspfx.loop.header import machine, now, versions
 
 SCHEMA = 1
 NAME = "benchmarks.json"
-PEERS = ("scipy", "numba", "mpmath", "clarabel", "control", "trimesh", "coal", "rtree", "mujoco", "pybullet")
+PEERS = ("scipy", "llvmlite", "mpmath", "clarabel", "control", "trimesh", "coal", "rtree", "mujoco", "pybullet")
 
 
 @dataclass(frozen=True)

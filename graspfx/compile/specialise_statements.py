@@ -185,6 +185,11 @@ class Body(Expressions):
 
     def loop(self, node: ast.For, scope: Scope) -> list[ast.stmt]:
         call = node.iter
+        if isinstance(call, ast.Tuple) and not node.orelse and not leaves(node.body):
+            turns = [[ast.copy_location(ast.Assign([node.target], part), node), *node.body] for part in call.elts]
+            changed = assigned(node.body) & {part.id for part in ast.walk(call) if isinstance(part, ast.Name)}
+            if not changed:  # else the tuple would not be what it was at the beginning
+                return self.block([statement for turn in turns for statement in turn], scope)[0]
         if not (
             isinstance(node.target, ast.Name)
             and not node.orelse
@@ -192,18 +197,18 @@ class Body(Expressions):
             and isinstance(call.func, ast.Name)
             and call.func.id == "range"
         ):
-            raise self.cannot(node, "loops over something else than a range")
+            raise self.cannot(node, "loops over something else than a range or a tuple that stays")
         bounds = [self.value(a, scope) for a in call.args]
         known = [int(b.value) for b in bounds if isinstance(b, Known)]
         if len(known) == len(bounds):
-            turns = range(*known)
-            if not turns:
+            numbers = range(*known)
+            if not numbers:
                 return []
-            if len(turns) <= self.program.unroll and not leaves(node.body):
+            if len(numbers) <= self.program.unroll and not leaves(node.body):
                 out: list[ast.stmt] = []
-                for turn in turns:
-                    scope[node.target.id] = Known(turn)
-                    out.append(assignment(node.target.id, ast.Constant(turn)))
+                for number in numbers:
+                    scope[node.target.id] = Known(number)
+                    out.append(assignment(node.target.id, ast.Constant(number)))
                     body, ended = self.block(node.body, scope)
                     out += body
                     if ended:

@@ -42,8 +42,8 @@ class PointCoupling:
         dimensions: d, 1, 2 or 3.
         tolerance: contacts lie on a line from which they are no farther away than this, rms, relative to their rms
             distance from the centroid (`Split`: 1e-6); or than their coordinates are rounded.
-        engine: "compiled" by numba, "interpreted", or "auto": compiled where numba is installed. Compiling takes a
-            few seconds, once in a process; both give the same forces but for rounding.
+        engine: "compiled", "interpreted", or "auto": compiled where llvmlite is installed. Compiling takes a second,
+            once on a machine; both give the same forces to the last bit.
 
     Attributes:
         compute: fills `force`; a plain callable without arguments, to be bound to a local name in a loop.
@@ -55,10 +55,10 @@ class PointCoupling:
     Raises:
         InputError: gains that are matrices, no fingers, dimensions other than 1, 2 and 3, a tolerance outside [0, 1).
         UnknownNameError: another engine.
-        MissingPackageError: engine "compiled" without numba.
+        MissingPackageError: engine "compiled" without llvmlite.
     """
 
-    compute: Callable[[], None]
+    compute: Callable[[], object]
 
     def __init__(
         self,
@@ -85,17 +85,17 @@ class PointCoupling:
             raise InputError("tolerance", tolerance, "a relative tolerance in [0, 1)")
         if engine not in ENGINES:
             raise UnknownNameError("engine", engine, ENGINES)
-        installed = find_spec("numba") is not None
+        installed = find_spec("llvmlite") is not None
         if engine == "compiled" and not installed:
-            raise MissingPackageError("numba", "engine='compiled'", "pip install numba, or use engine='interpreted'")
+            raise MissingPackageError(
+                "llvmlite", "engine='compiled'", "pip install llvmlite, or use engine='interpreted'"
+            )
         self._block = S = np.zeros(direct.size(n, d))
         S[: direct.RANK] = [n, d, *gains, tolerance]
         self.points, self.displacement, self.rate, self.force = S[direct.POINTS :].reshape(4, n, d)
         self.engine = "compiled" if installed and engine != "interpreted" else "interpreted"
         if self.engine == "compiled":
-            kernel = compiled(direct.couple)
-            kernel(S.copy())  # compiles now and not at the first sample
-            self.compute = partial(kernel, S)
+            self.compute = compiled(direct.couple).bound(S)
         else:
             self.compute = partial(direct.couple, memoryview(S))  # items of a memoryview are Python floats
 

@@ -68,7 +68,7 @@ class FusedHand(Hand, Protocol):
     def kernel(self) -> HandKernel:
         """kernel(S, o, t) works out the targets at a time t [s] of the hand whose block starts at S[o].
 
-        A plain function in the subset of Python that numba compiles, for an array or a memoryview of it.
+        A plain function in the subset of Python that `graspfx.compile` knows, for an array or a memoryview of it.
         """
         ...
 
@@ -135,8 +135,8 @@ class FusedPlant(Plant, Protocol):
     def kernel(self) -> Kernel:
         """kernel(S, o) moves the plant whose block starts at S[o] by one sample.
 
-        A plain function in the subset of Python that numba compiles, for an array or a memoryview of it. It gives 0,
-        or another number if it cannot go on: then nothing has moved.
+        A plain function in the subset of Python that `graspfx.compile` knows, for an array or a memoryview of it. It
+        gives 0, or another number if it cannot go on: then nothing has moved.
         """
         ...
 
