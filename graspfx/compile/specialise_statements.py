@@ -111,7 +111,7 @@ class Body(Expressions):
         if isinstance(node, ast.If):
             return self.branch(node, scope)
         if isinstance(node, ast.For):
-            return self.loop(node, scope), False
+            return self.loop(node, scope)
         if isinstance(node, ast.While):
             return self.repeat(node, scope)
         if isinstance(node, ast.Return):
@@ -183,7 +183,7 @@ class Body(Expressions):
             return [ast.If(ast.UnaryOp(ast.Not(), node_of(test)), otherwise, [])], ended and other_ended
         return [ast.If(node_of(test), body, otherwise)], ended and other_ended
 
-    def loop(self, node: ast.For, scope: Scope) -> list[ast.stmt]:
+    def loop(self, node: ast.For, scope: Scope) -> tuple[list[ast.stmt], bool]:
         call = node.iter
         if not (
             isinstance(node.target, ast.Name)
@@ -198,7 +198,7 @@ class Body(Expressions):
         if len(known) == len(bounds):
             turns = range(*known)
             if not turns:
-                return []
+                return [], False
             if len(turns) <= self.program.unroll and not leaves(node.body):
                 out: list[ast.stmt] = []
                 for turn in turns:
@@ -207,15 +207,18 @@ class Body(Expressions):
                     body, ended = self.block(node.body, scope)
                     out += body
                     if ended:
-                        raise self.cannot(node, "always leaves its loop in the first turn")
-                return out
+                        return out, True
+                return out, False
         self.forget([node], scope)
         inner = dict(scope)
         body, _ = self.block(node.body, inner)
         self.forget([node], scope)
         if not body:
-            return []
-        return [ast.For(store(node.target.id), call_of("range", [node_of(b) for b in bounds]), body, [])]
+            return [], False
+        turned: list[ast.stmt] = [
+            ast.For(store(node.target.id), call_of("range", [node_of(b) for b in bounds]), body, [])
+        ]
+        return turned, False
 
     def repeat(self, node: ast.While, scope: Scope) -> tuple[list[ast.stmt], bool]:
         if node.orelse:
