@@ -16,8 +16,9 @@ from graspfx.loop.device import Device
 from graspfx.loop.engine import ENGINES, Engine
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import Observer
+from graspfx.loop.parts import Held, Moved, Mover, Parts, Station
 from graspfx.loop.record import Recorder
-from graspfx.loop.tick import Held, Moved, Mover, Parts, Port, Station, Tick
+from graspfx.loop.tick import Port, Tick
 
 FloatArray = NDArray[np.float64]
 
@@ -208,6 +209,3 @@ class Servo:
 
     def _fingers(self, moved: int) -> str:
         return ", ".join(self.layout.fingers[f] for f in self.moved[moved].fingers)
-
-
-__all__ = ["Held", "Moved", "Mover", "Servo", "Station"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
-from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.sample import let_go, sample
 from graspfx.loop import plant as plants
-from graspfx.loop.device import Device, FusedDevice, SimulatedDevice, fused
-from graspfx.loop.layout import Layout
+from graspfx.loop.device import Device, FusedDevice, fused
 from graspfx.loop.observer import BY_MODE, MET, OF_OBJECT, Observer
-from graspfx.loop.plant import FusedHand, FusedPlant, Hand, Plant
+from graspfx.loop.parts import Moved, Mover, Parts, Station
+from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.script import Script, copied, under
 from graspfx.loop.watch import watch
 from graspfx.objects.body import NativeBody
@@ -41,54 +40,6 @@ STUCK = 6  # one for each mover, then for each plant
 STATION, OBJECT_, MOVER, PLANT, TOLD = range(5)  # TOLD: by code that is no kernel, in words
 
 CHUNK = 1024  # ticks for which the targets of a hand without a kernel are known ahead
-
-
-@dataclass(frozen=True)
-class Held:
-    """An object and the numbers of the fingers that are assigned to it."""
-
-    name: str
-    grasped: GraspedObject
-    fingers: Index
-
-
-@dataclass(frozen=True)
-class Mover:
-    """A body, or a world of bodies that meet one another, and the numbers of the objects that it moves."""
-
-    body: Any
-    objects: Sequence[int]
-
-
-@dataclass(frozen=True)
-class Station:
-    """A device and the finger that each of its channels is (-1: a channel that the scene does not use)."""
-
-    device: Device
-    fingers: Index
-
-
-@dataclass(frozen=True)
-class Moved:
-    """A plant, the hand that holds it, the devices whose efforts drive it and the fingers that it moves."""
-
-    plant: Plant
-    hand: Hand
-    devices: Sequence[SimulatedDevice]
-    fingers: Index
-
-
-@dataclass(frozen=True)
-class Parts:
-    """All that a servo runs."""
-
-    period: float
-    layout: Layout
-    stations: Sequence[Station]
-    objects: Sequence[Held]
-    movers: Sequence[Mover]
-    moved: Sequence[Moved]
-    observers: Sequence[Observer]
 
 
 def latch(S: Any, k: int, kind: int, index: int, code: int) -> None:

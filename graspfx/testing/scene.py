@@ -204,8 +204,8 @@ class _Told:
 def _check_together(scene: Scene, recording: Recording) -> None:
     """Two servos at once, tick by tick in turns, the devices of both overheard."""
     from graspfx.loop.header import Header
+    from graspfx.loop.parts import Station
     from graspfx.loop.record import Recorder
-    from graspfx.loop.servo import Station
     from graspfx.scene.making.build import build
 
     ticks = min(len(recording), TOGETHER)

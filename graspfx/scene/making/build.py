@@ -16,7 +16,8 @@ from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import join
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import Observer
-from graspfx.loop.servo import Held, Moved, Mover, Servo, Station
+from graspfx.loop.parts import Held, Moved, Mover, Station
+from graspfx.loop.servo import Servo
 from graspfx.scene.making.bodies import fill, make_shape
 from graspfx.scene.making.holding import Holding, hold, holdings
 from graspfx.scene.making.movers import make_movers

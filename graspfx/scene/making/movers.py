@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.loop.servo import Mover
+from graspfx.loop.parts import Mover
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.scene.making import surroundings
 from graspfx.scene.making.bodies import make_shape

@@ -1,0 +1,66 @@
+"""What a servo runs: devices at their fingers, objects, what moves them, plants and hands, observers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.loop.device import Device, SimulatedDevice
+from graspfx.loop.layout import Layout
+from graspfx.loop.observer import Observer
+from graspfx.loop.plant import Hand, Plant
+
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Held:
+    """An object and the numbers of the fingers that are assigned to it."""
+
+    name: str
+    grasped: GraspedObject
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A body, or a world of bodies that meet one another, and the numbers of the objects that it moves."""
+
+    body: Any
+    objects: Sequence[int]
+
+
+@dataclass(frozen=True)
+class Station:
+    """A device and the finger that each of its channels is (-1: a channel that the scene does not use)."""
+
+    device: Device
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A plant, the hand that holds it, the devices whose efforts drive it and the fingers that it moves."""
+
+    plant: Plant
+    hand: Hand
+    devices: Sequence[SimulatedDevice]
+    fingers: Index
+
+
+@dataclass(frozen=True)
+class Parts:
+    """All that a servo runs."""
+
+    period: float
+    layout: Layout
+    stations: Sequence[Station]
+    objects: Sequence[Held]
+    movers: Sequence[Mover]
+    moved: Sequence[Moved]
+    observers: Sequence[Observer]
