@@ -40,12 +40,11 @@ def by_clarabel(K: FloatArray, e: FloatArray, mu: float, tolerance: float) -> Fl
     return f
 
 
-def gauss_seidel(W: Any, e: Any, f: Any, mu: float, theta: float, tolerance: float) -> int:
+def gauss_seidel(W: Any, e: Any, f: Any, m: int, mu: float, theta: float, tolerance: float) -> int:
     """Contact by contact f_i = R(f_i - (W f - e)_i / w_i), W = K^-1, until no force changes by more than a share.
 
-    Returns the sweeps.
+    W is flat, m x m. Returns the sweeps.
     """
-    m = len(e)
     for sweep in range(SWEEPS):
         change = largest = 0.0
         for i in range(0, m, 3):
@@ -53,13 +52,13 @@ def gauss_seidel(W: Any, e: Any, f: Any, mu: float, theta: float, tolerance: flo
             for a in range(3):
                 total = 0.0
                 for b in range(3):
-                    total += abs(W[i + a, i + b])
+                    total += abs(W[(i + a) * m + i + b])
                 r = max(r, total)
             t0, t1, t2 = f[i] + e[i] / r, f[i + 1] + e[i + 1] / r, f[i + 2] + e[i + 2] / r
             for q in range(m):
-                t0 -= W[i, q] * f[q] / r
-                t1 -= W[i + 1, q] * f[q] / r
-                t2 -= W[i + 2, q] * f[q] / r
+                t0 -= W[i * m + q] * f[q] / r
+                t1 -= W[(i + 1) * m + q] * f[q] / r
+                t2 -= W[(i + 2) * m + q] * f[q] / r
             size = sqrt(t1 * t1 + t2 * t2)
             if t0 + theta * mu * size <= 0.0:
                 t0 = t1 = t2 = 0.0
@@ -80,6 +79,6 @@ def by_gauss_seidel(
 ) -> FloatArray:
     """`gauss_seidel`, or its compiled twin, from zero."""
     f = np.zeros_like(e)
-    if sweep(np.linalg.inv(K), e, f, mu, theta, tolerance) == SWEEPS:
+    if sweep(np.linalg.inv(K).ravel(), e, f, len(e), mu, theta, tolerance) == SWEEPS:
         raise RuntimeError(f"not done after {SWEEPS} sweeps")
     return f

@@ -12,8 +12,8 @@ from inspect import Parameter, signature
 from types import FunctionType, ModuleType
 from typing import Any, Protocol
 
-from graspfx.compile.syntax import load, node_of, terms, tuple_of
-from graspfx.compile.values import Known, Later, Memory, Named, Several, Value, same
+from graspfx.compile.syntax import calls, load, node_of, terms, tuple_of
+from graspfx.compile.values import Known, Later, Memory, Named, Number, Several, Value, same
 from graspfx.errors import GraspFXError, InputError
 
 Scope = dict[str, Value]
@@ -95,16 +95,16 @@ class Expressions:
         if isinstance(node, ast.Tuple):
             parts = tuple(self.number(part, scope) for part in node.elts)
             return Several(parts, tuple_of([node_of(part) for part in parts]))
-        if isinstance(node, ast.BinOp):
+        if isinstance(node, ast.BinOp) and type(node.op) in BINARY:
             return self.binary(node, scope)
-        if isinstance(node, ast.UnaryOp):
+        if isinstance(node, ast.UnaryOp) and type(node.op) in UNARY:
             inner = self.number(node.operand, scope)
             if isinstance(inner, Known):
                 return Known(UNARY[type(node.op)](inner.value))
             return Later(ast.UnaryOp(node.op, inner.node))
         if isinstance(node, ast.BoolOp):
             return self.logic(node, scope)
-        if isinstance(node, ast.Compare):
+        if isinstance(node, ast.Compare) and all(type(op) in COMPARISONS for op in node.ops):
             return self.compare(node, scope)
         if isinstance(node, ast.IfExp):
             test = self.test(node.test, scope)
@@ -122,7 +122,15 @@ class Expressions:
 
     def test(self, node: ast.expr, scope: Scope) -> Known | Later:
         found = self.number(node, scope)
-        return Known(bool(found.value)) if isinstance(found, Known) else found
+        if isinstance(found, Known):
+            return Known(bool(found.value))
+        left = found.node
+        if isinstance(left, ast.BoolOp) and isinstance(left.values[-1], ast.Constant):
+            settles = isinstance(left.op, ast.Or)
+            if bool(left.values[-1].value) is not settles:  # x and True is as true as x
+                first = left.values[:-1]
+                return Later(first[0] if len(first) == 1 else ast.BoolOp(left.op, first))
+        return found
 
     def name(self, node: ast.Name, scope: Scope) -> Value:
         if node.id in scope:
@@ -194,10 +202,9 @@ class Expressions:
     def binary(self, node: ast.BinOp, scope: Scope) -> Value:
         left, right = self.number(node.left, scope), self.number(node.right, scope)
         if isinstance(left, Known) and isinstance(right, Known):
-            try:
-                return Known(BINARY[type(node.op)](left.value, right.value))
-            except (ZeroDivisionError, OverflowError):
-                pass  # let it happen where and if it does
+            found = _done(BINARY[type(node.op)], left.value, right.value)
+            if found is not None:
+                return found
         return Later(ast.BinOp(node_of(left), node.op, node_of(right)))
 
     def logic(self, node: ast.BoolOp, scope: Scope) -> Value:
@@ -211,10 +218,13 @@ class Expressions:
                         return found
                     left.append(node_of(found))
                     break
-                if part is not node.values[-1] or left:
+                if part is not node.values[-1]:
                     continue
-                return found
-            left.append(found.node)
+                if not left:
+                    return found
+                if isinstance(found.value, bool) and isinstance(left[-1], ast.Compare):
+                    continue  # a truth value already
+            left.append(node_of(found))
         return Later(left[0] if len(left) == 1 else ast.BoolOp(node.op, left))
 
     def compare(self, node: ast.Compare, scope: Scope) -> Value:
@@ -238,7 +248,9 @@ class Expressions:
         if function in BUILTINS or getattr(math, getattr(function, "__name__", ""), None) is function:
             numbers = [a.value for a in arguments if isinstance(a, Known)]
             if len(numbers) == len(arguments):
-                return None, Known(function(*numbers))
+                found = _done(function, *numbers)
+                if found is not None:
+                    return None, found
             name: ast.expr = load(function.__name__)
             if function not in BUILTINS:
                 name = ast.Attribute(load("math"), function.__name__, ast.Load())
@@ -260,13 +272,13 @@ class Expressions:
         known = isinstance(result, Known) or (
             isinstance(result, Several) and all(isinstance(part, Known) for part in result.parts)
         )
-        if made.pure and (known or result is None):
+        later = [a.node for a in given if isinstance(a, Later)]
+        if made.pure and (known or result is None) and not any(map(calls, later)):
             return None, result or Known(0)
         self.pure = self.pure and made.pure
         for array in made.arrays:
             self.arrays[array] = None
         lane = [load("lane")] if self.program.lanes > 1 else []
-        later = [a.node for a in given if isinstance(a, Later)]
         call = ast.Call(load(made.name), [*map(load, made.arrays), *lane, *later], [])
         return call, result if isinstance(result, Known | Several) else None
 
@@ -274,6 +286,15 @@ class Expressions:
         line = getattr(node, "lineno", self.tree.lineno)
         shown = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
         return InputError(f"{self.kernel.file}:{line}", shown, "what a kernel may hold", why)
+
+
+def _done(function: Callable[..., Any], *numbers: Number) -> Known | None:
+    """What a function gives; None where it raises or leaves the reals, which is to happen where and if it does."""
+    try:
+        found = function(*numbers)
+    except (ArithmeticError, ValueError):
+        return None
+    return Known(found) if isinstance(found, bool | int | float) else None
 
 
 def from_call(call: ast.expr | None, known: Value | None) -> Value:

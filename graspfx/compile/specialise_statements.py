@@ -111,7 +111,7 @@ class Body(Expressions):
         if isinstance(node, ast.If):
             return self.branch(node, scope)
         if isinstance(node, ast.For):
-            return self.loop(node, scope), False
+            return self.loop(node, scope)
         if isinstance(node, ast.While):
             return self.repeat(node, scope)
         if isinstance(node, ast.Return):
@@ -183,13 +183,13 @@ class Body(Expressions):
             return [ast.If(ast.UnaryOp(ast.Not(), node_of(test)), otherwise, [])], ended and other_ended
         return [ast.If(node_of(test), body, otherwise)], ended and other_ended
 
-    def loop(self, node: ast.For, scope: Scope) -> list[ast.stmt]:
+    def loop(self, node: ast.For, scope: Scope) -> tuple[list[ast.stmt], bool]:
         call = node.iter
         if isinstance(call, ast.Tuple) and not node.orelse and not leaves(node.body):
             turns = [[ast.copy_location(ast.Assign([node.target], part), node), *node.body] for part in call.elts]
             changed = assigned(node.body) & {part.id for part in ast.walk(call) if isinstance(part, ast.Name)}
             if not changed:  # else the tuple would not be what it was at the beginning
-                return self.block([statement for turn in turns for statement in turn], scope)[0]
+                return self.block([statement for turn in turns for statement in turn], scope)
         if not (
             isinstance(node.target, ast.Name)
             and not node.orelse
@@ -203,7 +203,7 @@ class Body(Expressions):
         if len(known) == len(bounds):
             numbers = range(*known)
             if not numbers:
-                return []
+                return [], False
             if len(numbers) <= self.program.unroll and not leaves(node.body):
                 out: list[ast.stmt] = []
                 for number in numbers:
@@ -212,15 +212,18 @@ class Body(Expressions):
                     body, ended = self.block(node.body, scope)
                     out += body
                     if ended:
-                        raise self.cannot(node, "always leaves its loop in the first turn")
-                return out
+                        return out, True
+                return out, False
         self.forget([node], scope)
         inner = dict(scope)
         body, _ = self.block(node.body, inner)
         self.forget([node], scope)
         if not body:
-            return []
-        return [ast.For(store(node.target.id), call_of("range", [node_of(b) for b in bounds]), body, [])]
+            return [], False
+        turned: list[ast.stmt] = [
+            ast.For(store(node.target.id), call_of("range", [node_of(b) for b in bounds]), body, [])
+        ]
+        return turned, False
 
     def repeat(self, node: ast.While, scope: Scope) -> tuple[list[ast.stmt], bool]:
         if node.orelse:

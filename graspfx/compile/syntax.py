@@ -63,6 +63,9 @@ def terms(node: ast.expr) -> tuple[ast.expr | None, int]:
     """A sum of whole numbers without its constants, and their sum."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int):
         return None, node.value
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant):
+        inner, total = terms(node.operand)
+        return (None, -total) if inner is None else (node, 0)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
         left, a = terms(node.left)
         right, b = terms(node.right)
