@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,14 +75,13 @@ def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
     yield _method("GraspFX Split", by_split, pairs, exact)
     for engine in ("interpreted", "compiled"):
         yield from _direct(given, exact, law, engine)
-    block, size = _blocks(law, given)
-    n, N = given.points.shape[1], len(given.points)
-    yield _kernel("GraspFX tick, interpreted", sample_all, memoryview(block), (N, size), block, n, exact)
+    blocks, n = _blocks(law, given), given.points.shape[1]
+    calls: list[Callable[[], object]] = [partial(sample, memoryview(block)) for block in blocks]
+    yield _tick("GraspFX tick, interpreted", calls, blocks, n, exact)
     if not is_installed("llvmlite"):
         yield missing("GraspFX tick, compiled", "llvmlite")
         return
-    machine_code = compiled(sample_all)
-    yield _kernel("GraspFX tick, compiled", machine_code, block, (N, size), block, n, exact)
+    yield _tick("GraspFX tick, compiled", [compiled(sample).bound(block) for block in blocks], blocks, n, exact)
 
 
 def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str) -> Iterator[Method]:
@@ -135,20 +135,15 @@ def couple_all(S: Any, N: int, size: int) -> None:
         direct.couple_points(S, k * size)
 
 
-def sample_all(S: Any, N: int, size: int) -> None:
-    """Split and forces of N blocks of one size, as a sample makes them once contacts have moved."""
-    for k in range(N):
-        sample_one(S[k * size : (k + 1) * size])
-
-
-def sample_one(S: Any) -> None:
+def sample(S: Any) -> None:
+    """Split and forces of one block, as a sample makes them once contacts have moved."""
     S[at.SPLIT_KNOWN] = 0.0
     resplit(S)
     bilateral(S, True, False)
 
 
-def _blocks(law: gx.Coupling, given: ContactSet) -> tuple[FloatArray, int]:
-    """State blocks of a grasped object for every grasp, end to end."""
+def _blocks(law: gx.Coupling, given: ContactSet) -> list[FloatArray]:
+    """The state block of a grasped object for every grasp."""
     n = given.points.shape[1]
     filled = []
     for points, e in zip(given.points, given.displacements, strict=True):
@@ -158,25 +153,26 @@ def _blocks(law: gx.Coupling, given: ContactSet) -> tuple[FloatArray, int]:
         grasped.rows[:, at.CONTACT : at.CONTACT + 3] = points
         grasped.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 3] = e
         filled.append(grasped.block)
-    return np.concatenate(filled), len(filled[0])
+    return filled
 
 
 def _free(state: FloatArray) -> None:
     state[body.FREE : body.FREE + 6] = 1.0
 
 
-def _kernel(
-    name: str, kernel: Callable[..., object], S: Any, counts: tuple[int, int], block: FloatArray, n: int,
-    exact: FloatArray,
-) -> Method:  # fmt: skip
-    N, size = counts
+def _tick(
+    name: str, calls: Sequence[Callable[[], object]], blocks: Sequence[FloatArray], n: int, exact: FloatArray
+) -> Method:
+    def run() -> None:
+        for call in calls:
+            call()
 
     def error() -> float:
-        kernel(S, N, size)
-        rows = block.reshape(N, size)[:, at.ROW : at.ROW + n * at.STRIDE].reshape(N, n, at.STRIDE)
+        run()
+        rows = np.array([block[at.ROW : at.ROW + n * at.STRIDE].reshape(n, at.STRIDE) for block in blocks])
         return _error(rows[:, :, at.LOCAL : at.LOCAL + 3], exact)
 
-    return Method(name, lambda: kernel(S, N, size), error, calls=N)
+    return Method(name, run, error, calls=len(calls))
 
 
 def _method(
