@@ -40,13 +40,13 @@ def whole_text(tick: Tick) -> str:
     """The definition of run(k, count, r)."""
     lines = [f"        {line}" for line in (*tick.begin, *tick.end)]
     return "\n".join(
-        ["def run(k, count, r):", "    for i in range(count):", *lines, "        k += 1", "        r += 1"]
+        ["def run(k, count, r):", "    for _ in range(count):", *lines, "        k += 1", "        r += 1"]
     )
 
 
 def part_text(name: str, parameters: str, lines: list[str]) -> str:
     """The definition of a part of one tick."""
-    return "\n".join([f"def {name}({parameters}):", "    i = 0", *(f"    {line}" for line in lines)])
+    return "\n".join([f"def {name}({parameters}):", *(f"    {line}" for line in lines)])
 
 
 class Interpreted:

@@ -173,6 +173,7 @@ class Servo:
     def _look_ahead(self, count: int) -> None:
         """Asks hands that are no kernels where they mean to be over the coming ticks."""
         T, k = self.period, self.ticks
+        self._own[at.AHEAD] = k
         for table in self._tick.tables:
             m = self.moved[table.moved]
             each = table.memory.reshape(at.CHUNK, -1, *m.plant.position.shape)

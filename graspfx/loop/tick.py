@@ -35,7 +35,8 @@ KIND = 2  # what could not go on,
 INDEX = 3  # which of its kind,
 CODE = 4  # and why
 PERIOD = 5  # T [s]
-STUCK = 6  # one for each mover, then for each plant
+AHEAD = 6  # the tick that the targets of hands without kernels begin with
+STUCK = 7  # one for each mover, then for each plant
 
 STATION, OBJECT_, MOVER, PLANT, TOLD = range(5)  # TOLD: by code that is no kernel, in words
 
@@ -371,6 +372,7 @@ class _Writer:
         table = Table(j, np.zeros(CHUNK * width), port.middle is not None)
         self.tick.tables.append(table)
         name = self.script.memory("targets", table.memory)
+        yield f"ahead = (k - int({self.own}[{AHEAD}])) * {width}"
         for start, (to, _) in zip(range(width - 2 * count, -1, -2 * count), wanted, strict=True):
             for a in range(2 * count):
-                yield f"{plant}[{to + a}] = {name}[i * {width} + {start + a}]"
+                yield f"{plant}[{to + a}] = {name}[ahead + {start + a}]"
