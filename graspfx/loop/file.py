@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import RecordingError
+from graspfx.errors import InputError, RecordingError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import WRENCH, Column, Layout
 
@@ -66,11 +66,12 @@ class FileSink:
     """
 
     def __init__(self, path: str | PathLike[str], layout: Layout, header: Header) -> None:
+        place = _path(path)
         self._layout, self._period, self._count = layout, header.period, 0
         try:
-            self._file = h5py.File(fspath(path), "w", libver="latest")
+            self._file = h5py.File(place, "w", libver="latest")
         except OSError as error:
-            raise RecordingError(f"{fspath(path)}: cannot be written; {_line(error)}") from error
+            raise RecordingError(f"{place}: cannot be written; {_line(error)}") from error
         self._file.attrs.update(_attributes(layout, header))
         scales = self._make_scales()
         self._columns = [(column, self._make(column, scales)) for column in layout.columns.values()]
@@ -182,8 +183,14 @@ def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome
 
 def recording_file(path: str | PathLike[str]) -> Path:
     """The file itself, or recording.h5 in a folder."""
-    place = Path(path)
+    place = _path(path)
     return place / NAME if place.is_dir() else place
+
+
+def _path(given: str | PathLike[str]) -> Path:
+    if not isinstance(given, str | PathLike):
+        raise InputError("recording", given, "the path of a file or of its folder")
+    return Path(given)
 
 
 def _opened(place: Path) -> Any:
