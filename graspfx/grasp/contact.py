@@ -125,10 +125,10 @@ def _models(model: Model | Sequence[Model], n: int) -> tuple[Model, ...]:
     else:
         try:
             items = list(cast("Sequence[Model]", model))
-        except TypeError as error:
+            one = bool(items) and all(not isinstance(item, str) and np.ndim(item) < 2 for item in items)
+        except (TypeError, ValueError) as error:
             expected = f"one of {', '.join(MODELS)}, a selection matrix, or one for each contact"
             raise InputError("model", model, expected) from error
-        one = bool(items) and all(not isinstance(item, str) and np.ndim(item) < 2 for item in items)
         given = (cast("Model", model),) * n if one else tuple(items)
     for name in given:
         if isinstance(name, str) and name not in MODELS:
