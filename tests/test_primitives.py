@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fused import compiled
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
@@ -24,6 +23,7 @@ from graspfx.surfaces.proxy import (
     closest_to_ball,
 )
 from graspfx.surfaces.shape import Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
+from tests.fused import compiled
 
 Array = NDArray[np.float64]
 Exact = list[Any]

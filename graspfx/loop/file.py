@@ -26,6 +26,8 @@ FORMAT = "graspfx recording 1"
 CHUNK = 1024  # rows
 LONGEST = 512  # bytes of a fault's message: of fixed length, as single-writer files want it
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
+# what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
+UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 WHOLE = ("touching", "status", "law")  # columns of whole numbers
 SCALES = {
     "axis": ("x", "y", "z"),
@@ -177,7 +179,7 @@ def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome
                 raise RecordingError(f"{place}: not a GraspFX recording, or one of another version")
             layout = _layout(file)
             return _rows(file, layout), layout, _header(file), _outcome(file)
-    except (OSError, RuntimeError, KeyError, ValueError) as error:  # the last three where bytes have gone bad
+    except UNREADABLE as error:
         raise RecordingError(f"{place}: cannot be read as a recording; {_line(error)}") from error
 
 
@@ -247,6 +249,8 @@ def _header(file: Any) -> Header:
     for key in ("scene_table", "overrides", "versions", "machine", "frames"):
         given[key] = json.loads(given.get(key, "{}"))  # frames came later than the format
     given["period"] = float(given["period"])
+    if not 0.0 < given["period"] < math.inf:
+        raise ValueError(f"a period of {given['period']} s")
     return Header(**given)
 
 
@@ -258,7 +262,7 @@ def _outcome(file: Any) -> Outcome:
             RunFault(int(tick), text.decode(errors="ignore")) for tick, text in zip(ticks, messages, strict=False)
         ),
         wall_time=None if np.isnan(wall_time) else wall_time,
-        complete=bool(file.attrs["complete"]),
+        complete=bool(int(file.attrs["complete"])),
         fade_shortfall=float(file.attrs["fade_shortfall"]),
     )
 
