@@ -70,7 +70,7 @@ def exact_step(kind: str, x: Any, v: Any, u: Any, z: Any, T: Any) -> tuple[Any, 
     return x + T * v * (1 - E) / z + T * T * u * (z - 1 + E) / z**2, v * E + T * u * (1 - E) / z
 
 
-@efforts(short=16, full=1500)
+@efforts(short=8, full=400)
 def test_translation_and_plane_rotation(cases: int) -> None:
     rng = np.random.default_rng(21)
     for case in range(cases):
@@ -103,7 +103,7 @@ def test_translation_and_plane_rotation(cases: int) -> None:
                 PATH.check(error, STEPS * EPS, f"case {case}: {label}")
 
 
-@efforts(short=8, full=500)
+@efforts(short=4, full=200)
 def test_bodies_with_equal_moments_of_inertia(cases: int) -> None:
     rng = np.random.default_rng(22)
     for case in range(cases):
@@ -153,7 +153,7 @@ def reference(w0: FloatArray, acceleration: FloatArray, z: float, duration: int)
     return q / np.linalg.norm(q)
 
 
-@efforts(short=6, full=300)
+@efforts(short=3, full=100)
 def test_a_free_box_keeps_its_energy_and_momentum(cases: int) -> None:
     rng = np.random.default_rng(23)
     for case in range(cases):
@@ -180,7 +180,7 @@ def spinning(state: FloatArray) -> tuple[float, FloatArray]:
     return 0.5 * float(w @ L), L
 
 
-@efforts(short=12, full=1500)
+@efforts(short=6, full=400)
 def test_units_do_not_matter_to_the_last_bit(cases: int) -> None:
     # lengths, masses and times in units that are powers of two: every number of the motion scales, none is rounded
     rng = np.random.default_rng(24)
@@ -219,7 +219,7 @@ def unit_of(length: float, weight: float, time: float) -> FloatArray:
     return units
 
 
-@efforts(short=10, full=1000)
+@efforts(short=5, full=500)
 def test_the_implicit_prediction_is_the_step(cases: int) -> None:
     rng = np.random.default_rng(25)
     for case in range(cases):

@@ -186,7 +186,7 @@ ANYTHING = st.recursive(
 )
 
 
-@efforts(short=60, full=4000)
+@efforts(short=40, full=2500)
 def test_arbitrary_values(cases: int, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     arguments = [(name, key) for name, (_, good) in TARGETS.items() if name != "Recording.load" for key in good]

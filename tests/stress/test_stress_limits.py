@@ -82,7 +82,7 @@ def first_loss(loop: Any, limit: float, scale: float, label: str) -> int:
     return len(asked) + 1
 
 
-@efforts(short=4, full=120)
+@efforts(short=4, full=80)
 def test_walls(cases: int) -> None:
     rng = np.random.default_rng(51)
     with mp.workdps(DIGITS):
@@ -98,7 +98,7 @@ def test_walls(cases: int) -> None:
             WALL.tried(asked)
 
 
-@efforts(short=4, full=120)
+@efforts(short=4, full=80)
 def test_objects(cases: int) -> None:
     rng = np.random.default_rng(52)
     with mp.workdps(DIGITS):
@@ -132,7 +132,7 @@ def test_objects(cases: int) -> None:
                 assert radius(loop(mp.mpf(1e-6) * m / T**2)) > 1, label
 
 
-@efforts(short=10, full=400)
+@efforts(short=10, full=150)
 def test_units(cases: int) -> None:
     rng = np.random.default_rng(53)
     for case in range(cases):
@@ -173,7 +173,7 @@ def needed(H: Any, T: float, angle: float) -> float:
     return 0.5 * T * (value.real - value.imag / math.tan(0.5 * angle))
 
 
-@efforts(short=10, full=400)
+@efforts(short=10, full=150)
 def test_required_damping(cases: int) -> None:
     rng = np.random.default_rng(54)
     for case in range(cases):

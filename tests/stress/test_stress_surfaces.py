@@ -42,7 +42,7 @@ def random_shape(rng: np.random.Generator) -> shape.Shape:
     return (shape.Capsule, shape.Cylinder)[kind - 3](a, b)
 
 
-@efforts(short=60, full=4000)
+@efforts(short=60, full=1500)
 def test_shapes_against_fifty_digits(cases: int) -> None:
     rng = np.random.default_rng(41)
     for case in range(cases):
@@ -66,7 +66,7 @@ def test_shapes_against_fifty_digits(cases: int) -> None:
         NEAREST.check(sideways, 1e-15 * max(1.0, scale / thin) ** 2, label)
 
 
-@efforts(short=100, full=20_000)
+@efforts(short=100, full=8000)
 def test_shapes_in_other_units(cases: int) -> None:
     rng = np.random.default_rng(42)
     for case in range(cases):

@@ -35,7 +35,7 @@ def grip(rng: np.random.Generator, n: int, d: int, ratio: float):
     return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), K, loosen, e.ravel()
 
 
-@efforts(short=25, full=600)
+@efforts(short=25, full=300)
 def test_active_sets_against_fifty_digits(cases: int) -> None:
     # f = N lambda; where lambda > 0 the slip along the normal is zero, elsewhere it points outwards: one solution
     rng = np.random.default_rng(11)
@@ -95,7 +95,7 @@ def violation(touch, normals, loosen, e, mu, kept) -> float:
     return worst
 
 
-@efforts(short=8, full=600)
+@efforts(short=8, full=300)
 def test_the_law_with_and_without_friction(cases: int) -> None:
     rng = np.random.default_rng(12)
     for case in range(cases):
@@ -112,7 +112,7 @@ def test_the_law_with_and_without_friction(cases: int) -> None:
         LAW.check(violation(touch, normals, loosen, e, mu, (size, 1e-12 * scale)) / size, 100.0 * EPS * ratio, label)
 
 
-@efforts(short=10, full=400)
+@efforts(short=10, full=200)
 def test_frame_order_and_unit(cases: int) -> None:
     rng = np.random.default_rng(13)
     for case in range(cases):
