@@ -60,9 +60,9 @@ class Arm:
     margin: float
 
     def __post_init__(self) -> None:
-        if self.elbow not in ("left", "right"):
+        if str(self.elbow) not in ("left", "right"):
             raise InputError("elbow", self.elbow, '"left" or "right", seen from the base towards the finger')
-        if self.drive not in ("base", "elbow"):
+        if str(self.drive) not in ("base", "elbow"):
             raise InputError("drive", self.drive, '"base" or "elbow": where the second motor sits')
         shortest = min(self.links)
         if not 0.0 < self.margin < shortest:

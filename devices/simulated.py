@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -14,9 +13,12 @@ from graspfx.devices._points import PointPlant
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Device, DevicePorts, Features
 from graspfx.loop.velocity import LENGTH, WINDOW, VelocityEstimator, size
+from graspfx.numeric import LARGEST, SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+MOST = 1_000_000  # fingers, or samples of delay
 
 
 def connect(
@@ -230,27 +232,24 @@ def _point(components: FloatArray) -> str:
 def _number(name: str, value: float, expected: str, *, zero: bool = True) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(name, value, expected)
-    if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
+    if not (0.0 if zero else SMALLEST) <= value <= LARGEST:
         raise InputError(name, value, expected)
     return float(value)
 
 
-def _count(name: str, value: int, least: int, most: int | None = None) -> int:
-    limits = f"a whole number, {least} or more" if most is None else f"a whole number from {least} to {most}"
+def _count(name: str, value: int, least: int, most: int = MOST) -> int:
+    limits = f"a whole number from {least} to {most}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise InputError(name, value, limits)
-    if value < least or (most is not None and value > most):
+    if not least <= value <= most:
         raise InputError(name, value, limits)
     return int(value)
 
 
 def _corners(workspace: tuple[ArrayLike, ArrayLike], d: int) -> tuple[FloatArray, FloatArray]:
     expected = f"a lower and a higher corner, {d} finite components each [m]"
-    try:
-        corners = np.array(workspace, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError("workspace", workspace, expected) from error
-    if corners.shape != (2, d) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
+    corners = finite("workspace", workspace, expected)
+    if corners.shape != (2, d) or not (corners[0] < corners[1]).all():
         raise InputError("workspace", workspace, expected)
     corners.flags.writeable = False
     return corners[0], corners[1]

@@ -36,6 +36,7 @@ from graspfx.devices._board import Board, Wiring
 from graspfx.devices._simulated_arm import SimulatedTwoLink
 from graspfx.errors import InputError
 from graspfx.loop.velocity import WINDOW
+from graspfx.numeric import SMALLEST, finite
 
 __all__ = ["PRESET", "Board", "TwoLink", "connect"]
 
@@ -48,6 +49,8 @@ PRESET: MappingProxyType[str, Pair] = MappingProxyType(
         "joint_friction": (3.28e-3, 3.28e-3),  # [N m s/rad]
     }
 )
+
+LONGEST = 1_000_000  # delay or window of velocity [samples]
 
 
 def connect(
@@ -134,20 +137,20 @@ def _mechanics(arm: Arm, wiring: Wiring, known: dict[str, Pair]) -> Mechanics:
 
 def _pair(name: str, value: object, *, least: float = -math.inf, positive: bool = False) -> Pair:
     """Two finite numbers, from one for both or a sequence of two."""
-    both = tuple(value) if isinstance(value, Sequence | np.ndarray) else (value, value)
-    if len(both) == 2 and all(_real(x) and x >= least and (x > 0.0 or not positive) for x in both):
-        return float(both[0]), float(both[1])
     bound = " above zero" if positive else " of zero or more" if least == 0.0 else ""
-    raise InputError(name, value, f"two finite numbers{bound}")
+    expected = f"two finite numbers{bound}"
+    both = finite(name, value, expected)
+    if both.shape not in ((), (2,)) or _switch(value) or (both < least).any() or (positive and (both < SMALLEST).any()):
+        raise InputError(name, value, expected)
+    first, second = np.broadcast_to(both, 2).tolist()
+    return first, second
 
 
-def _real(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        return False
-    return math.isfinite(value)
+def _switch(value: object) -> bool:
+    return isinstance(value, bool) or (isinstance(value, Sequence) and any(isinstance(x, bool) for x in value))
 
 
 def _whole(name: str, value: object, least: int) -> int:
-    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least:
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= LONGEST:
         return int(value)
-    raise InputError(name, value, f"a whole number of samples, {least} or more")
+    raise InputError(name, value, f"a whole number of samples, {least} or more, at most {LONGEST}")

@@ -121,6 +121,8 @@ def shown_path(path: Path) -> str:
 
 
 def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plugin:
+    if not isinstance(name, str | PathLike):
+        raise InputError(SINGULAR[group], name, "a name or the path of a file")
     text = fspath(name)
     if text.endswith((".py", ".toml")):
         path = ((folder or Path()) / Path(text).expanduser()).resolve()

@@ -266,7 +266,7 @@ def test_singular_stiffness_with_friction() -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ((np.eye(2), [0.0, 0.0], [[1.0], [0.0]]), "length zero for finger 1"),
+        ((np.eye(2), [0.0, 0.0], [[1.0], [0.0]]), r"normals\[1\]: given \[0.0\], expected a direction"),
         ((np.eye(3), [0.0, 0.0], [[1.0], [1.0]]), r"\(2, 2\)"),
         ((np.eye(2), [0.0, np.nan], [[1.0], [1.0]]), "finite"),
         ((-np.eye(2), [0.0, 0.0], [[1.0], [1.0]]), "negative eigenvalue"),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
 
@@ -23,12 +24,9 @@ def number(name: str, given: float, unit: str, *, zero: bool = True, negative: b
 def numbers(name: str, given: ArrayLike, unit: str, *, zero: bool = True, negative: bool = False) -> FloatArray:
     """The same for an array of any shape."""
     what = "finite numbers" if negative else "finite numbers, zero or above" if zero else "finite numbers above zero"
-    try:
-        value = np.asarray(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, given, f"{what} [{unit}]") from error
-    low = value < 0.0 if zero else value <= 0.0
-    if not np.isfinite(value).all() or (not negative and low.any()):
+    value = finite(name, given, f"{what} [{unit}]")
+    low = value < 0.0 if zero else value < SMALLEST
+    if not negative and low.any():
         raise InputError(name, given, f"{what} [{unit}]")
     return value
 
@@ -43,7 +41,7 @@ def count(name: str, given: float, least: int = 0) -> int:
 
 def one_of(kind: str, given: str, known: Iterable[str]) -> str:
     """A known name."""
-    if given not in known:
+    if str(given) not in known:
         raise UnknownNameError(kind, str(given), known)
     return given
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
+from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -24,6 +25,8 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
         linear: the grasp.
         motions: `uncoupled` of it, if known: gains are no part of it.
     """
+    if not isinstance(linear, Linearisation):
+        raise InputError("linear", linear, "a Linearisation", "that of a scene is scene.linearise()")
     m, r = linear.coordinates
     T = linear.period
     lag, object_lag = int(linear.delay.max()), linear.object_delay

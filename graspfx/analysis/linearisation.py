@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.analysis.arguments import count, lag_of_object, number, numbers, one_of
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.errors import InputError
+from graspfx.numeric import SMALLEST
 
 FloatArray = NDArray[np.float64]
 
@@ -90,7 +91,7 @@ class Linearisation:
             raise InputError("G", given, "a matrix (r, m), a row for every free coordinate of the object")
         r, m = given.shape
         kind = one_of("integrator", integrator, INTEGRATORS)
-        whole = np.array([count("delay", d) for d in np.ravel(np.asarray(delay)).tolist()], dtype=np.int64)
+        whole = np.array([count("delay", d) for d in numbers("delay", delay, "1").ravel().tolist()], dtype=np.int64)
         if whole.shape not in ((1,), (m,)):
             raise InputError("delay", delay, f"one whole number, or {m}")
         self._set(
@@ -158,6 +159,6 @@ def _shaped(name: str, given: ArrayLike, shape: tuple[int, int], unit: str) -> F
 
 
 def _positive(name: str, matrix: FloatArray) -> FloatArray:
-    if not np.allclose(matrix, matrix.T, rtol=1e-9) or (matrix.size and np.linalg.eigvalsh(matrix)[0] <= 0.0):
+    if not np.allclose(matrix, matrix.T, rtol=1e-9) or (matrix.size and np.linalg.eigvalsh(matrix)[0] < SMALLEST):
         raise InputError(name, matrix.tolist(), "a symmetric positive definite matrix")
     return matrix

@@ -37,7 +37,7 @@ def wall_limit_map(
     given = _device(mass, damping, period, spring, spring_damping)
     given.append(numbers("wall_damping", wall_damping, "N s/m", negative=True))
     lag = count("delay", delay)
-    shape = np.broadcast_shapes(*(a.shape for a in given))
+    shape = _common_shape(given)
     limit = np.empty(shape).reshape(-1)
     if map_compiled.is_compiled(engine, limit.size, covered=not lag and not given[-1].any()):
         for start, (m, b, T, k_s, b_s, _) in _blocks(given, shape, map_compiled.BLOCK):
@@ -74,7 +74,7 @@ def external_limit_map(
     given = _external(
         mass, damping, period, object_mass, object_damping, fingers, spring, coupling_damping, spring_damping
     )
-    shape = np.broadcast_shapes(*(a.shape for a in given))
+    shape = _common_shape(given)
     limit = np.empty(shape).reshape(-1)
     kind, lag, object_lag = _names(integrator, delay, object_delay)
     covered = not lag and not object_lag and not np.any(coupling_damping)
@@ -127,7 +127,7 @@ def external_limit_blocks(
         mass, damping, period, object_mass, object_damping, fingers, spring, coupling_damping, spring_damping
     )
     kind, lag, object_lag = _names(integrator, delay, object_delay)
-    shape = np.broadcast_shapes(*(a.shape for a in given))
+    shape = _common_shape(given)
     for start, (m, b, T, m_v, b_v, n, k_s, B, b_s) in _blocks(given, shape):
         D, N = characteristic.external(
             m, b + b_s, T, m_v / n, b_v / n, spring=k_s, damping=B, integrator=kind, delay=lag, object_delay=object_lag
@@ -157,7 +157,7 @@ def external_stable_map(
     )
     given.append(numbers("gain", gain, "N/m"))
     kind, lag, object_lag = _names(integrator, delay, object_delay)
-    shape = np.broadcast_shapes(*(a.shape for a in given))
+    shape = _common_shape(given)
     stable = np.empty(shape, dtype=bool).reshape(-1)
     for start, (m, b, T, m_v, b_v, n, k_s, B, b_s, k) in _blocks(given, shape):
         D, N = characteristic.external(
@@ -210,12 +210,21 @@ def _names(integrator: str, delay: int, object_delay: int) -> tuple[str, int, in
     return kind, count("delay", delay), lag_of_object(object_delay, kind)
 
 
+def _common_shape(given: list[FloatArray]) -> tuple[int, ...]:
+    shapes = [a.shape for a in given]
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError as error:
+        told = ", ".join(str(shape) for shape in shapes if shape)
+        raise InputError("parameters", f"shapes {told}", "arrays that broadcast against one another") from error
+
+
 def _blocks(
     given: list[FloatArray], shape: tuple[int, ...], size: int = BLOCK
 ) -> Iterator[tuple[int, list[FloatArray]]]:
     """Consecutive points of the common shape: the first index, and each parameter there, constants as one number."""
     total = int(np.prod(shape, dtype=np.int64))
-    views = [np.broadcast_to(a, shape) if a.size > 1 else a.reshape(()) for a in given]
+    views = [np.broadcast_to(a, shape) if a.size != 1 else a.reshape(()) for a in given]
     if 0 < total <= size:
         yield 0, [a.reshape(-1) if a.ndim else a for a in views]
         return

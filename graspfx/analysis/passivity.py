@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.analysis.arguments import number
 from graspfx.analysis.passivity_bounds import QuantisedWall, quantised_wall, quantised_wall_limit
 from graspfx.analysis.passivity_display import Display, StateSpace, display, never_passive, symmetric
 from graspfx.analysis.passivity_frequency import required_at, worst_on_grid
@@ -20,7 +21,6 @@ from graspfx.analysis.passivity_grasp import (
 )
 from graspfx.analysis.passivity_horizon import WorstMotion, worst_motion
 from graspfx.analysis.passivity_pencil import PositiveReal
-from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -135,12 +135,9 @@ def _lack(found: Display, B: FloatArray, T: float) -> float:
 
 
 def _wall(damping: float, period: float, wall_damping: float, delay: float) -> tuple[float, float, float]:
-    if not (math.isfinite(period) and period > 0.0):
-        raise InputError("period", period, "a positive period [s]")
-    if not (math.isfinite(damping) and damping >= 0.0):
-        raise InputError("damping", damping, "the device's damping [N s/m], not negative")
-    if not math.isfinite(wall_damping):
-        raise InputError("wall_damping", wall_damping, "a finite damping [N s/m]")
-    if not (math.isfinite(delay) and delay >= 0.0):
-        raise InputError("delay", delay, "a delay [s], not negative")
-    return damping, period, delay
+    number("wall_damping", wall_damping, "N s/m", negative=True)
+    return (
+        number("damping", damping, "N s/m"),
+        number("period", period, "s", zero=False),
+        number("delay", delay, "s"),
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from graspfx.errors import InputError
+from graspfx.analysis.arguments import number
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,7 @@ def quantised_wall(
         damping, period, friction, resolution: as `quantised_wall_limit`.
     """
     _check(damping, period, friction, resolution, delay)
-    if not (math.isfinite(stiffness) and stiffness > 0.0):
-        raise InputError("stiffness", stiffness, "a positive stiffness [N/m]")
+    number("stiffness", stiffness, "N/m", zero=False)
     p = delay / period - math.floor(delay / period)
     a = 0.5 + delay / period
     needed = stiffness * period * (a + math.sqrt(a * a + p * (1 - p))) / 2
@@ -83,8 +82,7 @@ def quantised_wall(
 
 
 def _check(damping: float, period: float, friction: float, resolution: float, delay: float) -> None:
-    if not (math.isfinite(period) and period > 0.0):
-        raise InputError("period", period, "a positive period [s]")
+    number("period", period, "s", zero=False)
     given = {
         "damping": (damping, "N s/m"),
         "friction": (friction, "N"),
@@ -92,5 +90,4 @@ def _check(damping: float, period: float, friction: float, resolution: float, de
         "delay": (delay, "s"),
     }
     for name, (value, unit) in given.items():
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(name, value, f"a finite number [{unit}], not negative")
+        number(name, value, unit)

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.analysis.arguments import number
 from graspfx.errors import InputError
+from graspfx.numeric import finite
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -84,8 +86,7 @@ def display(H: object, period: float) -> Display:
     Raises:
         InputError: shapes that do not fit, values that are not finite, a continuous system, another sampling period.
     """
-    if not (np.isfinite(period) and period > 0.0):
-        raise InputError("period", period, "a positive period [s]")
+    period = number("period", period, "s", zero=False)
     _check_sampling(H, period)
     if callable(H) and not all(hasattr(H, name) for name in "ABCD"):
         shape = np.shape(H(cmath.exp(1j)))
@@ -154,13 +155,7 @@ def _check_sampling(H: object, period: float) -> None:
 
 
 def _real(name: str, given: object) -> FloatArray:
-    try:
-        value = np.asarray(given, dtype=float)
-    except (TypeError, ValueError) as fault:
-        raise InputError(name, given, "real numbers") from fault
-    if not np.isfinite(value).all():
-        raise InputError(name, given, "finite numbers")
-    return value
+    return finite(name, given, "finite real numbers")
 
 
 def _square(name: str, given: object) -> FloatArray:

@@ -9,8 +9,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.analysis.arguments import number, one_of
 from graspfx.analysis.passivity_display import symmetric
-from graspfx.errors import InputError, UnknownNameError
+from graspfx.errors import InputError
+from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
 Integrator = Literal["explicit", "semi-implicit", "exact"]
@@ -50,12 +52,10 @@ def external_limit(damping: float, period: float, object_viscosity: float, *, co
     Returns:
         The largest stiffness, 0 if the damping alone leaks too much.
     """
-    _positive("period", period)
+    number("period", period, "s", zero=False)
     for name, given in (("damping", damping), ("object_viscosity", object_viscosity)):
-        if not given >= 0.0:
-            raise InputError(name, given, "a damping [N s/m], not negative")
-    if not math.isfinite(coupling_damping):
-        raise InputError("coupling_damping", coupling_damping, "a finite damping [N s/m]")
+        _damping_or_rigid(name, given)
+    number("coupling_damping", coupling_damping, "N s/m", negative=True)
     return max(0.0, 2 / period * (_in_series(damping, object_viscosity) - abs(coupling_damping)))
 
 
@@ -83,15 +83,15 @@ def coupling_limits(
     Raises:
         InputError: shapes that do not fit, a negative damping, a period that is not positive.
     """
-    _positive("period", period)
-    if not (math.isfinite(damping) and damping >= 0.0):
-        raise InputError("damping", damping, "the devices' damping [N s/m], not negative")
+    number("period", period, "s", zero=False)
+    number("damping", damping, "N s/m")
+    number("internal_damping", internal_damping, "N s/m", negative=True)
     G = _matrix("G", G)
     w, m = G.shape
     Bo = symmetric("object_viscosity", object_viscosity, w)
     internal = max(0.0, 2 / period * (damping - abs(internal_damping)))
     left, sizes, _ = np.linalg.svd(G, full_matrices=False)
-    kept = sizes > max(w, m) * np.finfo(float).eps * max(sizes, default=0.0)
+    kept = sizes > max(SMALLEST, max(w, m) * np.finfo(float).eps * max(sizes, default=0.0))
     shape = left[:, kept] / sizes[kept]  # the columns of (G G')^-1/2 that count, up to a rotation
     viscosity = np.linalg.eigvalsh(shape.T @ Bo @ shape)
     external = (
@@ -119,7 +119,7 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
         G: grasp matrix (w, m); no rows for an object that stands still.
         period: T [s].
     """
-    _positive("period", period)
+    number("period", period, "s", zero=False)
     G = _matrix("G", G)
     m = G.shape[1]
     held = period / 2 * _stiffness(K, m)
@@ -179,9 +179,8 @@ def grasp_display(
         viscosity: B_o, one number, (w,) or (w, w); without any the display is not stable.
         integrator: of the object; "semi-implicit" moves by the new velocity, "explicit" by the old one.
     """
-    _positive("period", period)
-    if integrator not in get_args(Integrator):
-        raise UnknownNameError("integrator", integrator, get_args(Integrator))
+    number("period", period, "s", zero=False)
+    one_of("integrator", integrator, get_args(Integrator))
     G, T = _matrix("G", G), period
     w, m = G.shape
     k = _matrix("K", K)
@@ -189,7 +188,7 @@ def grasp_display(
         raise InputError("K", k, f"a matrix ({m}, {m})")
     d = np.zeros((m, m)) if damping is None else symmetric("damping", damping, m)
     M, Bo = symmetric("mass", mass, w), symmetric("viscosity", viscosity, w)
-    if w and not np.linalg.eigvalsh(M)[0] > 0.0:
+    if w and not np.linalg.eigvalsh(M)[0] >= SMALLEST:
         raise InputError("mass", mass, "a positive definite mass")
     slows, pushes = np.linalg.solve(M, Bo), np.linalg.solve(M, G)
     zero, one = np.zeros((w, w)), np.eye(w)
@@ -218,6 +217,13 @@ def grasp_display(
     return A, B, C, D
 
 
+def _damping_or_rigid(name: str, given: object) -> None:
+    if not (isinstance(given, float) and given == math.inf):
+        value = finite(name, given, "a damping [N s/m], zero or above")
+        if value.ndim or value < 0.0:
+            raise InputError(name, given, "a damping [N s/m], zero or above")
+
+
 def _in_series(b: float, B: float) -> float:
     if math.isinf(B) or math.isinf(b):
         return min(b, B)
@@ -240,12 +246,7 @@ def _stiffness(K: ArrayLike, m: int) -> FloatArray:
 
 
 def _matrix(name: str, given: ArrayLike) -> FloatArray:
-    value = np.asarray(given, dtype=float)
-    if value.ndim != 2 or not np.isfinite(value).all():
+    value = finite(name, given, "a finite matrix")
+    if value.ndim != 2:
         raise InputError(name, value, "a finite matrix")
     return value
-
-
-def _positive(name: str, given: float) -> None:
-    if not (math.isfinite(given) and given > 0.0):
-        raise InputError(name, given, "a positive number")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.analysis.arguments import count
 from graspfx.analysis.passivity_display import StateSpace, display, symmetric
 from graspfx.errors import InputError
 
@@ -47,8 +48,7 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
     found = display(H, period)
     if not isinstance(found, StateSpace):
         raise InputError("H", H, "matrices (A, B, C, D)", "a function of z has no impulse response to start from")
-    if samples < 1:
-        raise InputError("samples", samples, "at least 1")
+    samples = count("samples", samples, 1)
     n, B = found.channels, symmetric("damping", damping, found.channels)
     h = [found.D]  # impulse response
     x = found.B

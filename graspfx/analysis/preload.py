@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.analysis.arguments import numbers, one_of
 from graspfx.errors import InputError
+from graspfx.numeric import finite
 
 FloatArray = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ def preloaded(
     if o.shape != (d,):
         raise InputError("centre", o, f"a point of {d} coordinates")
     rows = np.array(ROWS[d])
-    moves = np.ones(len(rows), dtype=bool) if free is None else np.asarray(free, dtype=bool)
+    moves = np.ones(len(rows), dtype=bool) if free is None else finite("free", free) != 0.0
     if moves.shape != rows.shape:
         raise InputError("free", free, f"{len(rows)} of true or false, forces first, then moments")
     at_tip = one_of("reaction", reaction, ("fingertip", "contact")) == "fingertip"

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.contact import SELECTION, finite
+from graspfx.grasp.contact import SELECTION
 from graspfx.grasp.measures import moment_length, reference_point
+from graspfx.numeric import finite
 
 if TYPE_CHECKING:
     from graspfx.grasp.matrix import Grasp

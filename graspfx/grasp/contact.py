@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.numeric import finite
 
 FloatArray = NDArray[np.float64]
 
@@ -84,7 +85,7 @@ def contacts(
     chosen = _models(model, n)
     names = tuple(each if isinstance(each, str) else SELECTION for each in chosen)
     selections = {i: _selection(each, d, f"model[{i}]") for i, each in enumerate(chosen) if not isinstance(each, str)}
-    unit = None if normals is None else _unit_normals(normals, (n, d))
+    unit = None if normals is None else unit_normals(normals, (n, d))
     axes = None if frames is None else _axes(frames, unit, (n, d))
     if axes is not None and unit is None:
         unit = axes[:, :, -1]
@@ -117,24 +118,17 @@ def contacts(
     )  # fmt: skip
 
 
-def finite(name: str, given: ArrayLike) -> FloatArray:
-    """A float array of finite values, copied, or an error that names the argument."""
-    try:
-        value = np.array(given, dtype=float)
-    except (TypeError, ValueError) as cause:
-        raise InputError(name, given, "numbers in a rectangular array") from cause
-    if not np.isfinite(value).all():
-        raise InputError(name, given, "finite values", "find where the NaN or infinity comes from")
-    return value
-
-
 def _models(model: Model | Sequence[Model], n: int) -> tuple[Model, ...]:
     given: tuple[Model, ...]
     if isinstance(model, str):
         given = (model,) * n
     else:
-        items = list(cast("Sequence[Model]", model))
-        one = bool(items) and all(not isinstance(item, str) and np.ndim(item) < 2 for item in items)
+        try:
+            items = list(cast("Sequence[Model]", model))
+            one = bool(items) and all(not isinstance(item, str) and np.ndim(item) < 2 for item in items)
+        except (TypeError, ValueError) as error:
+            expected = f"one of {', '.join(MODELS)}, a selection matrix, or one for each contact"
+            raise InputError("model", model, expected) from error
         given = (cast("Model", model),) * n if one else tuple(items)
     for name in given:
         if isinstance(name, str) and name not in MODELS:
@@ -172,8 +166,9 @@ def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, Float
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
 
-def _unit_normals(normals: ArrayLike, shape: tuple[int, int]) -> FloatArray:
-    given = finite("normals", normals)
+def unit_normals(normals: ArrayLike, shape: tuple[int, int]) -> FloatArray:
+    """Normals of any length but zero, scaled to length one."""
+    given = finite("normals", normals, largest=np.inf)
     if given.shape != shape:
         raise InputError("normals", given, f"an array of shape {shape}, one normal for each point")
     largest = np.abs(given).max(axis=1, keepdims=True)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.contact import finite
 from graspfx.grasp.split import SYMMETRIC, Split
+from graspfx.numeric import finite
 
 FloatArray = NDArray[np.float64]
 Gain = float | FloatArray
@@ -80,7 +80,7 @@ class Coupling:
     _made: dict[Pair, tuple[Split, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.form not in get_args(Form):
+        if str(self.form) not in get_args(Form):
             raise UnknownNameError("form of the coupling", str(self.form), get_args(Form))
         for name in ("external", "internal"):
             if not isinstance(getattr(self, name), Impedance):
@@ -108,6 +108,7 @@ class Coupling:
             e: displacement of the fingers from their contacts, p - c, (m,) [m].
             de: its rate [m/s]; zero if None.
         """
+        _require_split(split)
         x = _motion("e", e, split)
         dx = None if de is None else _motion("de", de, split)
         part = self._part("stiffness", split, x)
@@ -139,6 +140,7 @@ class Coupling:
         return self._matrix(which, split) @ x, None
 
     def _matrix(self, which: Pair, split: Split) -> FloatArray:
+        _require_split(split)
         made = self._made.get(which)
         if made is not None and made[0] is split:
             return made[1]
@@ -294,6 +296,11 @@ def _equal(outer: Gain, inner: Gain) -> bool:
     if {a.ndim, b.ndim} not in ({0, 1}, {2, 3}) or (a.ndim and b.ndim and a.shape[-2:] != b.shape[-2:]):
         return False
     return bool((a == b).all())
+
+
+def _require_split(given: object) -> None:
+    if not isinstance(given, Split):
+        raise InputError("split", given, "a Split", "gx.Split(G), or the split of a gx.Grasp")
 
 
 def _motion(name: str, given: ArrayLike, split: Split) -> FloatArray:

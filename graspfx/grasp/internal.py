@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.grasp.contact import Contacts, finite
+from graspfx.grasp.contact import Contacts
+from graspfx.numeric import finite
 
 if TYPE_CHECKING:
     from graspfx.grasp.matrix import Grasp
@@ -304,6 +305,8 @@ def _tidy(u: FloatArray) -> FloatArray:
 
 
 def _fingers(names: Sequence[str] | None, n: int) -> list[str]:
+    if names is not None and not isinstance(names, Sequence):
+        raise InputError("names", names, f"{n} different names, one per finger")
     fingers = [str(k + 1) for k in range(n)] if names is None else [str(name) for name in names]
     if len(fingers) != n or len(set(fingers)) != n:
         raise InputError("names", fingers, f"{n} different names, one per finger")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.closure import Limit, PushingWrenches, closure_of
+from graspfx.numeric import number
 
 if TYPE_CHECKING:
     from graspfx.grasp.matrix import Grasp
@@ -75,7 +76,8 @@ def wrench_margin(
     """
     if bound not in get_args(Bound):
         raise UnknownNameError("bound on the normal forces", str(bound), get_args(Bound))
-    if not 0.0 < tolerance < 1.0:
+    tolerance = number("tolerance", tolerance, "a relative tolerance in (0, 1)", zero=False)
+    if tolerance >= 1.0:
         raise InputError("tolerance", tolerance, "a relative tolerance in (0, 1)")
     cones = PushingWrenches(grasp, friction, torsion, limit, length, about)
     closure, generators = closure_of(cones)

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.grasp.arms import centred_arms
-from graspfx.grasp.contact import MOMENTS, Model, contacts, finite
+from graspfx.grasp.contact import MOMENTS, Model, contacts
 from graspfx.grasp.split import Split
+from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
     from graspfx.grasp.closure import ForceClosure, Limit
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from graspfx.grasp.virtual_linkage import VirtualLinkage
 
 FloatArray = NDArray[np.float64]
+
+CARRIED = "contacts here carry moments"
 
 
 def grasp_matrix(
@@ -136,11 +139,8 @@ class Grasp:
             raise InputError("weights", w, f"{self.fingers} positive numbers, one per finger")
         M = w[self.finger_of_column]
         if self.torsion_columns.any():
-            if torsion_length is None or not (0.0 < torsion_length < np.inf):
-                raise InputError(
-                    "torsion_length", torsion_length, "a positive length [m]", "contacts here carry moments"
-                )
-            M[self.torsion_columns] *= torsion_length**2
+            length = number("torsion_length", torsion_length, "a positive length [m]", CARRIED, zero=False)
+            M[self.torsion_columns] *= length**2
         return M
 
     def split(self, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> Split:
@@ -198,7 +198,10 @@ class Grasp:
 def _mask(free: ArrayLike | None, w: int) -> NDArray[np.bool_]:
     if free is None:
         return np.ones(w, dtype=bool)
-    given = np.asarray(free)
+    try:
+        given = np.asarray(free)
+    except ValueError as error:
+        raise InputError("free", free, f"{w} booleans, True where the object can move") from error
     if given.shape != (w,) or not np.isin(given, (0, 1)).all():
         raise InputError("free", given.tolist(), f"{w} booleans, True where the object can move")
     return given.astype(bool)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.grasp.contact import finite
+from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
     from graspfx.grasp.matrix import Grasp
@@ -125,7 +125,4 @@ def turning(arms: FloatArray, forces: FloatArray) -> FloatArray:
 
 
 def _positive(name: str, given: float) -> float:
-    value = float(finite(name, given))
-    if not value > 0.0:
-        raise InputError(name, given, "a positive length [m]")
-    return value
+    return number(name, given, "a positive length [m]", zero=False)

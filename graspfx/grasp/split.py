@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.grasp.contact import finite
+from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
     from graspfx.grasp.internal import InternalCoordinates
@@ -74,8 +74,7 @@ class Split:
     """
 
     def __init__(self, G: ContactSet | ArrayLike, *, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> None:
-        if not 0.0 <= tolerance < 1.0:
-            raise InputError("tolerance", tolerance, "a relative tolerance in [0, 1)")
+        tolerance = fraction("tolerance", tolerance)
         self.grasp = G if isinstance(G, ContactSet) else None
         if self.grasp is not None:
             self.components = len(self.grasp.finger_of_column)
@@ -208,6 +207,14 @@ class Split:
             raise InputError("metric", M, "a positive definite matrix", f"its smallest eigenvalue is {values[0]:.1e}")
         # the symmetric root, not Cholesky's: it turns with the axes in which M is written
         return np.asarray((axes * np.sqrt(values)) @ axes.T)
+
+
+def fraction(name: str, given: float) -> float:
+    """A relative tolerance in [0, 1)."""
+    value = number(name, given, "a relative tolerance in [0, 1)")
+    if value >= 1.0:
+        raise InputError(name, given, "a relative tolerance in [0, 1)")
+    return value
 
 
 def _row_space(A: FloatArray, threshold: float) -> tuple[FloatArray, FloatArray]:

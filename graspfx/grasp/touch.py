@@ -13,6 +13,8 @@ from graspfx.cones.complement import complement, release, settle
 from graspfx.cones.cone import SLIDE, STICK, contact_frame
 from graspfx.cones.friction import ASSOCIATED, LEAST, RESTARTS, UNRESOLVED, friction_force_square, problem_size
 from graspfx.errors import InputError
+from graspfx.grasp.contact import unit_normals
+from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
 Status = Literal["free", "stick", "slide"]
@@ -65,22 +67,20 @@ def unilateral_force(
     Raises:
         InputError: shapes that do not fit, values that are not finite, a negative coefficient, a K without an answer.
     """
-    n_ = np.asarray(normals, dtype=float)
+    n_ = finite("normals", normals, largest=np.inf)
     if n_.ndim != 2 or n_.shape[1] not in (1, 2, 3) or n_.shape[0] == 0:
         raise InputError("normals", n_, "an array (n, d) with d = 1, 2 or 3")
     n, d = n_.shape
     m = n * d
-    K = np.asarray(stiffness, dtype=float)
-    e = np.asarray(displacement, dtype=float)
+    K = finite("stiffness", stiffness)
+    e = finite("displacement", displacement)
     if K.shape != (m, m):
         raise InputError("stiffness", K, f"an array ({m}, {m}) for {n} fingers in {d} dimensions")
     if e.shape != (m,):
         raise InputError("displacement", e, f"an array ({m},)")
-    if not (np.isfinite(K).all() and np.isfinite(e).all() and np.isfinite(n_).all()):
-        raise InputError("stiffness, displacement, normals", "NaN or infinity", "finite numbers")
-    lengths = np.linalg.norm(n_, axis=1)
-    if not lengths.all():
-        raise InputError("normals", f"a normal of length zero for finger {int(np.argmin(lengths))}", "directions")
+    n_ = unit_normals(n_, (n, d))
+    if 0.0 < np.abs(K).max() < SMALLEST:
+        raise InputError("stiffness", K, f"a matrix of zeros, or one with an entry of {SMALLEST:g} N/m or more")
     values = np.linalg.eigvalsh(0.5 * (K + K.T))
     if values[0] < -1e-9 * np.abs(K).max(initial=0.0):
         raise InputError("stiffness", "a symmetric part with a negative eigenvalue", "a matrix that only pushes back")
@@ -93,7 +93,7 @@ def unilateral_force(
     diagonal, displaced, marks, state = (vector + k * m for k in range(1, 5))
     block = np.zeros(state + n)
     S = memoryview(block)
-    block[: 3 * n].reshape(n, 3)[:, :d] = n_ / lengths[:, None]
+    block[: 3 * n].reshape(n, 3)[:, :d] = n_
     F = np.zeros((m, m))
     for i in range(n):
         contact_frame(S, 3 * i, d, frames + 9 * i)
@@ -131,12 +131,9 @@ def unilateral_force(
 
 def coefficients(friction: object, n: int) -> FloatArray:
     """mu of every finger, (n,)."""
-    try:
-        mu = np.asarray(friction, dtype=float)
-    except (TypeError, ValueError):
-        mu = np.full(1, np.nan)
-    if mu.shape not in ((), (n,)) or not np.isfinite(mu).all() or (mu < 0.0).any():
-        expected = f"None, 'stick', or a coefficient >= 0: one or {n}"
+    expected = f"None, 'stick', or a coefficient >= 0: one or {n}"
+    mu = finite("friction", friction, expected)
+    if mu.shape not in ((), (n,)) or (mu < 0.0).any():
         raise InputError("friction", friction, expected)
     return np.broadcast_to(mu, n)
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.grasp.contact import finite
 from graspfx.grasp.internal import InternalCoordinates, internal_coordinates
+from graspfx.grasp.split import fraction
+from graspfx.numeric import finite
 
 if TYPE_CHECKING:
     from graspfx.grasp.matrix import Grasp
@@ -55,8 +56,7 @@ class VirtualLinkage:
     def __init__(
         self, grasp: Grasp, *, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
     ) -> None:
-        if not 0.0 <= tolerance < 1.0:
-            raise InputError("tolerance", tolerance, "a relative tolerance in [0, 1)")
+        tolerance = fraction("tolerance", tolerance)
         self.grasp, self.actuators = grasp, actuators
         self.components = len(grasp.finger_of_column)
         A, size = grasp.unit_free()

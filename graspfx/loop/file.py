@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import RecordingError
+from graspfx.errors import InputError, RecordingError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import WRENCH, Column, Layout
 
@@ -26,6 +26,8 @@ FORMAT = "graspfx recording 1"
 CHUNK = 1024  # rows
 LONGEST = 512  # bytes of a fault's message: of fixed length, as single-writer files want it
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
+# what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
+UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 WHOLE = ("touching", "status", "law")  # columns of whole numbers
 SCALES = {
     "axis": ("x", "y", "z"),
@@ -66,11 +68,12 @@ class FileSink:
     """
 
     def __init__(self, path: str | PathLike[str], layout: Layout, header: Header) -> None:
+        place = _path(path)
         self._layout, self._period, self._count = layout, header.period, 0
         try:
-            self._file = h5py.File(fspath(path), "w", libver="latest")
+            self._file = h5py.File(place, "w", libver="latest")
         except OSError as error:
-            raise RecordingError(f"{fspath(path)}: cannot be written; {_line(error)}") from error
+            raise RecordingError(f"{place}: cannot be written; {_line(error)}") from error
         self._file.attrs.update(_attributes(layout, header))
         scales = self._make_scales()
         self._columns = [(column, self._make(column, scales)) for column in layout.columns.values()]
@@ -176,14 +179,20 @@ def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome
                 raise RecordingError(f"{place}: not a GraspFX recording, or one of another version")
             layout = _layout(file)
             return _rows(file, layout), layout, _header(file), _outcome(file)
-    except (OSError, RuntimeError, KeyError, ValueError) as error:  # the last three where bytes have gone bad
+    except UNREADABLE as error:
         raise RecordingError(f"{place}: cannot be read as a recording; {_line(error)}") from error
 
 
 def recording_file(path: str | PathLike[str]) -> Path:
     """The file itself, or recording.h5 in a folder."""
-    place = Path(path)
+    place = _path(path)
     return place / NAME if place.is_dir() else place
+
+
+def _path(given: str | PathLike[str]) -> Path:
+    if not isinstance(given, str | PathLike):
+        raise InputError("recording", given, "the path of a file or of its folder")
+    return Path(given)
 
 
 def _opened(place: Path) -> Any:
@@ -240,6 +249,8 @@ def _header(file: Any) -> Header:
     for key in ("scene_table", "overrides", "versions", "machine", "frames"):
         given[key] = json.loads(given.get(key, "{}"))  # frames came later than the format
     given["period"] = float(given["period"])
+    if not 0.0 < given["period"] < math.inf:
+        raise ValueError(f"a period of {given['period']} s")
     return Header(**given)
 
 
@@ -251,7 +262,7 @@ def _outcome(file: Any) -> Outcome:
             RunFault(int(tick), text.decode(errors="ignore")) for tick, text in zip(ticks, messages, strict=False)
         ),
         wall_time=None if np.isnan(wall_time) else wall_time,
-        complete=bool(file.attrs["complete"]),
+        complete=bool(int(file.attrs["complete"])),
         fade_shortfall=float(file.attrs["fade_shortfall"]),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.numeric import SMALLEST, finite, number
 from graspfx.objects import kernels as at
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 
@@ -162,25 +163,25 @@ def fill_body(
     Raises:
         InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
     """
-    d = dimensions
-    if d not in FREEDOMS:
-        raise InputError("dimensions", d, "1, 2 or 3")
+    d = int(number("dimensions", dimensions, "1, 2 or 3"))
+    if d not in FREEDOMS or d != dimensions:
+        raise InputError("dimensions", dimensions, "1, 2 or 3")
     kinds = FREEDOMS[d]
-    moves = np.ones(len(kinds), dtype=bool) if free is None else np.asarray(free)
+    moves = np.ones(len(kinds)) if free is None else finite("free", free, f"{len(kinds)} of true or false")
     if moves.shape != (len(kinds),) or not np.isin(moves, (0, 1)).all():
         raise InputError("free", free, f"{len(kinds)} of true or false", "forces first, then moments")
-    if integrator not in INTEGRATORS:
-        raise UnknownNameError("integrator", integrator, INTEGRATORS)
+    if str(integrator) not in INTEGRATORS:
+        raise UnknownNameError("integrator", str(integrator), INTEGRATORS)
     state[:] = 0.0
     state[at.DIMENSIONS] = d
     state[at.INTEGRATOR] = INTEGRATORS[integrator]
     for row, freedom in enumerate(kinds):
         state[at.FREE + freedom] = float(moves[row])
     turns = state[at.FREE + 3 : at.FREE + 6] != 0.0
-    state[at.MASS] = _number("mass", mass, "a finite number above zero [kg]", zero=False)
+    state[at.MASS] = number("mass", mass, "a finite number above zero [kg]", zero=False)
     state[at.INERTIA : at.INERTIA + 3] = _moments(inertia, d, bool(turns.any()))
-    state[at.VISCOSITY] = _number("viscosity", viscosity, "a finite number, zero or above [N s/m]")
-    state[at.ROTATIONAL_VISCOSITY] = _number(
+    state[at.VISCOSITY] = number("viscosity", viscosity, "a finite number, zero or above [N s/m]")
+    state[at.ROTATIONAL_VISCOSITY] = number(
         "rotational_viscosity", rotational_viscosity, "a finite number, zero or above [N m s/rad]"
     )
     state[at.GRAVITY : at.GRAVITY + d] = _vector("gravity", gravity, d)
@@ -212,24 +213,14 @@ def fill_body(
     at.orient(state, 0)
 
 
-def _number(name: str, given: float, expected: str, *, zero: bool = True) -> float:
-    value = float(_vector(name, given, 0, expected))
-    if value < 0.0 or (value == 0.0 and not zero):
-        raise InputError(name, given, expected)
-    return value
-
-
 def _vector(name: str, given: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
     """Zeros for None; length 0 stands for one bare number."""
     shape = (length,) if length else ()
     if given is None:
         return np.zeros(shape)
     expected = expected or (f"{length} finite numbers" if length else "a finite number")
-    try:
-        value = np.asarray(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, given, expected) from error
-    if value.shape != shape or not np.isfinite(value).all():
+    value = finite(name, given, expected)
+    if value.shape != shape:
         raise InputError(name, given, expected)
     return value
 
@@ -243,11 +234,14 @@ def _moments(given: float | ArrayLike | None, d: int, needed: bool) -> FloatArra
             )
         return np.zeros(3)
     expected = "a number above zero, or three principal moments [kg m^2]"
-    values = np.full(3, _vector("inertia", given, 0 if np.ndim(given) == 0 else 3, expected))
+    moments = finite("inertia", given, expected)
+    if moments.shape not in ((), (3,)):
+        raise InputError("inertia", given, expected)
+    values = np.full(3, moments)
     if d == 2:
         values[:2] = 0.0
     counted = values[2:] if d == 2 else values
-    if needed and not (counted > 0.0).all():
+    if needed and not (counted >= SMALLEST).all():
         raise InputError("inertia", given, expected)
     if d == 3 and 2.0 * values.max() > values.sum() * (1.0 + 1e-9):
         raise InputError("inertia", given, "moments of which none exceeds the sum of the others", "check their units")

@@ -14,6 +14,7 @@ from typing import Any
 from graspfx import plugins
 from graspfx.errors import Fault, GraspFXError, InputError, SceneError, closest
 from graspfx.scene.model import Scene, make_scene
+from graspfx.scene.overrides import by_key
 from graspfx.scene.source import Source
 
 PLACE = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
@@ -38,7 +39,7 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) 
     """
     path = plugins.find("scenes", name)
     text = _text(path)
-    source = Source(plugins.shown_path(path), text, path, dict(overrides or {}))
+    source = Source(plugins.shown_path(path), text, path, by_key(overrides))
     if path.suffix == ".py":
         return _from_python(path, source)
     return make_scene(_parsed(text, source.name), source.overrides, source, lines_from=text)

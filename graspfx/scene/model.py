@@ -12,7 +12,7 @@ from graspfx.errors import Fault, SceneError
 from graspfx.scene.checks.faults import as_faults, find_faults
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.making.wiring import placing_faults
-from graspfx.scene.overrides import Key, overridden
+from graspfx.scene.overrides import Key, by_key, overridden
 from graspfx.scene.source import Source
 from graspfx.scene.tables.parts import SceneTable
 
@@ -88,10 +88,9 @@ class Scene(SceneTable):
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """The scene with values replaced by dotted key, as on the command line."""
-        source = Source(
-            self._source.name, self._source.text, self._source.path, {**self._source.overrides, **overrides}
-        )
-        return make_scene(self.to_dict(), overrides, source)
+        given = by_key(overrides)
+        source = Source(self._source.name, self._source.text, self._source.path, {**self._source.overrides, **given})
+        return make_scene(self.to_dict(), given, source)
 
 
 def make_scene(

@@ -6,9 +6,21 @@ from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from typing import Any
 
-from graspfx.errors import Fault
+from graspfx.errors import Fault, InputError
 
 Key = tuple[str | int, ...]
+
+
+def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Overrides as a dictionary of their own.
+
+    Raises:
+        InputError: something else than values by dotted key.
+    """
+    given = {} if overrides is None else overrides
+    if not isinstance(given, Mapping):
+        raise InputError("overrides", overrides, "values by dotted key", "as in {'coupling.internal.stiffness': 50.0}")
+    return {str(key): value for key, value in given.items()}
 
 
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:

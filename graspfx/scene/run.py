@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import sys
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.record import Recorder, Recording, Sink
+from graspfx.numeric import number
 from graspfx.scene.making.build import build, make_layout
 from graspfx.scene.making.meshes import frames
 
@@ -44,6 +44,8 @@ def run(
         DeviceError: a device that does not open.
         RecordingError: `out` cannot be written to.
     """
+    if not isinstance(scene, Scene):
+        raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
     size = 8 * make_layout(scene, simulated=True).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     with build(scene) as servo:
@@ -66,10 +68,11 @@ def run(
 
 
 def _ticks(scene: Scene, duration: float | None, size: int) -> int:
-    seconds = scene.duration if duration is None else duration
+    expected = f"a time of at least one period, {scene.period} s"
+    seconds = scene.duration if duration is None else number("duration", duration, expected)
     ratio = seconds / scene.period
-    if not 0.0 < seconds < math.inf or ratio <= 0.5:
-        raise InputError("duration", seconds, f"a time of at least one period, {scene.period} s")
+    if ratio <= 0.5:
+        raise InputError("duration", seconds, expected)
     _require_room(ratio, size, "this machine's memory", _memory())
     return round(ratio)
 

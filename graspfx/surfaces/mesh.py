@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspfx.errors import InputError, MissingPackageError
+from graspfx.numeric import finite, number, real
 from graspfx.surfaces import proxy
 from graspfx.surfaces.ball import STATE, ball_contact
 from graspfx.surfaces.shape import Contacts
@@ -85,14 +86,13 @@ class Mesh:
         `state` is brought up to date. Without it every finger is new and its contact point is the nearest one. Of balls
         of that `radius` [m] the points are their centres.
         """
-        p = np.asarray(points, dtype=float)
-        if p.ndim != 2 or p.shape[1] != 3 or not np.isfinite(p).all():
+        p = finite("points", points, "finite positions of shape (n, 3)")
+        if p.ndim != 2 or p.shape[1] != 3:
             raise InputError("points", points, "finite positions of shape (n, 3)")
         S = new_fingers(len(p)) if state is None else state
-        if S.shape != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
+        if getattr(S, "shape", None) != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
             raise InputError("state", state, f"what new_fingers({len(p)}) gives")
-        if not 0.0 <= radius < np.inf:
-            raise InputError("radius", radius, "a finite length, zero or more [m]")
+        radius = number("radius", radius, "a finite length, zero or more [m]")
         M, row = memoryview(self.data), memoryview(S.reshape(-1))
         if radius > 0.0:
             each = [ball_contact(M, 0, row, i * STATE, radius, *p[i].tolist()) for i in range(len(p))]
@@ -112,8 +112,7 @@ class Mesh:
         name = "mass" if mass is not None else "density"
         if given is None or (mass is not None and density is not None):
             raise InputError("mass", (mass, density), "either a mass or a density")
-        if not 0.0 < given < np.inf:
-            raise InputError(name, given, "finite and above zero")
+        given = number(name, given, "finite and above zero", zero=False)
         if self.shell and density is not None:
             raise InputError("density", density, "the mass of a shell", "a surface has no volume to take it times")
         middle = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
@@ -175,18 +174,17 @@ def make_mesh(
     Raises:
         InputError: not finite, no triangles, more than two triangles at an edge, or open and not a shell.
     """
-    if not 0.0 < scale < np.inf:
-        raise InputError("scale", scale, "finite and above zero")
-    v = np.asarray(vertices, dtype=np.float64)
-    f = np.asarray(faces)
-    if v.ndim != 2 or v.shape[1] != 3 or f.ndim != 2 or f.shape[1] != 3 or not len(f):
-        raise InputError(name, f"{v.shape} vertices, {f.shape} faces", "a surface of triangles: (v, 3) and (f, 3)")
-    if not np.issubdtype(f.dtype, np.integer) or f.min() < 0 or f.max() >= len(v):
-        raise InputError("faces", f, f"whole numbers of vertices, 0 to {len(v) - 1}")
-    f = f.astype(np.intp)
-    v = v * scale
-    if not np.isfinite(v[f]).all():
-        raise InputError(name, v[f][~np.isfinite(v[f])][0], "finite coordinates")
+    scale = number("scale", scale, "finite and above zero", zero=False)
+    v = real(name, vertices, "finite coordinates")
+    corners = finite("faces", faces, "whole numbers of vertices")
+    if v.ndim != 2 or v.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
+        raise InputError(
+            name, f"{v.shape} vertices, {corners.shape} faces", "a surface of triangles: (v, 3) and (f, 3)"
+        )
+    if (corners % 1.0).any() or corners.min() < 0 or corners.max() >= len(v):
+        raise InputError("faces", corners, f"whole numbers of vertices, 0 to {len(v) - 1}")
+    f = corners.astype(np.intp)
+    v[f] = scale * finite(name, v[f], "finite coordinates")
     size = float(np.ptp(v[f].reshape(-1, 3), axis=0).max())
     if not size > 0.0:
         raise InputError(name, "all vertices at one point", "a surface with an extent")

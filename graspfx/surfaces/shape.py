@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.numeric import LARGEST, SMALLEST, finite, number
 from graspfx.surfaces import proxy
 
 FloatArray = NDArray[np.float64]
@@ -81,7 +82,7 @@ class Shape(ABC):
         """
         self._check(d)
         turns = (d == 3, d == 3, d > 1)
-        return mass * np.where(turns, self._moments(d), 0.0)
+        return number("mass", mass, "a mass above zero [kg]", zero=False) * np.where(turns, self._moments(d), 0.0)
 
     def contact(
         self,
@@ -98,20 +99,19 @@ class Shape(ABC):
             previous: (n, d) contact points from before.
             radius: of the balls that the fingertips are [m], zero for points.
         """
-        p = np.asarray(points, dtype=float)
-        if p.ndim != 2 or not np.isfinite(p).all():
+        p = finite("points", points, "finite positions of shape (n, d)")
+        if p.ndim != 2:
             raise InputError("points", points, "finite positions of shape (n, d)")
         n, d = p.shape
         self._check(d)
         last = self.faces(d) - 1
-        face = np.full(n, -1) if faces is None else np.asarray(faces, dtype=np.intp)
-        before = np.zeros((n, d)) if previous is None else np.asarray(previous, dtype=float)
-        if face.shape != (n,) or (face < -1).any() or (face > last).any():
+        face = np.full(n, -1.0) if faces is None else finite("faces", faces, f"{n} numbers from -1 to {last}")
+        before = np.zeros((n, d)) if previous is None else finite("previous", previous)
+        if face.shape != (n,) or (face < -1).any() or (face > last).any() or (face % 1.0).any():
             raise InputError("faces", faces, f"{n} numbers from -1 to {last}")
-        if before.shape != (n, d) or not np.isfinite(before).all():
+        if before.shape != (n, d):
             raise InputError("previous", previous, f"finite positions of shape ({n}, {d})")
-        if not 0.0 <= radius < math.inf:
-            raise InputError("radius", radius, "a finite length, zero or more [m]")
+        radius = number("radius", radius, "a finite length, zero or more [m]")
         found = np.zeros((n, 8))
         for i in range(n):
             x, y, z = (*p[i].tolist(), 0.0, 0.0)[:3]
@@ -121,7 +121,7 @@ class Shape(ABC):
         return Contacts(found[:, 0].astype(np.intp), found[:, 1 : 1 + d], found[:, 4 : 4 + d], found[:, 7])
 
     def _check(self, d: int) -> None:
-        if not self.dimensions_ok(d):
+        if not self.dimensions_ok(int(number("dimensions", d, "1, 2 or 3"))):
             raise InputError("dimensions", d, f"those of {self}", "vectors have one entry per dimension")
 
 
@@ -354,33 +354,30 @@ class Ellipsoid(Shape):
         return b + c, c + a, a + b
 
 
-def _numbers(name: str, given: Any, what: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(value) for value in given)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, given, what) from error
+def _numbers(name: str, given: Any, what: str, largest: float = LARGEST) -> tuple[float, ...]:
+    value = finite(name, given, what, largest=largest)
+    if value.ndim != 1:
+        raise InputError(name, given, what)
+    return tuple(value.tolist())
 
 
 def _lengths(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
     what = "one to three finite lengths above zero [m]"
     lengths = _numbers(name, given, what)
-    if not (1 <= len(lengths) <= 3 and all(0.0 < value < math.inf for value in lengths)):
+    if not (1 <= len(lengths) <= 3 and all(value >= SMALLEST for value in lengths)):
         raise InputError(name, given, what)
     return lengths
 
 
 def _length(name: str, given: Any) -> float:
-    (length,) = _numbers(name, (given,), "a length [m]")
-    if not 0.0 < length < math.inf:
-        raise InputError(name, given, "above zero [m]")
-    return length
+    return number(name, given, "a finite length above zero [m]", zero=False)
 
 
 def _direction(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
     what = "one to three finite numbers, not all zero"
-    vector = _numbers(name, given, what)
+    vector = _numbers(name, given, what, math.inf)
     largest = max(map(abs, vector), default=0.0)
-    if not (1 <= len(vector) <= 3 and all(map(math.isfinite, vector)) and largest > 0.0):
+    if not (1 <= len(vector) <= 3 and largest > 0.0):
         raise InputError(name, given, what)
     length = math.hypot(*(value / largest for value in vector))
     return tuple(value / largest / length for value in vector)

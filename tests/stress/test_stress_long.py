@@ -1,0 +1,119 @@
+"""Ten million ticks: drift of energy, norm of the quaternion, memory."""
+
+from __future__ import annotations
+
+import gc
+import os
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.objects import kernels as at
+from graspfx.objects.body import fill_body
+from graspfx.scene.making.build import build
+from tests.fused import compiled
+from tests.stress.ledger import efforts, family
+from tests.stress.test_stress_bodies import spinning
+
+DRIFT = family("long: energy and momentum of a free box, 'exact'", "their values at first")
+STEADY = family("long: energy of a body with equal moments of inertia, 'exact'", "its value at first")
+NORM = family("long: quaternion", "norm 1")
+PLACE = family("long: a body that flies freely", "start + velocity x time")
+MEMORY = family("long: memory of a scene", "what it held after five hundred ticks", "bytes")
+
+# How the ticks of a scene are run: interpreted, one call a tick. Kernels of a body alone are compiled by numba.
+TICKS = int(os.environ.get("GRASPFX_STRESS_TICKS", "1500"))
+
+
+Q = at.QUATERNION
+
+
+def looped(step: Any) -> Any:
+    """count steps of a body's kernel, and how far the quaternion was from norm 1 at most."""
+
+    def loop(S: Any, T: float, count: int) -> float:
+        worst = 0.0
+        for _ in range(count):
+            step(S, 0, T)
+            norm = (S[Q] ** 2 + S[Q + 1] ** 2 + S[Q + 2] ** 2 + S[Q + 3] ** 2) ** 0.5
+            worst = max(worst, abs(norm - 1.0))
+        return worst
+
+    return loop
+
+
+@efforts(short=2000, full=10_000_000)
+def test_ten_million_ticks_of_bodies(cases: int) -> None:
+    T = 0.001
+    if cases > 10_000:
+        loop = pytest.importorskip("numba").njit(looped(compiled(at.step)))
+    else:
+        loop = looped(at.step)
+    rounding = 4.0 * np.finfo(float).eps  # a tick: turning into the body's axes and back
+    for name, inertia, family_of, allowed in (
+        ("box", (3e-5, 5e-5, 6e-5), DRIFT, rounding * cases),
+        ("cube", (4e-5, 4e-5, 4e-5), STEADY, rounding),
+    ):
+        for spin in (0.3, 30.0):  # [rad/s]
+            state = np.zeros(at.SIZE)
+            w = np.array([0.6, -0.64, 0.48]) * spin
+            fill_body(
+                state, dimensions=3, mass=0.1, inertia=inertia, integrator="exact", velocity=[0.25, 0.0, -0.5],
+                angular_velocity=w,
+            )  # fmt: skip
+            before = spinning(state)
+            worst = loop(state if cases > 10_000 else state.data, T, cases)
+            after = spinning(state)
+            label = f"{name}, {spin} rad/s, {cases} ticks of 1 ms"
+            energy = abs(after[0] / before[0] - 1.0)
+            momentum = float(np.linalg.norm(after[1] - before[1]) / np.linalg.norm(before[1]))
+            # fourth order: what is lost a radian goes with the fourth power of what is turned in a sample
+            share = allowed + 2e-2 * (spin * T) ** 4 * spin * T * cases * (name == "box")
+            family_of.check(max(energy, momentum if name == "box" else 0.0), share, label)
+            NORM.check(float(worst), 5e-16, label)
+            path = T * cases
+            off = np.abs(state[at.POSITION : at.POSITION + 3] - path * np.array([0.25, 0.0, -0.5])).max()
+            # every step rounds the position once: together at most ticks eps/2 of it
+            PLACE.check(float(off) / (0.5 * path), cases * np.finfo(float).eps, label)
+
+
+class Forgetful:
+    """A recorder that keeps nothing."""
+
+    def __init__(self, width: int) -> None:
+        self.held = np.zeros(width)
+        self.faults: list[str] = []
+
+    def row(self, k: int) -> np.ndarray:
+        return self.held
+
+    def fault(self, k: int, message: str) -> None:
+        self.faults.append(message)
+
+    def drain(self) -> None: ...
+
+
+@pytest.mark.parametrize("name", ["reference-1dof", "sphere-three-fingers", "knob"])
+@efforts(short=40, full=TICKS)
+def test_memory_does_not_grow(name: str, cases: int) -> None:
+    scene = gx.load(name)
+    with build(scene) as servo:
+        recorder: Any = Forgetful(servo.layout.width)
+        servo.run(500 if cases > 1000 else 50, recorder)
+        gc.collect()
+        tracemalloc.start()
+        try:
+            servo.run(50, recorder)
+            gc.collect()
+            before, _ = tracemalloc.get_traced_memory()
+            servo.run(cases, recorder)
+            gc.collect()
+            after, _ = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert not recorder.faults
+        assert np.isfinite(recorder.held).all()
+    MEMORY.check(max(0, after - before), 10_000, f"{name}, {cases} ticks")

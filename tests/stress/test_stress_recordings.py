@@ -1,0 +1,156 @@
+"""Recordings whose bytes, attributes or data went wrong: an error of GraspFX or the recording, never another's."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import RecordingError
+from tests.recordings import layout, recording, rows
+from tests.stress.ledger import efforts, family
+
+SPOILT = family("recordings: spoilt bytes", "RecordingError, or a recording that can be looked at")
+CHANGED = family("recordings: spoilt attributes and data", "RecordingError")
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# in a process of its own: what a library does with bad bytes may be worse than an exception
+READ = """
+import faulthandler, re, sys, warnings
+sys.path.insert(0, {root!r})
+warnings.simplefilter("error")
+from pathlib import Path
+import numpy as np
+from graspfx.errors import GraspFXError
+from graspfx.loop.record import Recording
+whole = bytearray(Path("whole.h5").read_bytes())
+# sizes in a heap of texts carry no checksum, and the HDF5 library reads for ever where one is zero: left alone here
+heaps = [found.start() for found in re.finditer(b"GCOL", whole)]
+rng = np.random.default_rng({seed})
+for case in range({cases}):
+    spoilt = bytearray(whole)
+    kind = case % 3
+    at = int(rng.integers(len(whole) if kind else 4096))
+    count = int(rng.integers(1, 64))
+    if any(heap - 64 < at < heap + 4096 for heap in heaps):
+        continue
+    if kind == 2:
+        spoilt[at:at + count] = bytes(count)
+    else:
+        spoilt[at:at + count] = rng.bytes(len(spoilt[at:at + count]))
+    Path("spoilt.h5").write_bytes(spoilt)
+    faulthandler.dump_traceback_later(20, exit=True)
+    try:
+        recording = Recording.load("spoilt.h5")
+    except GraspFXError:
+        continue
+    except BaseException as error:
+        raise AssertionError(f"case {{case}}: bytes {{at}} to {{at + count}}: {{type(error).__name__}}: {{error}}")
+    recording.rows.sum(), recording.time, recording.objects, recording.touching
+"""
+
+
+@efforts(short=30, full=400)
+def test_spoilt_bytes(cases: int, tmp_path: Path) -> None:
+    made = layout(3, 2)
+    gx.Recording(rows(made, 50), made, recording({"gap": np.zeros((1, 2))}, layout()).header).save(
+        tmp_path / "whole.h5"
+    )
+    code = READ.format(root=str(ROOT), seed=61, cases=cases)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, timeout=200, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    SPOILT.tried(cases)
+
+
+def attribute(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file.attrs[name] = value
+
+    return change
+
+
+def layout_with(**changes: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file.attrs["layout"] = json.dumps(json.loads(file.attrs["layout"]) | changes)
+
+    return change
+
+
+def without(name: str) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        del file[name]
+
+    return change
+
+
+def instead(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        del file[name]
+        file[name] = value
+
+    return change
+
+
+CHANGES: dict[str, Callable[[h5py.File], None]] = {
+    "another format": attribute("format", "graspfx recording 99"),
+    "a format that is a number": attribute("format", 3.0),
+    "a period that is a text": attribute("period", "fast"),
+    "a period of NaN": attribute("period", math.nan),
+    "a period of zero": attribute("period", 0.0),
+    "a negative period": attribute("period", -0.001),
+    "a layout that is no JSON": attribute("layout", "{"),
+    "a layout that is a list": attribute("layout", "[]"),
+    "a layout that is a number": attribute("layout", 3.0),
+    "a layout of bytes": attribute("layout", np.void(b"\xff\xfe")),
+    "a layout with an unknown key": layout_with(colour="red"),
+    "a layout of four dimensions": layout_with(dimensions=4),
+    "a layout of a text of dimensions": layout_with(dimensions="3"),
+    "a layout of more fingers": layout_with(fingers=["a", "b", "c"]),
+    "a layout of no fingers": layout_with(fingers=[]),
+    "a layout of a number of fingers": layout_with(fingers=2),
+    "a layout of other objects": layout_with(objects=["nothing"]),
+    "a layout with moments": layout_with(moments=True),
+    "a scene that is no JSON": attribute("scene_table", "}"),
+    "versions that are a number": attribute("versions", 1.0),
+    "frames that are no JSON": attribute("frames", "nothing"),
+    "a wall time that is a text": attribute("wall_time", "long"),
+    "completeness that is a text": attribute("complete", "yes"),
+    "no time": without("time"),
+    "no forces": without("finger_force"),
+    "no object": without("objects"),
+    "no faults": without("faults"),
+    "forces of another shape": instead("finger_force", np.zeros((50, 5))),
+    "forces of text": instead("finger_force", "none"),
+    "forces of fewer ticks": instead("finger_force", np.zeros((20, 2, 3))),
+    "time that is one number": instead("time", 0.0),
+    "faults of text": instead("faults/tick", "none"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_spoilt_attributes_and_data(name: str, tmp_path: Path) -> None:
+    made, path = layout(3, 2), tmp_path / "r.h5"
+    gx.Recording(rows(made, 50), made, recording({"gap": np.zeros((1, 2))}, layout()).header).save(path)
+    with h5py.File(path, "r+") as file:
+        CHANGES[name](file)
+    CHANGED.tried()
+    with pytest.raises(RecordingError, match=r"r\.h5: "):
+        gx.Recording.load(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n", b"not a recording", bytes(5000)])
+def test_files_of_something_else(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "recording.h5").write_bytes(content)
+    for path in (tmp_path, tmp_path / "recording.h5"):
+        with pytest.raises(RecordingError):
+            gx.Recording.load(path)
