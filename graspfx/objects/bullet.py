@@ -154,11 +154,12 @@ def _calls(F: Any, client: int, body: int, where: Sequence[float]) -> tuple[Call
     force, torque, spin = bullet.applyExternalForce, bullet.applyExternalTorque, bullet.resetBaseVelocity
     place, motion, frame = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.WORLD_FRAME
     three = struct.Struct("3d").unpack_from
-    push_at, twist_at, told_at = 8 * guest.PUSH, 8 * guest.TWIST, 8 * guest.PLACE
-    told = struct.Struct("6d" if F[guest.TURNING] == 0.0 else "13d").pack_into
+    push_at, twist_at, told_at = 8 * guest.PUSH, 8 * guest.TWIST, 8 * guest.VELOCITY
+    all_of_it, velocity_alone = struct.Struct("13d").pack_into, struct.Struct("3d").pack_into
+    centre, own_frame = (0.0, 0.0, 0.0), bullet.LINK_FRAME
 
     def push() -> None:
-        force(body, -1, three(F, push_at), where, frame, client)
+        force(body, -1, three(F, push_at), centre, own_frame, client)
 
     def push_and_twist() -> None:
         force(body, -1, three(F, push_at), where, frame, client)
@@ -168,20 +169,18 @@ def _calls(F: Any, client: int, body: int, where: Sequence[float]) -> tuple[Call
         force(body, -1, three(F, push_at), where, frame, client)
         spin(body, angularVelocity=three(F, twist_at), physicsClientId=client)
 
-    def read_shift() -> None:
-        nonlocal where
-        where, _ = place(body, client)
+    def read_velocity() -> None:
         velocity, _ = motion(body, client)
-        told(F, told_at, *where, *velocity)
+        velocity_alone(F, told_at, *velocity)
 
     def read() -> None:
         nonlocal where
         where, turn = place(body, client)
         velocity, spin = motion(body, client)
-        told(F, told_at, *where, *velocity, *turn, *spin)
+        all_of_it(F, told_at, *velocity, *where, *turn, *spin)
 
-    if F[guest.TURNING] == 0.0:
-        return push, read_shift
+    if F[guest.TURNING] == 0.0:  # its frame is never turned, and PyBullet's x+ = x + T v+ is ours to the last bit
+        return push, read_velocity
     return push_and_spin if F[guest.BY_SPIN] else push_and_twist, read
 
 

@@ -28,8 +28,8 @@ PUSH = 22  # [N]
 TWIST = 25  # [N m], or [rad/s]
 # What is told, world axes:
 WAITING = 28  # 1 if something was handed over whose outcome has not been taken yet
-PLACE = 29  # [m]
-VELOCITY = 32  # [m/s]
+VELOCITY = 29  # [m/s]
+PLACE = 32  # [m], of a body with a free rotation; of others it is x + T v
 TURN = 35  # the quaternion since the start, or all of it if more than one rotation is free
 SPIN = 39  # [rad/s]
 SIZE = 42
@@ -132,8 +132,9 @@ def take_over(S: Any, o: int, F: Any, f: int, T: float) -> int:
     F[f + WAITING] = 0.0
     for a in range(3):
         if F[f + SHIFTS + a] != 0.0:
-            S[o + at.POSITION + a] = F[f + PLACE + a]
-            S[o + at.VELOCITY + a] = F[f + VELOCITY + a]
+            v = F[f + VELOCITY + a]
+            S[o + at.VELOCITY + a] = v
+            S[o + at.POSITION + a] = S[o + at.POSITION + a] + T * v if F[f + TURNING] == 0.0 else F[f + PLACE + a]
     if F[f + TURNING] == 0.0:
         return 0
     s = f + SPIN
