@@ -198,13 +198,13 @@ class Carrier:
     taking = staticmethod(guest.take_over)
 
     def __init__(self, buffer: FloatArray, carried: Sequence[Carried], client: int) -> None:
-        self.buffer = buffer
+        self.buffer, self.carried = buffer, carried
         moves = [not one.fixed for one in carried]
         self.places = tuple(i * guest.SIZE if m else -1 for i, m in enumerate(moves))
         self.structure = tuple(o + k for o in self.places if o >= 0 for k in range(guest.STRUCTURE))
         self._moving = [one for one, m in zip(carried, moves, strict=True) if m]
         self._pushes, self._reads = [one.push for one in self._moving], [one.read for one in self._moving]
-        self._client, self._T = client, 0.0
+        self.client, self._T = client, 0.0
         self._advance = pybullet().stepSimulation
 
     def hold(self, T: float) -> None:
@@ -218,14 +218,14 @@ class Carrier:
                 raise InputError("T", T, "a finite time above zero [s]")
             for one in self._moving:
                 one.hold(T)
-            pybullet().setTimeStep(T, physicsClientId=self._client)
+            pybullet().setTimeStep(T, physicsClientId=self.client)
             self._T = T
 
     def exchange(self) -> None:
         """Push every body, let PyBullet step, read every body: all that a tick needs of PyBullet."""
         for push in self._pushes:
             push()
-        self._advance(self._client)
+        self._advance(self.client)
         for read in self._reads:
             read()
 

@@ -52,19 +52,19 @@ class BulletWorld(Carrier):
         for member in members:
             _require_whole(member)
         self._bullet = bullet = pybullet()
-        self._client = client = new_client()
+        self.client = client = new_client()
         self._disconnect = weakref.finalize(self, bullet.disconnect, client)
         bullet.setPhysicsEngineParameter(**ENGINE, physicsClientId=client)
         self._members = members
         buffer = np.zeros(len(members) * guest.SIZE)
         parts = buffer.reshape(-1, guest.SIZE)
-        self._carried = [
+        self.carried = [
             Carried(m.state, part, client, self._collision(m.shape, fixed=False))
             for m, part in zip(members, parts, strict=True)
         ]
-        super().__init__(buffer, self._carried, client)
+        super().__init__(buffer, self.carried, client)
         fixed = [body for obstacle in obstacles for body in self._place(obstacle)]
-        for body in [*(carried.body for carried in self._carried), *fixed]:
+        for body in [*(carried.body for carried in self.carried), *fixed]:
             bullet.changeDynamics(
                 body,
                 -1,
@@ -77,17 +77,17 @@ class BulletWorld(Carrier):
                 physicsClientId=client,
             )
         if not meeting.collide:
-            for i, one in enumerate(self._carried):
-                for other in self._carried[:i]:
+            for i, one in enumerate(self.carried):
+                for other in self.carried[:i]:
                     bullet.setCollisionFilterPair(one.body, other.body, -1, -1, 0, physicsClientId=client)
 
     def contact_wrench(self, number: int) -> FloatArray:
         """Force and moment on a member from all that it met in the last step, about its centre, (6,) [N, N m]."""
         total = np.zeros(6)
-        body = self._carried[number].body
+        body = self.carried[number].body
         centre = self._members[number].state[at.POSITION : at.POSITION + 3]
         # all of them: asked for one body, PyBullet may exchange a pair and leave the sign of friction as it was
-        for point in self._bullet.getContactPoints(physicsClientId=self._client):
+        for point in self._bullet.getContactPoints(physicsClientId=self.client):
             if body not in point[1:3]:
                 continue
             sign, place = (1.0, point[5]) if point[1] == body else (-1.0, point[6])
@@ -119,9 +119,9 @@ class BulletWorld(Carrier):
             if is_box:
                 face, place = self._made("GEOM_BOX", halfExtents=[0.5 * SLAB] * 3), place - 0.5 * SLAB * n
             body = self._fixed(face, place, np.stack([first, second, n], axis=1))
-            for carried, own, box in zip(self._carried, normals, boxes, strict=True):
+            for carried, own, box in zip(self.carried, normals, boxes, strict=True):
                 if box != is_box or own @ normal < 0.0:
-                    self._bullet.setCollisionFilterPair(carried.body, body, -1, -1, 0, physicsClientId=self._client)
+                    self._bullet.setCollisionFilterPair(carried.body, body, -1, -1, 0, physicsClientId=self.client)
             yield body
 
     def _fixed(self, collision: int, position: FloatArray, rotation: FloatArray) -> int:
@@ -131,13 +131,13 @@ class BulletWorld(Carrier):
             basePosition=position.tolist(),
             baseOrientation=_quaternion(rotation),
             useMaximalCoordinates=1,
-            physicsClientId=self._client,
+            physicsClientId=self.client,
         )
         return body
 
     def _made(self, geometry: str, **sizes: Any) -> int:
         number: int = self._bullet.createCollisionShape(
-            getattr(self._bullet, geometry), **sizes, physicsClientId=self._client
+            getattr(self._bullet, geometry), **sizes, physicsClientId=self.client
         )
         return number
 
