@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.loop.header import Header
-from graspfx.loop.parts import Mover
+from graspfx.loop.parts import Mover, guest_of
 from graspfx.loop.record import Recorder
-from graspfx.loop.tick import guest_of
 from graspfx.objects import guest
 from graspfx.objects import kernels as at
 from graspfx.objects.body import fill_body

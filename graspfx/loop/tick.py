@@ -15,7 +15,7 @@ from graspfx.coupling.sample import let_go, sample
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, fused
 from graspfx.loop.observer import BY_MODE, MET, OF_OBJECT, Observer
-from graspfx.loop.parts import Moved, Mover, Parts, Station
+from graspfx.loop.parts import Moved, Mover, Parts, Station, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.script import Script, copied, under
 from graspfx.loop.watch import watch
@@ -86,13 +86,6 @@ class Tick:
     guests: list[int] = field(default_factory=list)  # movers that other software moves between two calls
     bodies: list[int] = field(default_factory=list)  # movers that are no kernels
     plants: list[int] = field(default_factory=list)  # plants that are no kernels
-
-
-def guest_of(body: object) -> Guest | None:
-    """The body, if its kernels and `exchange` do all that its `step` does."""
-    if isinstance(body, Guest) and plants.unaltered(body, ("step",), ("exchange", "handing", "taking")):
-        return body
-    return None
 
 
 def write(parts: Parts, *, record: bool = True) -> Tick:
