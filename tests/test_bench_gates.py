@@ -70,3 +70,20 @@ def test_direct_kernel_is_exact(case_name: str) -> None:
     with case_of("eq4", case_name) as case:
         _, row = method_of(case, "GraspFX direct kernel, compiled")
     assert row.error is not None and row.error <= 4e-15
+
+
+@pytest.mark.parametrize(
+    ("case_name", "most"), [("line, 2 fingers, kep < kip", 2.0), ("plane, 3 fingers, kep < kip", 2.5)]
+)
+def test_a_tick_on_pybullet_is_little_more_than_pybullet(case_name: str, most: float) -> None:
+    """At most twice the bare calls: 1.1 and 1.6 were measured. A neighbour on the machine is given a second chance."""
+    pytest.importorskip("llvmlite")
+    pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    with case_of("ticks", case_name) as case:
+        methods = {method.name: method for method in case.methods}
+        pair = [methods[name] for name in ("GraspFX on PyBullet", "PyBullet, bare calls")]
+        for _ in range(5):
+            own, bare = interleaved(pair, BRIEF)
+            if min(own) <= most * min(bare):
+                return
+    pytest.fail(f"{min(own):.2f} us against {min(bare):.2f} us of bare calls")

@@ -24,7 +24,10 @@ def test_every_program_follows_the_motion(case: ticks.Case) -> None:
     """Hands pull by 6 mm and fingers, gains and body answer; a second later everyone is within 0.2 mm of it."""
     assert case.bound is not None
     found = {}
+    programs = [engine.name for engine in (*ticks.ENGINES, *ticks.ON_BULLET) if engine.engine == "compiled"]
     for method in case.methods:
+        if method.name in programs and "kep = kip" in case.name:
+            continue  # to compile takes seconds
         try:
             found[method.name] = float(method.error() if callable(method.error) else method.error)
         except MissingPackageError:
@@ -33,6 +36,11 @@ def test_every_program_follows_the_motion(case: ticks.Case) -> None:
     assert ("MuJoCo with springs" in [method.name for method in case.methods]) == ("kep = kip" in case.name)
     assert 0.0 < max(found.values()) < 2e-4
     on_bullet, bare = found.get("GraspFX on PyBullet"), found.get("PyBullet, bare calls")
+    compiled, interpreted = found.get("GraspFX, compiled"), found["GraspFX, interpreted"]
+    assert compiled in (None, interpreted)  # the same bits
+    if on_bullet is not None:
+        assert on_bullet == found["GraspFX on PyBullet, interpreted"]
+    on_bullet = found.get("GraspFX on PyBullet, interpreted")
     if on_bullet is not None:
         assert bare == pytest.approx(on_bullet, abs=1e-12)  # the same calls with the same numbers
     one, all_at_once = found.get("MuJoCo with springs"), found.get("MuJoCo with springs, one call")

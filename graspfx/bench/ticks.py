@@ -75,32 +75,42 @@ class Engine:
 
     Attributes:
         name: of the method.
-        package: that it needs, if any.
-        start: builds a scene's run; what it gives does so many ticks a call.
-        record: a whole run of a scene, that long.
+        engine: as a scene names it.
+        packages: that it needs.
     """
 
     name: str
-    package: str
-    start: Callable[[Scene], Callable[[int], object]]
-    record: Callable[[Scene, float], Recording]
+    engine: str
+    packages: Sequence[str] = ()
+
+    def start(self, scene: Scene) -> Callable[[int], object]:
+        """A run of the scene, its rows recorded and let go of; what it gives does so many ticks a call."""
+        with ExitStack() as stack:
+            servo = stack.enter_context(build(self.of(scene)))
+            recorder = stack.enter_context(Recorder(servo.layout, Header(scene.period), keep=False))
+            kept = stack.pop_all()
+
+        def ticks(count: int, _: object = kept) -> None:
+            servo.run(count, recorder)
+
+        return ticks
+
+    def record(self, scene: Scene, seconds: float) -> Recording:
+        """A whole run of the scene."""
+        return run(self.of(scene), seconds)
+
+    def of(self, scene: Scene) -> Scene:
+        return scene.model_copy(update={"engine": self.engine})
 
 
-def interpreted(scene: Scene) -> Callable[[int], object]:
-    """The servo tick by tick, its rows recorded and let go of."""
-    with ExitStack() as stack:
-        servo = stack.enter_context(build(scene))
-        recorder = stack.enter_context(Recorder(servo.layout, Header(scene.period), keep=False))
-        kept = stack.pop_all()
-
-    def ticks(count: int, _: object = kept) -> None:
-        servo.run(count, recorder)
-
-    return ticks
-
-
-ENGINES: Sequence[Engine] = (Engine("GraspFX, interpreted", "", interpreted, run),)
-ON_BULLET = Engine("GraspFX on PyBullet", "pybullet", interpreted, run)
+ENGINES: Sequence[Engine] = (
+    Engine("GraspFX, compiled", "compiled", ("llvmlite",)),
+    Engine("GraspFX, interpreted", "interpreted"),
+)
+ON_BULLET: Sequence[Engine] = (
+    Engine("GraspFX on PyBullet", "compiled", ("pybullet", "llvmlite")),
+    Engine("GraspFX on PyBullet, interpreted", "interpreted", ("pybullet",)),
+)
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -119,7 +129,7 @@ def whole_ticks(d: int, internal: float) -> Case:
     if is_installed("pybullet"):
         made += with_bullet(make_scene(d, internal, "bullet"), truth, given)
     else:
-        made.append(missing(ON_BULLET.name, ON_BULLET.package))
+        made += [missing(engine.name, "pybullet") for engine in ON_BULLET]
     if internal == EXTERNAL:
         made += with_mujoco(given, truth)
     made.append(_peer("numpy, from the paper", PaperProgram(given), truth, given, TICKS))
@@ -209,8 +219,9 @@ def anchors_after(g: Springs) -> FloatArray:
 
 def ours(engine: Engine, scene: Scene, truth: FloatArray, g: Springs) -> Method:
     """An engine on a scene."""
-    if engine.package and not is_installed(engine.package):
-        return missing(engine.name, engine.package)
+    for package in engine.packages:
+        if not is_installed(package):
+            return missing(engine.name, package)
     ticks = engine.start(scene)
 
     def call() -> None:
@@ -244,7 +255,7 @@ def anchor_error(pose: tuple[FloatArray, FloatArray], truth: FloatArray, g: Spri
 
 def with_bullet(scene: Scene, truth: FloatArray, g: Springs) -> Iterator[Method]:
     """Our run on PyBullet, and the calls that it makes alone."""
-    yield ours(ON_BULLET, scene, truth, g)
+    yield from (ours(engine, scene, truth, g) for engine in ON_BULLET)
     [moved] = run(scene).objects.values()
     bare = BareBullet(g, moved.wrench, moved.velocity, moved.angular_velocity)
 

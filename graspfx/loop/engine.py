@@ -15,6 +15,7 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.tick import Tick
 
 FloatArray = NDArray[np.float64]
+Run = Callable[[int, int, int], object]
 
 
 class Engine(Protocol):
@@ -28,6 +29,11 @@ class Engine(Protocol):
 
     def run(self, k: int, count: int, row: int) -> None:
         """Ticks k, ..., k + count - 1, recorded from a row on."""
+
+    @property
+    def each(self) -> Run:
+        """`run` for one tick after the other, until `write_to` is called again."""
+        ...
 
     def begin(self, k: int) -> None:
         """Tick k up to what the devices display."""
@@ -55,7 +61,7 @@ class Interpreted:
     def __init__(self, tick: Tick) -> None:
         arrays = {name: memoryview(array) for name, array in tick.script.arrays.items()}
         self._names: dict[str, Any] = {**tick.script.kernels, **arrays}
-        self._run = self._function("run", whole_text(tick))
+        self._run: Run = self._function("run", whole_text(tick))
         self._begin = self._function("begin", part_text("begin", "k", tick.begin))
         self._end = self._function("end", part_text("end", "k, r", tick.end))
 
@@ -66,6 +72,10 @@ class Interpreted:
 
     def run(self, k: int, count: int, row: int) -> None:
         self._run(k, count, row)
+
+    @property
+    def each(self) -> Run:
+        return self._run
 
     def begin(self, k: int) -> None:
         self._begin(k)
@@ -95,6 +105,7 @@ class Compiled:
 
     def __init__(self, tick: Tick, *, make: bool = True) -> None:
         self._tick, self._make = tick, make
+        self._bounds: dict[Any, Any] = {}  # by program
         if tick.ports:
             self._first = self._program("begin", part_text("begin", "k", tick.begin))
             self._last = self._program("end", part_text("end", "k, r", tick.end))
@@ -104,22 +115,32 @@ class Compiled:
     def expect(self, ticks: int) -> None: ...
 
     def write_to(self, rows: FloatArray) -> None:
-        arrays = {**self._tick.script.arrays, "rows": rows.reshape(-1)}
-
-        def bound(program: Any) -> Any:
-            return program.bind(*(arrays[name] for name in program.arrays))
-
         if self._tick.ports:
-            self._begin, self._end = bound(self._first).brief, bound(self._last).brief
+            self._begin, self._end = self._bound(self._first, rows).brief, self._bound(self._last, rows).brief
         else:
-            whole = bound(self._whole)
-            self._long, self._brief = whole.long, whole.brief
+            whole = self._bound(self._whole, rows)
+            self._long: Run = whole.long
+            self._brief: Run = whole.brief
+
+    def _bound(self, program: Any, rows: FloatArray) -> Any:
+        """A program on the script's arrays and these rows."""
+        before = self._bounds.get(program)
+        if before is None:
+            arrays = {**self._tick.script.arrays, "rows": rows.reshape(-1)}
+            self._bounds[program] = program.bind(*(arrays[name] for name in program.arrays))
+        elif "rows" in program.arrays:
+            self._bounds[program] = program.rebind(before, "rows", rows.reshape(-1))
+        return self._bounds[program]
 
     def run(self, k: int, count: int, row: int) -> None:
         if count == 1:
             self._brief(k, 1, row)
         else:
             self._long(k, count, row)
+
+    @property
+    def each(self) -> Run:
+        return self._brief
 
     def begin(self, k: int) -> None:
         self._begin(k)
@@ -133,7 +154,9 @@ class Compiled:
 
         script = self._tick.script
         source = program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen, make=self._make)
-        return compiled(source, make=self._make)
+        tick = self._tick
+        alone = not (tick.ports or tick.guests or tick.bodies or tick.plants)  # tick after tick, nothing between
+        return compiled(source, compact=not alone, make=self._make)
 
 
 FIRST = 16  # ticks by which the cost of the rest is judged
@@ -165,6 +188,10 @@ class Either:
             self._timed(trial, lambda: self._engine.run(k, trial, row))
         if count > trial:
             self._engine.run(k + trial, count - trial, row + trial)
+
+    @property
+    def each(self) -> Run:
+        return self.run if self._done < FIRST else self._engine.each
 
     def begin(self, k: int) -> None:
         self._engine.begin(k)

@@ -13,7 +13,8 @@ from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import Observer
-from graspfx.loop.plant import Hand, Plant
+from graspfx.loop.plant import Hand, Plant, unaltered
+from graspfx.objects.guest import Guest
 
 Index = NDArray[np.intp]
 
@@ -64,3 +65,10 @@ class Parts:
     movers: Sequence[Mover]
     moved: Sequence[Moved]
     observers: Sequence[Observer]
+
+
+def guest_of(body: object) -> Guest | None:
+    """The body, if its kernels and `exchange` do all that its `step` does."""
+    if isinstance(body, Guest) and unaltered(body, ("step",), ("exchange", "handing", "taking")):
+        return body
+    return None

@@ -11,9 +11,10 @@ import numpy as np
 
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import InputError
+from graspfx.objects import guest
 from graspfx.objects import kernels as at
 from graspfx.objects.body import FloatArray
-from graspfx.objects.bullet import Carried, new_client, pybullet
+from graspfx.objects.bullet import Carried, Carrier, new_client, pybullet
 from graspfx.objects.floor import hull_points, plane_of
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.surfaces import proxy
@@ -34,7 +35,7 @@ MARGIN = 1e-5  # by which PyBullet rounds a hull [m]
 ELLIPSOID_POINTS = 2000  # of its hull, which lies inside by up to 1/1000 of its size
 
 
-class BulletWorld:
+class BulletWorld(Carrier):
     """Several bodies in one PyBullet world, with obstacles.
 
     Args:
@@ -51,15 +52,19 @@ class BulletWorld:
         for member in members:
             _require_whole(member)
         self._bullet = bullet = pybullet()
-        self._client = client = new_client()
+        self.client = client = new_client()
         self._disconnect = weakref.finalize(self, bullet.disconnect, client)
         bullet.setPhysicsEngineParameter(**ENGINE, physicsClientId=client)
         self._members = members
-        self._carried = [Carried(m.state, client, self._collision(m.shape, fixed=False)) for m in members]
-        self._moving = [c for c in self._carried if c.state[at.FREE : at.FREE + 6].any()]
-        self._T = 0.0
+        buffer = np.zeros(len(members) * guest.SIZE)
+        parts = buffer.reshape(-1, guest.SIZE)
+        self.carried = [
+            Carried(m.state, part, client, self._collision(m.shape, fixed=False))
+            for m, part in zip(members, parts, strict=True)
+        ]
+        super().__init__(buffer, self.carried, client)
         fixed = [body for obstacle in obstacles for body in self._place(obstacle)]
-        for body in [*(carried.body for carried in self._carried), *fixed]:
+        for body in [*(carried.body for carried in self.carried), *fixed]:
             bullet.changeDynamics(
                 body,
                 -1,
@@ -72,40 +77,17 @@ class BulletWorld:
                 physicsClientId=client,
             )
         if not meeting.collide:
-            for i, one in enumerate(self._carried):
-                for other in self._carried[:i]:
+            for i, one in enumerate(self.carried):
+                for other in self.carried[:i]:
                     bullet.setCollisionFilterPair(one.body, other.body, -1, -1, 0, physicsClientId=client)
-
-    def step(self, T: float) -> None:
-        """Advance every body by T [s] under the wrench in its block and what it meets.
-
-        Raises:
-            InputError: a body turns faster than PyBullet follows, 45 degrees a step.
-        """
-        if T != self._T:
-            self._bullet.setTimeStep(T, physicsClientId=self._client)
-            self._T = T
-        for carried in self._moving:
-            carried.push(T)
-        self._bullet.stepSimulation(physicsClientId=self._client)
-        for carried in self._moving:
-            carried.read(T)
-
-    def free_motion(self, T: float) -> None:
-        """Raises InputError: PyBullet cannot solve for the bodies' new states."""
-        raise InputError("integrator", "implicit", "another one: PyBullet has one integrator", "use native dynamics")
-
-    def close(self) -> None:
-        """Give the PyBullet world back; the blocks keep the last states."""
-        self._disconnect()
 
     def contact_wrench(self, number: int) -> FloatArray:
         """Force and moment on a member from all that it met in the last step, about its centre, (6,) [N, N m]."""
         total = np.zeros(6)
-        body = self._carried[number].body
+        body = self.carried[number].body
         centre = self._members[number].state[at.POSITION : at.POSITION + 3]
         # all of them: asked for one body, PyBullet may exchange a pair and leave the sign of friction as it was
-        for point in self._bullet.getContactPoints(physicsClientId=self._client):
+        for point in self._bullet.getContactPoints(physicsClientId=self.client):
             if body not in point[1:3]:
                 continue
             sign, place = (1.0, point[5]) if point[1] == body else (-1.0, point[6])
@@ -137,9 +119,9 @@ class BulletWorld:
             if is_box:
                 face, place = self._made("GEOM_BOX", halfExtents=[0.5 * SLAB] * 3), place - 0.5 * SLAB * n
             body = self._fixed(face, place, np.stack([first, second, n], axis=1))
-            for carried, own, box in zip(self._carried, normals, boxes, strict=True):
+            for carried, own, box in zip(self.carried, normals, boxes, strict=True):
                 if box != is_box or own @ normal < 0.0:
-                    self._bullet.setCollisionFilterPair(carried.body, body, -1, -1, 0, physicsClientId=self._client)
+                    self._bullet.setCollisionFilterPair(carried.body, body, -1, -1, 0, physicsClientId=self.client)
             yield body
 
     def _fixed(self, collision: int, position: FloatArray, rotation: FloatArray) -> int:
@@ -149,13 +131,13 @@ class BulletWorld:
             basePosition=position.tolist(),
             baseOrientation=_quaternion(rotation),
             useMaximalCoordinates=1,
-            physicsClientId=self._client,
+            physicsClientId=self.client,
         )
         return body
 
     def _made(self, geometry: str, **sizes: Any) -> int:
         number: int = self._bullet.createCollisionShape(
-            getattr(self._bullet, geometry), **sizes, physicsClientId=self._client
+            getattr(self._bullet, geometry), **sizes, physicsClientId=self.client
         )
         return number
 

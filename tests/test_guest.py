@@ -1,0 +1,145 @@
+"""Bodies that other software moves: the same bits by kernels between two calls, tick by tick and by `step`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import graspfx as gx
+from graspfx.loop.header import Header
+from graspfx.loop.parts import Mover, guest_of
+from graspfx.loop.record import Recorder
+from graspfx.objects import guest
+from graspfx.objects import kernels as at
+from graspfx.objects.body import fill_body
+from graspfx.objects.bullet import BulletBody, pybullet
+from graspfx.scene.making.build import build
+
+pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+
+Array = NDArray[np.float64]
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
+    "line": ("reference-1dof", {"object.dynamics": "bullet"}),
+    "plane": ("paper-waving-turning", {"object.dynamics": "bullet"}),
+    "world": ("two-objects", {}),
+}
+
+
+def rows(name: str, ticks: int, engine: str, run: Callable[[Any, Recorder, int], None], **changes: Any) -> Any:
+    scene, overrides = SCENES[name]
+    loaded = gx.load(scene, {**overrides, "engine": engine, **changes})
+    with build(loaded) as servo, Recorder(servo.layout, Header(loaded.period)) as recorder:
+        run(servo, recorder, ticks)
+        end = [held.grasped.body_state.copy() for held in servo.objects]
+        return recorder.finish(), end
+
+
+def at_once(servo: Any, recorder: Recorder, ticks: int) -> None:
+    servo.run(ticks, recorder)
+
+
+def one_by_one(servo: Any, recorder: Recorder, ticks: int) -> None:
+    for _ in range(ticks):
+        servo.tick(recorder)
+
+
+def watched(servo: Any, recorder: Recorder, ticks: int) -> None:
+    servo.run(ticks, recorder, stop=lambda: False)
+
+
+def by_steps(servo: Any, recorder: Recorder, ticks: int) -> None:
+    """As a body without kernels would be moved."""
+    servo.movers = [Mover(Stepped(mover.body), mover.objects) for mover in servo.movers]
+    servo.run(ticks, recorder)
+
+
+class Stepped:
+    """A body of which only `step` is shown."""
+
+    def __init__(self, body: Any) -> None:
+        self.step = body.step
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_all_ways_to_run_give_the_same_bits(name: str) -> None:
+    expected, end = rows(name, 60, "interpreted", by_steps)
+    for way in (at_once, one_by_one, watched):
+        found, state = rows(name, 60, "interpreted", way)
+        np.testing.assert_array_equal(found.rows, expected.rows)
+        np.testing.assert_array_equal(state, end)
+
+
+@pytest.mark.parametrize("name", ["line", "plane"])
+def test_compiled_and_interpreted_give_the_same_bits(name: str) -> None:
+    pytest.importorskip("llvmlite")
+    expected, end = rows(name, 300, "interpreted", at_once)
+    found, state = rows(name, 300, "compiled", at_once)
+    np.testing.assert_array_equal(found.rows, expected.rows)
+    np.testing.assert_array_equal(state, end)
+
+
+@pytest.mark.parametrize("way", [at_once, one_by_one, watched])
+@pytest.mark.parametrize("ticks", [1, 3])
+def test_a_turn_too_fast_is_a_fault_of_its_tick(way: Callable[[Any, Recorder, int], None], ticks: int) -> None:
+    """45 degrees a sample are 157.1 rad/s at 5 ms; the fault is there when the run is over, whatever comes after."""
+    recording, [state] = rows("plane", ticks, "interpreted", way, **{"object.angular_velocity": 900.0})
+    [fault] = recording.faults
+    assert fault.tick == 0
+    assert "at most 157.1 rad/s" in fault.message
+    assert not recording.finger_force[1:].any()
+    assert state[at.ANGLE] == 0.0  # stays as it was
+
+
+def test_what_pybullet_is_not_asked_for_is_what_it_would_say() -> None:
+    """The position of bodies that cannot turn, to the last bit: masses 1 mg to 1 t, from 1 mm to 1 km away."""
+    rng = np.random.default_rng(7)
+    for case in range(20):
+        d = 1 + case % 3
+        state = np.zeros(at.SIZE)
+        fill_body(
+            state, dimensions=d, mass=10 ** rng.uniform(-6, 3), viscosity=0.8 * (case % 2), inertia=1.0,
+            position=rng.normal(size=d) * 10 ** rng.uniform(-3, 3), velocity=rng.normal(size=d),
+            free=[True] * d + [False] * (0, 1, 3)[d - 1],
+        )  # fmt: skip
+        body = BulletBody(state)
+        for _ in range(200):
+            state[at.FORCE : at.FORCE + d] = rng.normal(size=d) * state[at.MASS]
+            body.step(0.0037)
+            place, _ = pybullet().getBasePositionAndOrientation(body.carried[0].body, body.client)
+            assert tuple(state[at.POSITION : at.POSITION + 3]) == place
+        body.close()
+
+
+def test_structure_stays_the_same() -> None:
+    state = np.zeros(at.SIZE)
+    fill_body(state, dimensions=2, mass=0.1, inertia=1e-4, viscosity=0.8, velocity=[1.0, 2.0])
+    body = BulletBody(state)
+    before = body.buffer.copy()
+    for _ in range(10):
+        body.step(0.005)
+    structure = list(body.structure)
+    assert structure == list(range(guest.STRUCTURE))
+    np.testing.assert_array_equal(body.buffer[structure], before[structure])
+    body.close()
+
+
+def test_a_step_of_ones_own_is_called() -> None:
+    class Slower(BulletBody):
+        def step(self, T: float) -> None:
+            super().step(0.5 * T)
+
+    class Told(BulletBody):
+        def exchange(self) -> None:
+            super().exchange()
+
+    state = np.zeros(at.SIZE)
+    fill_body(state, dimensions=1, mass=0.1)
+    assert guest_of(Slower(state)) is None
+    assert guest_of(object()) is None
+    for kind in (BulletBody, Told):
+        body = kind(state)
+        assert guest_of(body) is body
