@@ -20,6 +20,11 @@ FloatArray = NDArray[np.float64]
 class Engine(Protocol):
     """A tick that can be called."""
 
+    @property
+    def name(self) -> str:
+        """Which it is, as a recording says it."""
+        ...
+
     def expect(self, ticks: int) -> None:
         """So many are to come."""
 
@@ -49,8 +54,29 @@ def part_text(name: str, parameters: str, lines: list[str]) -> str:
     return "\n".join([f"def {name}({parameters}):", "    i = 0", *(f"    {line}" for line in lines)])
 
 
+def texts(tick: Tick) -> dict[str, str]:
+    """The functions that run a tick, by name: one for any number of ticks, or two for one where code comes between."""
+    if not tick.ports:
+        return {"run": whole_text(tick)}
+    return {"begin": part_text("begin", "k", tick.begin), "end": part_text("end", "k, r", tick.end)}
+
+
+def sources(tick: Tick, *, make: bool = True) -> dict[str, str]:
+    """The same as programs, specialised; LookupError if they are not yet and are not to be made."""
+    from graspfx.compile.program import program_source
+
+    script = tick.script
+    arrays = [*script.arrays, "rows"]
+    return {
+        name: program_source(text, script.kernels, arrays, script.frozen, make=make)
+        for name, text in texts(tick).items()
+    }
+
+
 class Interpreted:
     """The script on memoryviews, whose items are Python floats."""
+
+    name = "interpreted"
 
     def __init__(self, tick: Tick) -> None:
         arrays = {name: memoryview(array) for name, array in tick.script.arrays.items()}
@@ -86,6 +112,7 @@ class Compiled:
     Args:
         tick: the tick.
         make: whether to compile what is not in the cache yet.
+        quick: whether to compile in less time what then takes longer to run, the same bits.
 
     Raises:
         MissingPackageError: no LLVM.
@@ -93,13 +120,15 @@ class Compiled:
         LookupError: it is not in the cache, and not to be compiled.
     """
 
-    def __init__(self, tick: Tick, *, make: bool = True) -> None:
-        self._tick, self._make = tick, make
-        if tick.ports:
-            self._first = self._program("begin", part_text("begin", "k", tick.begin))
-            self._last = self._program("end", part_text("end", "k, r", tick.end))
-        else:
-            self._whole = self._program("run", whole_text(tick))
+    name = "compiled"
+
+    def __init__(self, tick: Tick, *, make: bool = True, quick: bool = False) -> None:
+        from graspfx.compile.native import compiled
+
+        self._tick = tick
+        self.programs = {
+            name: compiled(source, quick=quick, make=make) for name, source in sources(tick, make=make).items()
+        }
 
     def expect(self, ticks: int) -> None: ...
 
@@ -110,9 +139,9 @@ class Compiled:
             return program.bind(*(arrays[name] for name in program.arrays))
 
         if self._tick.ports:
-            self._begin, self._end = bound(self._first).brief, bound(self._last).brief
+            self._begin, self._end = (bound(self.programs[name]).brief for name in ("begin", "end"))
         else:
-            whole = bound(self._whole)
+            whole = bound(self.programs["run"])
             self._long, self._brief = whole.long, whole.brief
 
     def run(self, k: int, count: int, row: int) -> None:
@@ -126,14 +155,6 @@ class Compiled:
 
     def end(self, k: int, row: int) -> None:
         self._end(k, row)
-
-    def _program(self, name: str, text: str) -> Any:
-        from graspfx.compile.native import compiled
-        from graspfx.compile.program import program_source
-
-        script = self._tick.script
-        source = program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen, make=self._make)
-        return compiled(source, make=self._make)
 
 
 FIRST = 16  # ticks by which the cost of the rest is judged
@@ -151,6 +172,16 @@ class Either:
         self._tick = tick
         self._engine: Engine = Interpreted(tick)
         self._left, self._done, self._spent = 0, 0, 0.0
+
+    @property
+    def cost(self) -> float:
+        """Of a tick as it stands, by the first ones [s]."""
+        return self._spent / self._done
+
+    @property
+    def name(self) -> str:
+        engine = self._engine.name
+        return engine if engine == Interpreted.name else f"{engine} after {FIRST} ticks"
 
     def expect(self, ticks: int) -> None:
         self._left = self._done + ticks
@@ -180,7 +211,7 @@ class Either:
         run()
         self._spent += perf_counter() - began
         self._done += ticks
-        saving = (self._left - self._done) * self._spent / self._done
+        saving = (self._left - self._done) * self.cost
         if self._done == FIRST and saving > LOADING:
             with suppress(MissingPackageError, InputError, LookupError):  # then the script goes on as it stands
                 engine = Compiled(self._tick, make=saving > COMPILING)
