@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from importlib import import_module
 from typing import Any
 
 from graspfx.compile import cache as kept
@@ -157,11 +158,10 @@ def compiled(
         MissingPackageError: no LLVM.
         InputError: the program holds something that cannot be compiled.
     """
-    try:
-        import llvmlite
-        import llvmlite.binding as llvm
-    except ImportError as error:
-        raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
+    require_llvm()
+    import llvmlite
+    import llvmlite.binding as llvm
+
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
     parts = [str(FORMAT), *names, ",".join(sorted(floats)), str(checked), source]
     for effort in (FULL, QUICK) if quick else (FULL,):
@@ -177,6 +177,18 @@ def compiled(
     machine = _emitted(program, effort)
     note = kept.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
+
+
+def require_llvm() -> None:
+    """What everything here compiles with.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        import_module("llvmlite")
+    except ImportError as error:
+        raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
 
 
 def _emitted(program: Written, effort: int = FULL) -> bytes:
