@@ -9,8 +9,8 @@ import json
 import linecache
 import math
 import sys
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
 from typing import Any
@@ -19,11 +19,12 @@ from graspfx.compile import cache as kept
 from graspfx.compile.llvm import ENTRY, Written, written
 from graspfx.compile.llvm_arithmetic import FLOAT
 from graspfx.compile.llvm_expressions import NAMES
+from graspfx.compile.method import DECLARED, METHOD, method, method_text, python_function
 from graspfx.errors import InputError, MissingPackageError
 
-FORMAT = 1  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
+FORMAT = 2  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
-FULL, QUICK = 3, 0  # LLVM's levels of optimisation
+FULL, COMPACT, QUICK = 3, 2, 0  # LLVM's levels of optimisation
 OUTSIDE = -(2**63)
 
 Run = Callable[..., int]
@@ -36,10 +37,12 @@ class Bound:
     Args:
         brief: runs it, given its numbers; for calls of some microseconds, the interpreter's lock held.
         long: the same with the lock released: other threads run meanwhile.
+        pointers: to the buffers, by name; each holds its own.
     """
 
     brief: Run
     long: Run
+    pointers: Mapping[str, ctypes.c_void_p] = field(default_factory=dict)
 
 
 class Native:
@@ -65,10 +68,9 @@ class Native:
         address = self._address(ENTRY)
         pointers = [ctypes.c_void_p] * len(self.arrays)
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
-        self._brief = ctypes.PYFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(address)
+        self._method = self._address(METHOD)
         self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(address)
-        for function in (self._brief, self._long):
-            function.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
+        self._long.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
 
     def _address(self, name: str) -> int:
         address = int(self._engine.get_function_address(name))
@@ -84,14 +86,19 @@ class Native:
         """
         if len(buffers) != len(self.arrays):
             raise InputError("buffers", len(buffers), f"{len(self.arrays)}: {', '.join(self.arrays)}")
-        taken = [_taken(name, buffer) for name, buffer in zip(self.arrays, buffers, strict=True)]
-        pointers = [_pointer(t) for t in taken]
-        brief: Run = partial(self._brief, *pointers)
-        long: Run = partial(self._long, *pointers)
+        return self._bound({name: _pointer(name, buffer) for name, buffer in zip(self.arrays, buffers, strict=True)})
+
+    def rebind(self, bound: Bound, name: str, buffer: Any) -> Bound:
+        """The program on the same buffers but for one, in a tenth of the time of `bind`."""
+        return self._bound({**bound.pointers, name: _pointer(name, buffer)})
+
+    def _bound(self, pointers: dict[str, ctypes.c_void_p]) -> Bound:
+        brief: Run = method(self._method, list(pointers.values()), self._engine)
+        long: Run = partial(self._long, *pointers.values())
         if self.checked:
-            lengths = dict(zip(self.arrays, map(len, taken), strict=True))
+            lengths = {name: len(pointer.memory) for name, pointer in pointers.items()}  # type: ignore[attr-defined]
             brief, long = self._watched(brief, lengths), self._watched(long, lengths)
-        return Bound(brief, long)
+        return Bound(brief, long, pointers)
 
     def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
         """A program that is checked: an index outside of its buffer is an error."""
@@ -141,7 +148,13 @@ def interpreted(source: str) -> Interpreted:
 
 
 def compiled(
-    source: str, floats: Collection[str] = (), *, checked: bool = False, quick: bool = False, make: bool = True
+    source: str,
+    floats: Collection[str] = (),
+    *,
+    checked: bool = False,
+    quick: bool = False,
+    compact: bool = False,
+    make: bool = True,
 ) -> Native:
     """A program as machine code, taken from the cache if it was compiled before.
 
@@ -152,6 +165,8 @@ def compiled(
         checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
         quick: compile in a tenth of the time what then takes some times as long to run, the same bits; not if better
             code is in the cache.
+        compact: half as much code, the same bits: for a program that runs once between other work, after which its
+            instructions have to come from far, and no slower by itself unless it has loops over lanes.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -164,7 +179,8 @@ def compiled(
 
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
     parts = [str(FORMAT), *names, ",".join(sorted(floats)), str(checked), source]
-    for effort in (FULL, QUICK) if quick else (FULL,):
+    best = COMPACT if compact else FULL
+    for effort in (best, QUICK) if quick else (best,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
         found = kept.stored(key)
         if found is not None:
@@ -196,10 +212,12 @@ def _emitted(program: Written, effort: int = FULL) -> bytes:
     import llvmlite.binding as llvm
 
     machine = _machine(effort)
-    module = llvm.parse_assembly(program.text)
+    wrapper = method_text(ENTRY, len(program.arrays), program.numbers)
+    module = llvm.parse_assembly(f"{program.text}{wrapper}\n")
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=effort)
-    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = True
+    wide = effort != COMPACT
+    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = wide
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))
@@ -234,6 +252,9 @@ def _define(libm: Sequence[str]) -> None:
             if function is None:
                 raise MissingPackageError(library, "a compiled loop", "the platform's C library has no such function")
             llvm.add_symbol(name, function)
+    for name in DECLARED:
+        if llvm.address_of_symbol(name) is None:
+            llvm.add_symbol(name, python_function(name))
 
 
 def _function(name: str) -> int | None:
@@ -261,8 +282,9 @@ def _taken(name: str, buffer: Any) -> Any:
     return (ctypes.c_double * (view.nbytes // 8)).from_buffer(view)
 
 
-def _pointer(memory: Any) -> ctypes.c_void_p:
+def _pointer(name: str, buffer: Any) -> ctypes.c_void_p:
     """The address of a buffer, which lives as long as this does."""
+    memory = _taken(name, buffer)
     pointer = ctypes.c_void_p(ctypes.addressof(memory))
     pointer.memory = memory  # type: ignore[attr-defined]
     return pointer

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.tick import Tick
+from graspfx.loop.tick import FAULTED, TICK, Tick
 
 FloatArray = NDArray[np.float64]
+Run = Callable[[int, int, int], int]
 
 
 class Engine(Protocol):
@@ -31,8 +32,17 @@ class Engine(Protocol):
     def write_to(self, rows: FloatArray) -> None:
         """The block of rows (r, width) that the coming ticks are recorded in."""
 
-    def run(self, k: int, count: int, row: int) -> None:
-        """Ticks k, ..., k + count - 1, recorded from a row on."""
+    def run(self, k: int, count: int, row: int) -> int:
+        """Ticks k, ..., k + count - 1, recorded from a row on; how many were done.
+
+        The one with the first fault is the last, so that it can be asked how things stand.
+        """
+        ...
+
+    @property
+    def each(self) -> Run:
+        """`run` for one tick after the other, until `write_to` is called again."""
+        ...
 
     def begin(self, k: int) -> None:
         """Tick k up to what the devices display."""
@@ -41,12 +51,18 @@ class Engine(Protocol):
         """The rest of it."""
 
 
-def whole_text(tick: Tick) -> str:
-    """The definition of run(k, count, r)."""
-    lines = [f"        {line}" for line in (*tick.begin, *tick.end)]
-    return "\n".join(
-        ["def run(k, count, r):", "    for i in range(count):", *lines, "        k += 1", "        r += 1"]
-    )
+def whole_text(tick: Tick, *, pausing: bool = False) -> str:
+    """The definition of run(k, count, r).
+
+    Args:
+        tick: the tick.
+        pausing: whether it gives the ticks done, and the one in which the first fault happened is the last of them.
+    """
+    own = next(name for name, array in tick.script.arrays.items() if array is tick.own)
+    lines = [*tick.begin, *tick.end]
+    lines += [f"if {own}[{FAULTED}] != 0.0 and {own}[{TICK}] == k:", "    return i + 1"] if pausing else []
+    body = [f"        {line}" for line in [*lines, "k += 1", "r += 1"]]
+    return "\n".join(["def run(k, count, r):", "    for i in range(count):", *body, "    return count"])
 
 
 def part_text(name: str, parameters: str, lines: list[str]) -> str:
@@ -57,7 +73,7 @@ def part_text(name: str, parameters: str, lines: list[str]) -> str:
 def texts(tick: Tick) -> dict[str, str]:
     """The functions that run a tick, by name: one for any number of ticks, or two for one where code comes between."""
     if not tick.ports:
-        return {"run": whole_text(tick)}
+        return {"run": whole_text(tick, pausing=True)}
     return {"begin": part_text("begin", "k", tick.begin), "end": part_text("end", "k, r", tick.end)}
 
 
@@ -81,7 +97,7 @@ class Interpreted:
     def __init__(self, tick: Tick) -> None:
         arrays = {name: memoryview(array) for name, array in tick.script.arrays.items()}
         self._names: dict[str, Any] = {**tick.script.kernels, **arrays}
-        self._run = self._function("run", whole_text(tick))
+        self._run: Run = self._function("run", whole_text(tick, pausing=True))
         self._begin = self._function("begin", part_text("begin", "k", tick.begin))
         self._end = self._function("end", part_text("end", "k, r", tick.end))
 
@@ -90,8 +106,12 @@ class Interpreted:
     def write_to(self, rows: FloatArray) -> None:
         self._names["rows"] = memoryview(rows.reshape(-1))
 
-    def run(self, k: int, count: int, row: int) -> None:
-        self._run(k, count, row)
+    def run(self, k: int, count: int, row: int) -> int:
+        return self._run(k, count, row)
+
+    @property
+    def each(self) -> Run:
+        return self._run
 
     def begin(self, k: int) -> None:
         self._begin(k)
@@ -126,29 +146,39 @@ class Compiled:
         from graspfx.compile.native import compiled
 
         self._tick = tick
+        self._bounds: dict[Any, Any] = {}  # by program
+        alone = not (tick.ports or tick.guests or tick.bodies or tick.plants)  # tick after tick, nothing between
         self.programs = {
-            name: compiled(source, quick=quick, make=make) for name, source in sources(tick, make=make).items()
+            name: compiled(source, quick=quick, compact=not alone, make=make)
+            for name, source in sources(tick, make=make).items()
         }
 
     def expect(self, ticks: int) -> None: ...
 
     def write_to(self, rows: FloatArray) -> None:
-        arrays = {**self._tick.script.arrays, "rows": rows.reshape(-1)}
-
-        def bound(program: Any) -> Any:
-            return program.bind(*(arrays[name] for name in program.arrays))
-
         if self._tick.ports:
-            self._begin, self._end = (bound(self.programs[name]).brief for name in ("begin", "end"))
+            self._begin, self._end = (self._bound(self.programs[name], rows).brief for name in ("begin", "end"))
         else:
-            whole = bound(self.programs["run"])
-            self._long, self._brief = whole.long, whole.brief
+            whole = self._bound(self.programs["run"], rows)
+            self._long: Run = whole.long
+            self._brief: Run = whole.brief
 
-    def run(self, k: int, count: int, row: int) -> None:
-        if count == 1:
-            self._brief(k, 1, row)
-        else:
-            self._long(k, count, row)
+    def _bound(self, program: Any, rows: FloatArray) -> Any:
+        """A program on the script's arrays and these rows."""
+        before = self._bounds.get(program)
+        if before is None:
+            arrays = {**self._tick.script.arrays, "rows": rows.reshape(-1)}
+            self._bounds[program] = program.bind(*(arrays[name] for name in program.arrays))
+        elif "rows" in program.arrays:
+            self._bounds[program] = program.rebind(before, "rows", rows.reshape(-1))
+        return self._bounds[program]
+
+    def run(self, k: int, count: int, row: int) -> int:
+        return self._brief(k, 1, row) if count == 1 else self._long(k, count, row)
+
+    @property
+    def each(self) -> Run:
+        return self._brief
 
     def begin(self, k: int) -> None:
         self._begin(k)
@@ -190,26 +220,30 @@ class Either:
         self._rows = rows
         self._engine.write_to(rows)
 
-    def run(self, k: int, count: int, row: int) -> None:
-        trial = max(0, min(count, FIRST - self._done))
-        if trial:
-            self._timed(trial, lambda: self._engine.run(k, trial, row))
-        if count > trial:
-            self._engine.run(k + trial, count - trial, row + trial)
+    def run(self, k: int, count: int, row: int) -> int:
+        trial = min(count, FIRST - self._done)
+        if trial > 0:
+            began = perf_counter()
+            done = self._engine.run(k, trial, row)
+            self._judge(done, perf_counter() - began)
+            return done
+        return self._engine.run(k, count, row)
+
+    @property
+    def each(self) -> Run:
+        return self.run if self._done < FIRST else self._engine.each
 
     def begin(self, k: int) -> None:
         self._engine.begin(k)
 
     def end(self, k: int, row: int) -> None:
-        if self._done < FIRST:
-            self._timed(1, lambda: self._engine.end(k, row))
-        else:
-            self._engine.end(k, row)
-
-    def _timed(self, ticks: int, run: Callable[[], None]) -> None:
         began = perf_counter()
-        run()
-        self._spent += perf_counter() - began
+        self._engine.end(k, row)
+        if self._done < FIRST:
+            self._judge(1, perf_counter() - began)
+
+    def _judge(self, ticks: int, seconds: float) -> None:
+        self._spent += seconds
         self._done += ticks
         saving = (self._left - self._done) * self.cost
         if self._done == FIRST and saving > LOADING:

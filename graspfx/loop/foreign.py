@@ -1,4 +1,4 @@
-"""Which parts of a servo are no kernels."""
+"""Which parts of a servo are no kernels, or wait for other software between two calls."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ from graspfx.loop.servo import Servo
 def foreign(servo: Servo) -> list[str]:
     """Devices, plants and bodies that run by their own methods, between the calls of each tick."""
     return list(_foreign(servo))
+
+
+def guests(servo: Servo) -> list[str]:
+    """Bodies that other software moves after the call of each tick."""
+    return [_body(servo, i) for i in servo.script.guests]
 
 
 def looked_ahead(servo: Servo) -> list[str]:
@@ -31,8 +36,12 @@ def _foreign(servo: Servo) -> Iterator[str]:
         if plants.fused(m.plant) is None:
             yield _shown("plant", m.plant, _fingers(servo, m.fingers))
     for i in tick.bodies:
-        mover = servo.movers[i]
-        yield _shown("body", mover.body, (servo.objects[o].name for o in mover.objects))
+        yield _body(servo, i)
+
+
+def _body(servo: Servo, i: int) -> str:
+    mover = servo.movers[i]
+    return _shown("body", mover.body, (servo.objects[o].name for o in mover.objects))
 
 
 def _fingers(servo: Servo, numbers: Iterable[int]) -> Iterator[str]:

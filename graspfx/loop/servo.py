@@ -31,7 +31,8 @@ class Servo:
     settle latches a fault: from that tick on every force is zero, and what had been computed in it is not displayed.
 
     Where all parts are kernels any number of ticks is one call; a device, body or plant that is none takes one call a
-    tick (two for a device) and its own methods between. The recording is the same, bit by bit.
+    tick (two for a device) and its own methods between. The recording is the same, bit by bit. What a guest is told
+    after a tick the next one takes, and after the last one `run` itself.
 
     Args:
         engine: "auto", "compiled" or "interpreted".
@@ -89,28 +90,10 @@ class Servo:
         """
         if (recorder is not None) is not self._record:
             raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
-        engine = self._ready()
-        engine.expect(ticks)
-        single = stop is not None or bool(self._tick.ports or self._tick.bodies or self._tick.plants)
-        last = self.ticks + ticks
-        while self.ticks < last:
-            rows, row, left = (np.empty((0, self.layout.width)), 0, at.CHUNK) if recorder is None else recorder.space()
-            engine.write_to(rows)
-            count = min(left, last - self.ticks, at.CHUNK)
-            if single:
-                for r in range(row, row + count):
-                    if stop is not None and stop():
-                        return
-                    self._one(engine, recorder, r)
-            else:
-                self._look_ahead(count)
-                engine.run(self.ticks, count, row)
-                self._done(count, recorder)
-            if recorder is not None:
-                self.row = rows[recorder.used - 1]
-                recorder.drain()
-        for held in self.objects:
-            held.grasped.check_activity()
+        self._ready().expect(ticks)
+        self._run(ticks, recorder, stop)
+        self._settle()
+        self._notice(recorder)
 
     def tick(self, recorder: Recorder | None) -> None:
         """One sample."""
@@ -125,6 +108,56 @@ class Servo:
             self._own: Any = memoryview(self._tick.own)
             self._engine = ENGINES[self._kind](self._tick)
         return self._engine
+
+    def _run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None) -> None:
+        engine, tick = self._ready(), self._tick
+        apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
+        last = self.ticks + ticks
+        while self.ticks < last:
+            rows, row, left = (np.empty((0, self.layout.width)), 0, at.CHUNK) if recorder is None else recorder.space()
+            engine.write_to(rows)
+            count = min(left, last - self.ticks, at.CHUNK)
+            if apart or stop is not None:
+                for r in range(row, row + count):
+                    if stop is not None and stop():
+                        return
+                    self._one(engine, recorder, r)
+            elif tick.guests:
+                self._with_guests(engine, recorder, row, count)
+            else:
+                self._look_ahead(count)
+                self._done(engine.run(self.ticks, count, row), recorder)
+            if recorder is not None:
+                self.row = rows[recorder.used - 1]
+                recorder.drain()
+
+    def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
+        """Ticks of which all but the exchange with guests is one call."""
+        run, own, k = engine.each, self._own, self.ticks
+        exchanges = self._exchanges()
+        try:
+            for r in range(row, row + count):
+                run(k, 1, r)
+                if own[at.FAULTED]:
+                    self._notice(recorder)  # now, as it says how things stand
+                    exchanges = self._exchanges()
+                for exchange in exchanges:
+                    exchange()
+                k += 1
+        finally:  # what was run is kept also if the run breaks off here
+            self._done(k - self.ticks, recorder)
+
+    def _exchanges(self) -> list[Callable[[], None]]:
+        """Of the guests that are not stuck."""
+        return [self.movers[i].body.exchange for i in self._tick.guests if not self._own[at.STUCK + i]]
+
+    def _settle(self) -> None:
+        """Takes what guests were told after the last tick."""
+        for i in self._tick.guests:
+            code = 0 if self._own[at.STUCK + i] else self.movers[i].body.take()
+            if code:
+                at.latch(self._own, self.ticks - 1, at.MOVER, i, code)
+                self._own[at.STUCK + i] = 1.0
 
     def _one(self, engine: Engine, recorder: Recorder | None, row: int) -> None:
         """One tick with whatever is no kernel."""
@@ -142,6 +175,8 @@ class Servo:
             engine.end(k, row)
         else:
             engine.run(k, 1, row)
+        for exchange in self._exchanges():
+            exchange()
         for i in tick.bodies:
             self._step(k, i)
         for j in tick.plants:

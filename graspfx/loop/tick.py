@@ -20,6 +20,7 @@ from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.script import Script, copied, under
 from graspfx.loop.watch import watch
 from graspfx.objects.body import NativeBody
+from graspfx.objects.guest import Guest
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -82,8 +83,16 @@ class Tick:
     end: list[str] = field(default_factory=list)  # let go after a fault, record, move
     ports: list[Port] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
+    guests: list[int] = field(default_factory=list)  # movers that other software moves between two calls
     bodies: list[int] = field(default_factory=list)  # movers that are no kernels
     plants: list[int] = field(default_factory=list)  # plants that are no kernels
+
+
+def guest_of(body: object) -> Guest | None:
+    """The body, if its kernels and `exchange` do all that its `step` does."""
+    if isinstance(body, Guest) and plants.unaltered(body, ("step",), ("exchange", "handing", "taking")):
+        return body
+    return None
 
 
 def write(parts: Parts, *, record: bool = True) -> Tick:
@@ -111,6 +120,9 @@ class _Writer:
         for m in parts.moved:
             if isinstance(m.plant, FusedPlant):
                 m.plant.hold(m.hand, parts.period)
+        for mover in parts.movers:
+            if (guest := guest_of(mover.body)) is not None:
+                guest.hold(parts.period)
         self.native = [self._is_native(m) for m in parts.moved]
         self.plants = [
             script.memory("plant", m.plant.state, m.plant.structure)
@@ -122,7 +134,7 @@ class _Writer:
 
     def written(self, record: bool) -> Tick:
         tick = self.tick
-        tick.begin += [*self._read(), *self._couple(), *self._work(), *self._display()]
+        tick.begin += [*self._take(), *self._read(), *self._couple(), *self._work(), *self._display()]
         tick.end += [*self._let_go(), *(self._record() if record else ()), *self._move(), *self._advance()]
         return tick
 
@@ -145,6 +157,25 @@ class _Writer:
 
     def _faulted(self) -> str:
         return f"{self.own}[{FAULTED}] != 0.0"
+
+    # Take: what a guest was told after the last tick ---------------------------------------------------------------
+
+    def _take(self) -> Iterator[str]:
+        for i, mover in enumerate(self.parts.movers):
+            guest = guest_of(mover.body)
+            if guest is not None:
+                stuck = f"{self.own}[{STUCK + i}]"
+                failed = [f"{self.script.kernel(latch)}({self.own}, k - 1, {MOVER}, {i}, code)", f"{stuck} = 1.0"]
+                for part in self._guest_parts(mover, guest):
+                    lines = [f"code = {self.script.kernel(guest.taking)}({part})", *under("code != 0", failed)]
+                    yield from under(f"{stuck} == 0.0", lines)
+
+    def _guest_parts(self, mover: Mover, guest: Guest) -> Iterator[str]:
+        """The arguments of its kernels for each body that moves."""
+        name = self.script.memory("guest", guest.buffer, guest.structure)
+        for number, place in zip(mover.objects, guest.places, strict=True):
+            if place >= 0:
+                yield f"{self.blocks[number]}, {at.BODY}, {name}, {place}, {self.own}[{PERIOD}]"
 
     # Read ---------------------------------------------------------------------------------------------------------
 
@@ -317,6 +348,13 @@ class _Writer:
 
     def _move(self) -> Iterator[str]:
         for i, mover in enumerate(self.parts.movers):
+            guest = guest_of(mover.body)
+            if guest is not None:
+                self.tick.guests.append(i)
+                kernel = self.script.kernel(guest.handing)
+                lines = [f"{kernel}({part})" for part in self._guest_parts(mover, guest)]
+                yield from under(f"{self.own}[{STUCK + i}] == 0.0", lines)
+                continue
             if not isinstance(mover.body, NativeBody):
                 self.tick.bodies.append(i)
                 continue

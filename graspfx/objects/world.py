@@ -11,9 +11,10 @@ import numpy as np
 
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import InputError
+from graspfx.objects import guest
 from graspfx.objects import kernels as at
 from graspfx.objects.body import FloatArray
-from graspfx.objects.bullet import Carried, new_client, pybullet
+from graspfx.objects.bullet import Carried, Carrier, new_client, pybullet
 from graspfx.objects.floor import hull_points, plane_of
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.surfaces import proxy
@@ -34,7 +35,7 @@ MARGIN = 1e-5  # by which PyBullet rounds a hull [m]
 ELLIPSOID_POINTS = 2000  # of its hull, which lies inside by up to 1/1000 of its size
 
 
-class BulletWorld:
+class BulletWorld(Carrier):
     """Several bodies in one PyBullet world, with obstacles.
 
     Args:
@@ -55,9 +56,13 @@ class BulletWorld:
         self._disconnect = weakref.finalize(self, bullet.disconnect, client)
         bullet.setPhysicsEngineParameter(**ENGINE, physicsClientId=client)
         self._members = members
-        self._carried = [Carried(m.state, client, self._collision(m.shape, fixed=False)) for m in members]
-        self._moving = [c for c in self._carried if c.state[at.FREE : at.FREE + 6].any()]
-        self._T = 0.0
+        buffer = np.zeros(len(members) * guest.SIZE)
+        parts = buffer.reshape(-1, guest.SIZE)
+        self._carried = [
+            Carried(m.state, part, client, self._collision(m.shape, fixed=False))
+            for m, part in zip(members, parts, strict=True)
+        ]
+        super().__init__(buffer, self._carried, client)
         fixed = [body for obstacle in obstacles for body in self._place(obstacle)]
         for body in [*(carried.body for carried in self._carried), *fixed]:
             bullet.changeDynamics(
@@ -75,29 +80,6 @@ class BulletWorld:
             for i, one in enumerate(self._carried):
                 for other in self._carried[:i]:
                     bullet.setCollisionFilterPair(one.body, other.body, -1, -1, 0, physicsClientId=client)
-
-    def step(self, T: float) -> None:
-        """Advance every body by T [s] under the wrench in its block and what it meets.
-
-        Raises:
-            InputError: a body turns faster than PyBullet follows, 45 degrees a step.
-        """
-        if T != self._T:
-            self._bullet.setTimeStep(T, physicsClientId=self._client)
-            self._T = T
-        for carried in self._moving:
-            carried.push(T)
-        self._bullet.stepSimulation(physicsClientId=self._client)
-        for carried in self._moving:
-            carried.read(T)
-
-    def free_motion(self, T: float) -> None:
-        """Raises InputError: PyBullet cannot solve for the bodies' new states."""
-        raise InputError("integrator", "implicit", "another one: PyBullet has one integrator", "use native dynamics")
-
-    def close(self) -> None:
-        """Give the PyBullet world back; the blocks keep the last states."""
-        self._disconnect()
 
     def contact_wrench(self, number: int) -> FloatArray:
         """Force and moment on a member from all that it met in the last step, about its centre, (6,) [N, N m]."""

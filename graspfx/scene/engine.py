@@ -12,7 +12,7 @@ from graspfx.compile.cache import folder
 from graspfx.errors import GraspFXError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.engine import COMPILING, FIRST, LOADING, Compiled, Either, sources
-from graspfx.loop.foreign import foreign, looked_ahead
+from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.header import Header
 from graspfx.loop.record import Recorder
 from graspfx.scene.making.build import build
@@ -32,6 +32,7 @@ class Prospect:
 
     Attributes:
         foreign: parts that are no kernels.
+        guests: bodies that other software moves.
         ahead: hands that are none, which cost no call.
         calls: of the program, for each tick; 0 where one call does many of them.
         kernels: that are left in its program.
@@ -41,6 +42,7 @@ class Prospect:
     """
 
     foreign: tuple[str, ...]
+    guests: tuple[str, ...]
     ahead: tuple[str, ...]
     calls: int
     kernels: frozenset[str]
@@ -61,8 +63,9 @@ def prospect(scene: Scene) -> Prospect:
         llvm = find_spec("llvmlite") is not None
         return Prospect(
             foreign=tuple(foreign(servo)),
+            guests=tuple(guests(servo)),
             ahead=tuple(looked_ahead(servo)),
-            calls=2 if tick.ports else int(bool(tick.bodies or tick.plants)),
+            calls=2 if tick.ports else int(bool(tick.guests or tick.bodies or tick.plants)),
             kernels=kernels(servo),
             size=_size(servo) if llvm else None,
             llvm=llvm,
@@ -103,7 +106,9 @@ def _calls(found: Prospect) -> str:
     if not found.calls:
         return f"all parts are kernels: one call for many ticks{ahead}"
     calls = "two calls for each tick" if found.calls == 2 else "one call for each tick"
-    return f"{calls}, as {_listed(found.foreign)} no kernel{'' if len(found.foreign) == 1 else 's'}{ahead}"
+    why = [f"{_listed(found.foreign)} no kernel{'' if len(found.foreign) == 1 else 's'}"] if found.foreign else []
+    why += [f"{_listed(found.guests)} moved by other software between ticks"] if found.guests else []
+    return f"{calls}, as {' and '.join(why)}{ahead}"
 
 
 def _listed(parts: Collection[str]) -> str:
