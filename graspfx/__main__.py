@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, stability, bench, list, schema, plot and picture."""
+"""The graspfx command: run, check, stability, warmup, bench, list, schema, plot and picture."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ COMMANDS = {  # each is a module of graspfx.commands with add_arguments(parser) 
     "run": "simulate a scene, record it and sum it up",
     "check": "show a scene's faults, or what each sample will do and why",
     "stability": "say how far gains can go, also over ranges of keys",
+    "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
     "list": "name the scenes, devices, hands and dynamics there are",
     "schema": "print the JSON schema of a scene",

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from graspfx.scene.engine import kernels
+from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene
 from graspfx.scene.plan import PlanRow, equal_gains, packages, plan
 
@@ -107,3 +109,25 @@ def test_several_objects_have_rows_of_their_own() -> None:
     assert {"move left", "move right", "turn left", "turn right"} <= set(steps)
     assert len(steps) == len(set(steps))
     assert not row(Scene(**table), "hand").runs
+
+
+EQUAL = {"coupling__internal__stiffness": 30.0}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        *(case[0] for case in CASES),
+        EQUAL | {"coupling__friction": 0.5},
+        EQUAL | {"coupling__passivity": "observe"},
+        EQUAL | {"object__integrator": "implicit"},
+        {"coupling__external__stiffness": [30.0, 30.0], "coupling__internal__stiffness": [30.0, 30.0]},
+    ],
+    ids=str,
+)
+def test_the_program_holds_what_the_plan_runs_and_nothing_that_it_skips(changes: dict[str, Any]) -> None:
+    made = scene(**changes)
+    with build(made) as servo:
+        held = kernels(servo)
+    for each in plan(made):
+        assert not each.kernel or (each.kernel in held) is each.runs, each

@@ -15,12 +15,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
+    from graspfx.scene.engine import engine_plan
     from graspfx.scene.load import load
     from graspfx.scene.plan import plan
 
     scene = load(chosen.scene, dict(chosen.overrides))
     scene.require_reach()
-    for row in plan(scene):
+    for row in [*plan(scene), *engine_plan(scene)]:
         print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
     certify(scene)
     sys.stdout.flush()

@@ -8,6 +8,8 @@ import os
 import sys
 from pathlib import Path
 
+from graspfx.errors import InputError
+
 LIMIT = 200_000_000  # [bytes]; what was used longest ago goes first
 SUFFIX = ".machine"
 
@@ -58,6 +60,25 @@ def store(key: str, content: bytes) -> str:
     except OSError as error:
         return f"nothing can be kept in {here}: {error.strerror or error}"
     return ""
+
+
+def require_room() -> None:
+    """Nothing is lost where the folder cannot be written, but for the time to compile again.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    import tempfile
+
+    here = folder()
+    try:
+        here.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=here):
+            pass
+    except OSError as error:
+        raise InputError(
+            "GRASPFX_CACHE", str(here), "a folder that can be written", f"{error.strerror or error}: name another"
+        ) from error
 
 
 def _trim(here: Path) -> None:

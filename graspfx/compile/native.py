@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -172,11 +173,10 @@ def compiled(
         MissingPackageError: no LLVM.
         InputError: the program holds something that cannot be compiled.
     """
-    try:
-        import llvmlite
-        import llvmlite.binding as llvm
-    except ImportError as error:
-        raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
+    require_llvm()
+    import llvmlite
+    import llvmlite.binding as llvm
+
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
     parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), source]
     best = COMPACT if compact else FULL
@@ -193,6 +193,18 @@ def compiled(
     machine = _emitted(program, effort)
     note = kept.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
+
+
+def require_llvm() -> None:
+    """What everything here compiles with.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        import_module("llvmlite")
+    except ImportError as error:
+        raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
 
 
 def _emitted(program: Written, effort: int = FULL) -> bytes:

@@ -4,31 +4,45 @@ from __future__ import annotations
 
 import ast
 import linecache
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import FunctionType
+from types import CodeType, FunctionType
 
 from graspfx.errors import InputError
 
 
 @cache
-def _definitions(file: str) -> dict[int, ast.FunctionDef]:
-    """The functions of a file by the line on which they begin."""
-    text = "".join(linecache.getlines(file)) or Path(file).read_text(encoding="utf-8")
-    found = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef))
-    return {min([node.lineno, *(d.lineno for d in node.decorator_list)]): node for node in found}
+def _definitions(file: str, text: str) -> dict[int, tuple[ast.FunctionDef, CodeType | None]]:
+    """The functions of a file by the line on which they begin, and what Python makes of each."""
+    tree = ast.parse(text)
+    made = {code.co_firstlineno: code for code in _codes(compile(tree, file, "exec", dont_inherit=True))}
+    found = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+    lines = ((min([node.lineno, *(d.lineno for d in node.decorator_list)]), node) for node in found)
+    return {line: (node, made.get(line)) for line, node in lines}
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    for each in code.co_consts:
+        if isinstance(each, CodeType):
+            yield each
+            yield from _codes(each)
 
 
 def definition(function: FunctionType) -> ast.FunctionDef:
     """The syntax tree of a function.
 
     Raises:
-        InputError: its source is not to be found.
+        InputError: its source is not to be found, or has changed since the function was made from it.
     """
     code = function.__code__
+    name = f"{function.__module__}.{function.__qualname__}"
     try:
-        return _definitions(code.co_filename)[code.co_firstlineno]
+        linecache.checkcache(code.co_filename)
+        text = "".join(linecache.getlines(code.co_filename)) or Path(code.co_filename).read_text(encoding="utf-8")
+        node, made = _definitions(code.co_filename, text)[code.co_firstlineno]
     except (OSError, KeyError, SyntaxError) as error:
-        raise InputError(
-            "kernel", f"{function.__module__}.{function.__qualname__}", "a plain function in a file that can be read"
-        ) from error
+        raise InputError("kernel", name, "a plain function in a file that can be read") from error
+    if made is None or (made.co_code, made.co_consts, made.co_names) != (code.co_code, code.co_consts, code.co_names):
+        raise InputError("kernel", name, f"{code.co_filename} as it was imported", "it has changed since: start anew")
+    return node

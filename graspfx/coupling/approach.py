@@ -174,8 +174,19 @@ def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
         place_contact(S, r, d, gx - hx, gy - hy, gz - hz)
     else:
         place_contact(S, r, d, gx, gy, gz)
-    if S[at.FADE] != 0.0:
-        S[r + at.WEIGHT] = S[r + at.SHARE] * (1.0 - smoothstep(S[r + at.GAP], S[at.NEAR], S[at.FAR]))
+    if S[at.FADE] != 0.0 and weighs(S):
+        fade(S, r)
+
+
+def weighs(S: Any) -> bool:
+    """Whether a free finger's weight is anything to anyone: not where each finger is by itself and nobody books."""
+    alone = S[at.EQUAL] != 0.0 and S[at.DENSE] == 0.0 and S[at.IMPLICIT] == 0.0
+    return not alone or S[at.FRICTION] != 0.0 or S[at.OBSERVED] != 0.0
+
+
+def fade(S: Any, r: int) -> None:
+    """The weight of the finger in row r, by its gap."""
+    S[r + at.WEIGHT] = S[r + at.SHARE] * (1.0 - smoothstep(S[r + at.GAP], S[at.NEAR], S[at.FAR]))
 
 
 def along_surface(S: Any, r: int) -> tuple[float, float, float]:

@@ -37,7 +37,7 @@ def respond(S: Any, again: bool) -> int:
         fault = unilateral(S, again)
     if fault == FINE:
         fault = react(S)
-        if S[at.FADE] != 0.0:
+        if S[at.FADE] != 0.0 and S[at.EQUAL] == 0.0:
             check_fade(S)
     return fault
 

@@ -12,14 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.tick import Tick
+from graspfx.loop.tick import FAULTED, TICK, Tick
 
 FloatArray = NDArray[np.float64]
-Run = Callable[[int, int, int], object]
+Run = Callable[[int, int, int], int]
 
 
 class Engine(Protocol):
     """A tick that can be called."""
+
+    @property
+    def name(self) -> str:
+        """Which it is, as a recording says it."""
+        ...
 
     def expect(self, ticks: int) -> None:
         """So many are to come."""
@@ -27,8 +32,12 @@ class Engine(Protocol):
     def write_to(self, rows: FloatArray) -> None:
         """The block of rows (r, width) that the coming ticks are recorded in."""
 
-    def run(self, k: int, count: int, row: int) -> None:
-        """Ticks k, ..., k + count - 1, recorded from a row on."""
+    def run(self, k: int, count: int, row: int) -> int:
+        """Ticks k, ..., k + count - 1, recorded from a row on; how many were done.
+
+        The one with the first fault is the last, so that it can be asked how things stand.
+        """
+        ...
 
     @property
     def each(self) -> Run:
@@ -42,12 +51,18 @@ class Engine(Protocol):
         """The rest of it."""
 
 
-def whole_text(tick: Tick) -> str:
-    """The definition of run(k, count, r)."""
-    lines = [f"        {line}" for line in (*tick.begin, *tick.end)]
-    return "\n".join(
-        ["def run(k, count, r):", "    for _ in range(count):", *lines, "        k += 1", "        r += 1"]
-    )
+def whole_text(tick: Tick, *, pausing: bool = False) -> str:
+    """The definition of run(k, count, r).
+
+    Args:
+        tick: the tick.
+        pausing: whether it gives the ticks done, and the one in which the first fault happened is the last of them.
+    """
+    own = next(name for name, array in tick.script.arrays.items() if array is tick.own)
+    lines = [*tick.begin, *tick.end]
+    lines += [f"if {own}[{FAULTED}] != 0.0 and {own}[{TICK}] == k:", "    return i + 1"] if pausing else []
+    body = [f"        {line}" for line in [*lines, "k += 1", "r += 1"]]
+    return "\n".join(["def run(k, count, r):", "    for i in range(count):", *body, "    return count"])
 
 
 def part_text(name: str, parameters: str, lines: list[str]) -> str:
@@ -55,13 +70,34 @@ def part_text(name: str, parameters: str, lines: list[str]) -> str:
     return "\n".join([f"def {name}({parameters}):", *(f"    {line}" for line in lines)])
 
 
+def texts(tick: Tick) -> dict[str, str]:
+    """The functions that run a tick, by name: one for any number of ticks, or two for one where code comes between."""
+    if not tick.ports:
+        return {"run": whole_text(tick, pausing=True)}
+    return {"begin": part_text("begin", "k", tick.begin), "end": part_text("end", "k, r", tick.end)}
+
+
+def sources(tick: Tick, *, make: bool = True) -> dict[str, str]:
+    """The same as programs, specialised; LookupError if they are not yet and are not to be made."""
+    from graspfx.compile.program import program_source
+
+    script = tick.script
+    arrays = [*script.arrays, "rows"]
+    return {
+        name: program_source(text, script.kernels, arrays, script.frozen, make=make)
+        for name, text in texts(tick).items()
+    }
+
+
 class Interpreted:
     """The script on memoryviews, whose items are Python floats."""
+
+    name = "interpreted"
 
     def __init__(self, tick: Tick) -> None:
         arrays = {name: memoryview(array) for name, array in tick.script.arrays.items()}
         self._names: dict[str, Any] = {**tick.script.kernels, **arrays}
-        self._run: Run = self._function("run", whole_text(tick))
+        self._run: Run = self._function("run", whole_text(tick, pausing=True))
         self._begin = self._function("begin", part_text("begin", "k", tick.begin))
         self._end = self._function("end", part_text("end", "k, r", tick.end))
 
@@ -70,8 +106,8 @@ class Interpreted:
     def write_to(self, rows: FloatArray) -> None:
         self._names["rows"] = memoryview(rows.reshape(-1))
 
-    def run(self, k: int, count: int, row: int) -> None:
-        self._run(k, count, row)
+    def run(self, k: int, count: int, row: int) -> int:
+        return self._run(k, count, row)
 
     @property
     def each(self) -> Run:
@@ -96,6 +132,7 @@ class Compiled:
     Args:
         tick: the tick.
         make: whether to compile what is not in the cache yet.
+        quick: whether to compile in less time what then takes longer to run, the same bits.
 
     Raises:
         MissingPackageError: no LLVM.
@@ -103,22 +140,26 @@ class Compiled:
         LookupError: it is not in the cache, and not to be compiled.
     """
 
-    def __init__(self, tick: Tick, *, make: bool = True) -> None:
-        self._tick, self._make = tick, make
+    name = "compiled"
+
+    def __init__(self, tick: Tick, *, make: bool = True, quick: bool = False) -> None:
+        from graspfx.compile.native import compiled
+
+        self._tick = tick
         self._bounds: dict[Any, Any] = {}  # by program
-        if tick.ports:
-            self._first = self._program("begin", part_text("begin", "k", tick.begin))
-            self._last = self._program("end", part_text("end", "k, r", tick.end))
-        else:
-            self._whole = self._program("run", whole_text(tick))
+        alone = not (tick.ports or tick.guests or tick.bodies or tick.plants)  # tick after tick, nothing between
+        self.programs = {
+            name: compiled(source, quick=quick, compact=not alone, make=make)
+            for name, source in sources(tick, make=make).items()
+        }
 
     def expect(self, ticks: int) -> None: ...
 
     def write_to(self, rows: FloatArray) -> None:
         if self._tick.ports:
-            self._begin, self._end = self._bound(self._first, rows).brief, self._bound(self._last, rows).brief
+            self._begin, self._end = (self._bound(self.programs[name], rows).brief for name in ("begin", "end"))
         else:
-            whole = self._bound(self._whole, rows)
+            whole = self._bound(self.programs["run"], rows)
             self._long: Run = whole.long
             self._brief: Run = whole.brief
 
@@ -132,11 +173,8 @@ class Compiled:
             self._bounds[program] = program.rebind(before, "rows", rows.reshape(-1))
         return self._bounds[program]
 
-    def run(self, k: int, count: int, row: int) -> None:
-        if count == 1:
-            self._brief(k, 1, row)
-        else:
-            self._long(k, count, row)
+    def run(self, k: int, count: int, row: int) -> int:
+        return self._brief(k, 1, row) if count == 1 else self._long(k, count, row)
 
     @property
     def each(self) -> Run:
@@ -147,16 +185,6 @@ class Compiled:
 
     def end(self, k: int, row: int) -> None:
         self._end(k, row)
-
-    def _program(self, name: str, text: str) -> Any:
-        from graspfx.compile.native import compiled
-        from graspfx.compile.program import program_source
-
-        script = self._tick.script
-        source = program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen, make=self._make)
-        tick = self._tick
-        alone = not (tick.ports or tick.guests or tick.bodies or tick.plants)  # tick after tick, nothing between
-        return compiled(source, compact=not alone, make=self._make)
 
 
 FIRST = 16  # ticks by which the cost of the rest is judged
@@ -175,6 +203,16 @@ class Either:
         self._engine: Engine = Interpreted(tick)
         self._left, self._done, self._spent = 0, 0, 0.0
 
+    @property
+    def cost(self) -> float:
+        """Of a tick as it stands, by the first ones [s]."""
+        return self._spent / self._done
+
+    @property
+    def name(self) -> str:
+        engine = self._engine.name
+        return engine if engine == Interpreted.name else f"{engine} after {FIRST} ticks"
+
     def expect(self, ticks: int) -> None:
         self._left = self._done + ticks
 
@@ -182,12 +220,14 @@ class Either:
         self._rows = rows
         self._engine.write_to(rows)
 
-    def run(self, k: int, count: int, row: int) -> None:
-        trial = max(0, min(count, FIRST - self._done))
-        if trial:
-            self._timed(trial, lambda: self._engine.run(k, trial, row))
-        if count > trial:
-            self._engine.run(k + trial, count - trial, row + trial)
+    def run(self, k: int, count: int, row: int) -> int:
+        trial = min(count, FIRST - self._done)
+        if trial > 0:
+            began = perf_counter()
+            done = self._engine.run(k, trial, row)
+            self._judge(done, perf_counter() - began)
+            return done
+        return self._engine.run(k, count, row)
 
     @property
     def each(self) -> Run:
@@ -197,17 +237,15 @@ class Either:
         self._engine.begin(k)
 
     def end(self, k: int, row: int) -> None:
-        if self._done < FIRST:
-            self._timed(1, lambda: self._engine.end(k, row))
-        else:
-            self._engine.end(k, row)
-
-    def _timed(self, ticks: int, run: Callable[[], None]) -> None:
         began = perf_counter()
-        run()
-        self._spent += perf_counter() - began
+        self._engine.end(k, row)
+        if self._done < FIRST:
+            self._judge(1, perf_counter() - began)
+
+    def _judge(self, ticks: int, seconds: float) -> None:
+        self._spent += seconds
         self._done += ticks
-        saving = (self._left - self._done) * self._spent / self._done
+        saving = (self._left - self._done) * self.cost
         if self._done == FIRST and saving > LOADING:
             with suppress(MissingPackageError, InputError, LookupError):  # then the script goes on as it stands
                 engine = Compiled(self._tick, make=saving > COMPILING)

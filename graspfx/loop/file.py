@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 NAME = "recording.h5"  # of the file in a run's folder
 FORMAT = "graspfx recording 1"
 CHUNK = 1024  # rows
+ENGINE = 64  # bytes of what ran the ticks
 LONGEST = 512  # bytes of a fault's message: of fixed length, as single-writer files want it
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
 # what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
@@ -124,6 +125,7 @@ class FileSink:
         try:
             self._file.attrs.modify("wall_time", np.float64(wall_time))
             self._file.attrs.modify("complete", np.int8(outcome.complete))
+            self._file.attrs.modify("engine", _fixed(outcome.engine))
             self._file.attrs.modify("fade_shortfall", np.float64(outcome.fade_shortfall))
             self._file.close()
         except (OSError, RuntimeError) as error:
@@ -225,8 +227,14 @@ def _attributes(layout: Layout, header: Header) -> dict[str, Any]:
     attributes["layout"] = _json(asdict(layout))
     attributes["wall_time"] = np.float64(np.nan)
     attributes["complete"] = np.int8(0)
+    attributes["engine"] = _fixed("")
     attributes["fade_shortfall"] = np.float64(0.0)
     return attributes
+
+
+def _fixed(text: str) -> Any:
+    """Text of a length that a file keeps: nothing new may be made in it while it is read."""
+    return np.array(text.encode(), dtype=f"S{ENGINE}")
 
 
 def _json(value: Any) -> str:
@@ -263,6 +271,7 @@ def _outcome(file: Any) -> Outcome:
         ),
         wall_time=None if np.isnan(wall_time) else wall_time,
         complete=bool(int(file.attrs["complete"])),
+        engine=bytes(file.attrs.get("engine", b"")).decode(),  # came later than the format
         fade_shortfall=float(file.attrs["fade_shortfall"]),
     )
 

@@ -60,6 +60,7 @@ class Outcome:
     wall_time: float | None = None  # [s]
     complete: bool = True
     fade_shortfall: float = 0.0  # by how much free fingers began to fade too near the surface, at most [m]
+    engine: str = ""  # that ran the ticks: interpreted, compiled, or compiled after some of them; empty if not known
 
 
 def now() -> str:

@@ -91,19 +91,20 @@ class Recorder:
             self._write(block)
 
     def finish(
-        self, wall_time: float | None = None, *, complete: bool = True, fade_shortfall: float = 0.0
+        self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", fade_shortfall: float = 0.0
     ) -> Recording:
         """Writes what is left, closes the sinks and gives the recording of the rows that were kept.
 
         Args:
             wall_time: that the run took [s].
             complete: False for a run that broke off.
+            engine: that ran the ticks.
             fade_shortfall: by how much free fingers began to fade too near the surface, at most [m].
         """
         self.drain()
         rest = self._block[: self.used]
         self._kept += [rest] if self._keep else []
-        self._outcome = Outcome(tuple(self.faults), wall_time, complete, fade_shortfall)
+        self._outcome = Outcome(tuple(self.faults), wall_time, complete, fade_shortfall, engine)
         try:
             if self.used or len(self.faults) > self._told:
                 self._write(rest)
@@ -354,6 +355,7 @@ class Recording:
             object_position=[motion.position for motion in self.objects.values()],
             finger_objects=self.layout.finger_objects,
             wall_time=self.wall_time,
+            engine=self.outcome.engine,
             fade_shortfall=self.outcome.fade_shortfall,
             true_position=self.true_position,
             faults=len(self.faults),

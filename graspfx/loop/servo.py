@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasped import fault_text
-from graspfx.errors import DeviceError, GraspFXError
+from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop import tick as at
 from graspfx.loop.device import Device
 from graspfx.loop.engine import ENGINES, Engine
+from graspfx.loop.header import RunFault
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import Observer
 from graspfx.loop.parts import Held, Moved, Mover, Parts, Station
@@ -32,6 +33,10 @@ class Servo:
     Where all parts are kernels any number of ticks is one call; a device, body or plant that is none takes one call a
     tick (two for a device) and its own methods between. The recording is the same, bit by bit. What a guest is told
     after a tick the next one takes, and after the last one `run` itself.
+
+    Args:
+        engine: "auto", "compiled" or "interpreted".
+        record: whether each tick is recorded; else `run` takes no recorder.
     """
 
     def __init__(
@@ -44,17 +49,18 @@ class Servo:
         moved: Sequence[Moved] = (),
         observers: Sequence[Observer] = (),
         engine: str = "auto",
+        *,
+        record: bool = True,
     ) -> None:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
         self.period, self.layout = period, layout
         self.stations, self.objects, self.movers, self.moved = stations, objects, movers, moved
         self.observers = observers  # one for each object, or none at all
-        self.faulted = False
-        self.row = np.zeros(layout.width)  # of the last tick
-        self._kind = engine
+        self.fault: RunFault | None = None
+        self.row = np.zeros(layout.width)  # of the last tick that was recorded
+        self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
         self._told: list[str] = []  # faults of parts that are no kernels
-        self._mover_of = {i: number for number, mover in enumerate(movers) for i in mover.objects}
 
     @property
     def fade_shortfall(self) -> float:
@@ -62,37 +68,53 @@ class Servo:
         return max(held.grasped.shortfall for held in self.objects)
 
     @property
+    def faulted(self) -> bool:
+        return self.fault is not None
+
+    @property
+    def engine(self) -> Engine:
+        """What runs the ticks."""
+        return self._ready()
+
+    @property
     def script(self) -> Tick:
         """The tick as it runs."""
         self._ready()
         return self._tick
 
-    def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None = None) -> None:
-        """That many ticks, each recorded; fewer if `stop`, asked before each, says so."""
+    def run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None = None) -> None:
+        """That many ticks, each recorded; fewer if `stop`, asked before each, says so.
+
+        Raises:
+            InputError: no recorder for a servo that records, or one for a servo that does not.
+        """
+        if (recorder is not None) is not self._record:
+            raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
         self._ready().expect(ticks)
         self._run(ticks, recorder, stop)
         self._settle()
         self._notice(recorder)
 
-    def tick(self, recorder: Recorder) -> None:
+    def tick(self, recorder: Recorder | None) -> None:
         """One sample."""
         self.run(1, recorder)
 
     def _ready(self) -> Engine:
         if self._engine is None:
-            self._tick = at.write(
-                Parts(self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers)
+            parts = Parts(
+                self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers
             )
+            self._tick = at.write(parts, record=self._record)
             self._own: Any = memoryview(self._tick.own)
             self._engine = ENGINES[self._kind](self._tick)
         return self._engine
 
-    def _run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+    def _run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None) -> None:
         engine, tick = self._ready(), self._tick
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
         while self.ticks < last:
-            rows, row, left = recorder.space()
+            rows, row, left = (np.empty((0, self.layout.width)), 0, at.CHUNK) if recorder is None else recorder.space()
             engine.write_to(rows)
             count = min(left, last - self.ticks, at.CHUNK)
             if apart or stop is not None:
@@ -104,14 +126,12 @@ class Servo:
                 self._with_guests(engine, recorder, row, count)
             else:
                 self._look_ahead(count)
-                engine.run(self.ticks, count, row)
-                self.ticks += count
-                recorder.take(count)
-                self._notice(recorder)
-            self.row = rows[recorder.used - 1]
-            recorder.drain()
+                self._done(engine.run(self.ticks, count, row), recorder)
+            if recorder is not None:
+                self.row = rows[recorder.used - 1]
+                recorder.drain()
 
-    def _with_guests(self, engine: Engine, recorder: Recorder, row: int, count: int) -> None:
+    def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
         """Ticks of which all but the exchange with guests is one call."""
         run, own, k = engine.each, self._own, self.ticks
         exchanges = self._exchanges()
@@ -119,14 +139,13 @@ class Servo:
             for r in range(row, row + count):
                 run(k, 1, r)
                 if own[at.FAULTED]:
+                    self._notice(recorder)  # now, as it says how things stand
                     exchanges = self._exchanges()
                 for exchange in exchanges:
                     exchange()
                 k += 1
         finally:  # what was run is kept also if the run breaks off here
-            recorder.take(k - self.ticks)
-            self.ticks = k
-        self._notice(recorder)
+            self._done(k - self.ticks, recorder)
 
     def _exchanges(self) -> list[Callable[[], None]]:
         """Of the guests that are not stuck."""
@@ -140,7 +159,7 @@ class Servo:
                 at.latch(self._own, self.ticks - 1, at.MOVER, i, code)
                 self._own[at.STUCK + i] = 1.0
 
-    def _one(self, engine: Engine, recorder: Recorder, row: int) -> None:
+    def _one(self, engine: Engine, recorder: Recorder | None, row: int) -> None:
         """One tick with whatever is no kernel."""
         tick, k = self._tick, self.ticks
         self._look_ahead(1)
@@ -162,8 +181,12 @@ class Servo:
             self._step(k, i)
         for j in tick.plants:
             self._advance(k, j)
-        self.ticks += 1
-        recorder.take(1)
+        self._done(1, recorder)
+
+    def _done(self, count: int, recorder: Recorder | None) -> None:
+        self.ticks += count
+        if recorder is not None:
+            recorder.take(count)
         self._notice(recorder)
 
     # What is no kernel --------------------------------------------------------------------------------------------
@@ -225,10 +248,11 @@ class Servo:
         self._told.append(message)
         at.latch(self._own, k, at.TOLD, 0, len(self._told) - 1)
 
-    def _notice(self, recorder: Recorder) -> None:
-        if not self.faulted and self._own[at.FAULTED]:
-            self.faulted = True
-            recorder.fault(int(self._own[at.TICK]), self._why())
+    def _notice(self, recorder: Recorder | None) -> None:
+        if self.fault is None and self._own[at.FAULTED]:
+            self.fault = RunFault(int(self._own[at.TICK]), self._why())
+            if recorder is not None:
+                recorder.fault(*self.fault)
 
     def _why(self) -> str:
         kind, index, code = (int(self._own[entry]) for entry in (at.KIND, at.INDEX, at.CODE))

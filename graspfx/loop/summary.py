@@ -31,6 +31,7 @@ def summarise(
     object_position: Sequence[FloatArray],
     finger_objects: Sequence[int],
     wall_time: float | None = None,
+    engine: str = "",
     true_position: FloatArray | None = None,
     fade_shortfall: float = 0.0,
     faults: int = 0,
@@ -61,6 +62,7 @@ def summarise(
         braked: by mode, what that took in all [J]; None without control.
         ledger_gap: the largest gap of an object's ledger over its largest entry; these four None unless observed.
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
+        engine: what ran the ticks, "interpreted" or "compiled", or since when; None if not known.
         faults: how many.
 
     Args:
@@ -73,6 +75,7 @@ def summarise(
         object_position: (N, d) per object [m].
         finger_objects: per finger, the number of its object.
         wall_time: that the run took [s].
+        engine: that ran the ticks; empty if not known.
         true_position: (N, n, d), of simulated fingertips [m].
         fade_shortfall: as in the recording's outcome [m].
         faults: how many there were.
@@ -114,6 +117,7 @@ def summarise(
         "friction_residual": _peak(np.stack(residual)) if residual else None,
         **_books(energy),
         "wall_time": wall_time,
+        "engine": engine or None,
         "ticks_per_second": N / wall_time if timed and wall_time else None,
         "tick_cost": wall_time / N * MICROSECONDS if timed and wall_time else None,
         "faults": faults,

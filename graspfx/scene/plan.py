@@ -12,26 +12,47 @@ from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.making.surroundings import meeting
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
-from graspfx.scene.tables.parts import Device, Object, SceneTable
+from graspfx.scene.tables.parts import Device, Object
 from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.shapes import MeshShape
 
 
 @dataclass(frozen=True)
 class PlanRow:
-    """A step of the sample, whether it runs, and why or how."""
+    """A step of the sample, whether it runs, and why or how.
+
+    Attributes:
+        kernel: that only a program in which the step runs holds, by its name; empty for steps without one of their own.
+    """
 
     step: str
     runs: bool
     why: str
+    kernel: str = ""
 
 
 def plan(scene: Scene) -> list[PlanRow]:
     """The steps of one sample in their order, then the packages that the run imports."""
-    return [PlanRow(step, runs, why) for step, runs, why in _rows(scene)]
+    return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(scene)]
 
 
 Row = tuple[str, bool, str]
+KERNELS = {
+    "contact points": "touch",
+    "fade": "fade",
+    "split": "refactor",
+    "torsion": "twist",
+    "energy": "watch",
+}
+NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # of objects that are no others' to move
+
+
+def _kernel(scene: Scene, step: str) -> str:
+    first, _, name = step.partition(" ")
+    moved = [thing for thing in scene.object if thing.name == name or len(scene.object) == 1]
+    if first in NATIVE and all(thing.dynamics == "native" for thing in moved):
+        return NATIVE[first]
+    return KERNELS.get(step, "")
 
 
 def _rows(scene: Scene) -> Iterator[Row]:
@@ -62,7 +83,7 @@ def _rows(scene: Scene) -> Iterator[Row]:
     yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
 
 
-def packages(scene: SceneTable) -> list[str]:
+def packages(scene: Scene) -> list[str]:
     """What the framework imports for a run of the scene, figures and tables aside."""
     found = ["numpy", "pydantic (scene)", "h5py (recording)"]
     tables = [holding.table for holding in holdings(scene)]
@@ -75,7 +96,7 @@ def packages(scene: SceneTable) -> list[str]:
     return found
 
 
-def _drivers(scene: SceneTable) -> list[str]:
+def _drivers(scene: Scene) -> list[str]:
     tables: list[Device] = [*scene.device, *(f.device for f in scene.finger if isinstance(f.device, Device))]
     return [table.name for table in tables]
 
@@ -85,7 +106,7 @@ def _listing(names: list[str]) -> str:
     return ", ".join(f"{count} x {name}" for name, count in counts.items())
 
 
-def _velocity(scene: SceneTable) -> Row:
+def _velocity(scene: Scene) -> Row:
     damped = _damped(scene)
     return (
         "rate of displacement",
@@ -121,7 +142,7 @@ def _contact_points(scene: Scene) -> Iterator[Row]:
         yield "mesh", True, note
 
 
-def _fingertips(scene: SceneTable) -> Row:
+def _fingertips(scene: Scene) -> Row:
     radii = [1e3 * finger.radius for finger in scene.finger if finger.radius > 0.0]
     if not radii:
         return "ball fingertips", False, "fingertips are points"
@@ -129,19 +150,34 @@ def _fingertips(scene: SceneTable) -> Row:
     return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: on the shape grown by it"
 
 
-def _weights(scene: SceneTable) -> Row:
+def _weights(scene: Scene) -> Row:
     coupling = scene.coupling
     if coupling.contact == "attached":
         return "fade", False, "attached: every finger stays in the split"
     if equal_gains(scene):
-        return "fade", False, "equal gains: there is no split to leave"
+        reader = _weighed_by(scene)
+        if not reader:
+            return "fade", False, "equal gains: there is no split to leave"
+        return "fade", True, f"equal gains have no split to leave, but {reader} fingers by their gap all the same"
     if coupling.absent == "follow":
         return "fade", False, "absent = 'follow': a free finger stays in the split"
     low, high = (1e3 * gap for gap in coupling.fade)
     return "fade", True, f"a free finger leaves the split between {low:g} and {high:g} mm from the surface"
 
 
-def _split(scene: SceneTable) -> Iterator[Row]:
+def _weighed_by(scene: Scene) -> str:
+    """Who weighs fingers although gains are equal."""
+    if any(scene.coefficients):
+        return "friction weighs"
+    if scene.coupling.passivity != "off":
+        return "the ledger weighs"
+    if not _scalar(scene):
+        return "gains per finger or matrices weigh"
+    implicit = any(thing.dynamics == "native" and thing.integrator == "implicit" for thing in scene.object)
+    return "the implicit integrator weighs" if implicit else ""
+
+
+def _split(scene: Scene) -> Iterator[Row]:
     if equal_gains(scene):
         yield "split", False, "equal external and internal gains: the conventional method, eqs. (20)-(23)"
         return
@@ -155,15 +191,20 @@ def _split(scene: SceneTable) -> Iterator[Row]:
         yield "split: rotation", False, why
 
 
-def _impedance(scene: SceneTable) -> Row:
+def _impedance(scene: Scene) -> Row:
     coupling = scene.coupling
-    gains = (coupling.external, coupling.internal)
-    if all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping)):
+    if _scalar(scene):
         return "impedance", True, "eq. (4) with one number each: one projection of one vector"
     return "impedance", True, f"eq. (4) with gains per finger or matrices, {coupling.form} form"
 
 
-def _projection(scene: SceneTable) -> Row:
+def _scalar(scene: Scene) -> bool:
+    """Whether each gain is one number."""
+    gains = (scene.coupling.external, scene.coupling.internal)
+    return all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping))
+
+
+def _projection(scene: Scene) -> Row:
     if scene.coupling.contact == "attached":
         return "letting go", False, "attached: the contact is bilateral, no cone"
     if any(scene.coefficients):
@@ -176,13 +217,13 @@ def _projection(scene: SceneTable) -> Row:
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
 
 
-def _metric(scene: SceneTable) -> Row:
+def _metric(scene: Scene) -> Row:
     if scene.coupling.metric == "equal":
         return "metric", False, "equal: every finger counts the same in the split"
     return "metric", True, "mass: a finger counts as its device's mass over the mean, in the split and in the gains"
 
 
-def _torsion(scene: SceneTable) -> Row:
+def _torsion(scene: Scene) -> Row:
     count = sum(finger.model == "soft" for finger in scene.finger)
     if not count:
         return "torsion", False, "hard fingers exert forces only"
@@ -191,7 +232,7 @@ def _torsion(scene: SceneTable) -> Row:
     return "torsion", True, f"{why}, and devices that display forces do not display it"
 
 
-def _energy(scene: SceneTable) -> Row:
+def _energy(scene: Scene) -> Row:
     if scene.coupling.passivity == "off":
         return "energy", False, "coupling.passivity = 'off': no ledger, no brake"
     why = "booked for each object: of squeezing, shifting and turning, and of the object"
@@ -200,7 +241,7 @@ def _energy(scene: SceneTable) -> Row:
     return "energy", True, f"{why}; a mode that makes some is damped, the least that pays, fingers still only push"
 
 
-def _body(scene: SceneTable, thing: Object) -> str:
+def _body(scene: Scene, thing: Object) -> str:
     if not any(scene.free(thing)[: scene.dimensions]):
         return f"{thing.dynamics}; every translation is locked"
     if thing.dynamics == "native":
@@ -210,7 +251,7 @@ def _body(scene: SceneTable, thing: Object) -> str:
     return f"{name}{given}"
 
 
-def _turn(scene: SceneTable, thing: Object) -> tuple[bool, str]:
+def _turn(scene: Scene, thing: Object) -> tuple[bool, str]:
     if scene.dimensions == 1:
         return False, "a line has no rotation"
     if not scene.turns(thing):
@@ -218,22 +259,22 @@ def _turn(scene: SceneTable, thing: Object) -> tuple[bool, str]:
     return True, "angular velocity and orientation"
 
 
-def _hand(scene: SceneTable) -> Row:
+def _hand(scene: Scene) -> Row:
     held = [finger for finger in scene.finger if finger.hand is not None]
     if not held:
         return "hand", False, "no finger names one"
     return "hand", True, f"{len(held)} of {len(scene.finger)} fingers held; {'; '.join(descriptions(scene))}"
 
 
-def _named(scene: SceneTable, thing: Object, step: str) -> str:
+def _named(scene: Scene, thing: Object, step: str) -> str:
     return step if len(scene.object) == 1 else f"{step} {thing.name}"
 
 
-def equal_gains(scene: SceneTable) -> bool:
+def equal_gains(scene: Scene) -> bool:
     """kep = kip and ked = kid: the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
     return external.stiffness == internal.stiffness and external.damping == internal.damping
 
 
-def _damped(scene: SceneTable) -> bool:
+def _damped(scene: Scene) -> bool:
     return any(np.any(np.asarray(each.damping)) for each in (scene.coupling.external, scene.coupling.internal))

@@ -60,9 +60,9 @@ def run(
         with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()
             servo.run(ticks, recorder, stop)
-            done, shortfall = servo.ticks == ticks, servo.fade_shortfall
+            took, done = perf_counter() - began, servo.ticks == ticks
             recording = recorder.finish(
-                perf_counter() - began if done else None, complete=done, fade_shortfall=shortfall
+                took if done else None, complete=done, engine=servo.engine.name, fade_shortfall=servo.fade_shortfall
             )
     return recording if out is None else Recording.load(file)
 

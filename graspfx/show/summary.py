@@ -39,6 +39,7 @@ ROWS: tuple[Row, ...] = (
     ("wall time", "wall_time", "s", 1.0),
     ("ticks per second", "ticks_per_second", "1/s", 1.0),
     ("cost per tick", "tick_cost", "us", 1.0),
+    ("ticks ran", "engine", "", 1.0),
     ("faults", "faults", "", 1.0),
 )
 
@@ -77,6 +78,8 @@ def _cell(value: Any, scale: float) -> str:
         return "  ".join(_cell(item, scale) for item in value)
     if value is None:
         return "-"
+    if isinstance(value, str):
+        return value
     if isinstance(value, int):
         return f"{value * scale:.0f}"
     return _three_digits(value * scale)

@@ -31,8 +31,14 @@ FloatArray = NDArray[np.float64]
 
 
 @contextmanager
-def build(scene: Scene) -> Iterator[Servo]:
+def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = True) -> Iterator[Servo]:
     """A servo ready to tick; devices and bodies are closed at the end, whatever happens.
+
+    Args:
+        scene: what to build.
+        engine: instead of the scene's own.
+        record: whether its ticks are recorded.
+        live: whether devices that are no simulations are opened too; else it is not to tick, only to be looked at.
 
     Raises:
         SceneError: a finger that starts out of its device's reach.
@@ -55,12 +61,15 @@ def build(scene: Scene) -> Iterator[Servo]:
             inward[held.fingers] = held.grasped.inward()
         moved = list(_moved(scene, wired, start, inward))
         for wire in wired:
-            stack.enter_context(wire.device)
-            wire.device.open(scene.period)
+            if live or isinstance(wire.device, SimulatedDevice):
+                stack.enter_context(wire.device)
+                wire.device.open(scene.period)
         stations = [Station(wire.device, wire.fingers) for wire in wired]
         layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
         observers = list(_observers(scene, wired, objects, movers))
-        yield Servo(scene.period, layout, stations, objects, movers, moved, observers, scene.engine)
+        yield Servo(
+            scene.period, layout, stations, objects, movers, moved, observers, engine or scene.engine, record=record
+        )
 
 
 def make_layout(scene: Scene, *, simulated: bool) -> Layout:

@@ -1,0 +1,34 @@
+"""graspfx warmup: compile the programs of scenes before they are needed."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+
+from graspfx.commands.arguments import add_overrides
+from graspfx.commands.output import DONE, WRONG
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("scenes", metavar="SCENE", nargs="*", help="names, or paths of .toml or .py files (the shelf)")
+    add_overrides(parser)
+
+
+def execute(chosen: Namespace) -> int:
+    from graspfx.compile.cache import folder, require_room
+    from graspfx.compile.native import require_llvm
+    from graspfx.plugins import names
+    from graspfx.scene.warm import CANNOT, warm_all
+
+    require_llvm()
+    require_room()
+    scenes = chosen.scenes or list(names("scenes"))
+    width, code = max(map(len, scenes)), DONE
+    for each in warm_all(scenes, dict(chosen.overrides)):
+        if each.state == CANNOT:
+            print(f"{each.scene:<{width}}  {each.state:<9}  {each.why}", flush=True)
+            code = WRONG
+        else:
+            size = f"{1e-3 * each.size:5.0f} kB"
+            print(f"{each.scene:<{width}}  {each.state:<9}  {each.seconds:5.1f} s  {size}", flush=True)
+    print(f"in {folder()}")
+    return code

@@ -1,0 +1,52 @@
+"""Which parts of a servo are no kernels, or wait for other software between two calls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from graspfx.loop import plant as plants
+from graspfx.loop.device import fused
+from graspfx.loop.servo import Servo
+
+
+def foreign(servo: Servo) -> list[str]:
+    """Devices, plants and bodies that run by their own methods, between the calls of each tick."""
+    return list(_foreign(servo))
+
+
+def guests(servo: Servo) -> list[str]:
+    """Bodies that other software moves after the call of each tick."""
+    return [_body(servo, i) for i in servo.script.guests]
+
+
+def looked_ahead(servo: Servo) -> list[str]:
+    """Hands that are no kernels: they are asked for many ticks at once, so that these cost no call for each."""
+    moved = [servo.moved[table.moved] for table in servo.script.tables]
+    return [_shown("hand", m.hand, _fingers(servo, m.fingers)) for m in moved]
+
+
+def _foreign(servo: Servo) -> Iterator[str]:
+    tick = servo.script
+    for port in tick.ports:
+        station = servo.stations[port.station]
+        if fused(station.device) is None:
+            yield _shown("device", station.device, _fingers(servo, station.fingers))
+    for j in tick.plants:
+        m = servo.moved[j]
+        if plants.fused(m.plant) is None:
+            yield _shown("plant", m.plant, _fingers(servo, m.fingers))
+    for i in tick.bodies:
+        yield _body(servo, i)
+
+
+def _body(servo: Servo, i: int) -> str:
+    mover = servo.movers[i]
+    return _shown("body", mover.body, (servo.objects[o].name for o in mover.objects))
+
+
+def _fingers(servo: Servo, numbers: Iterable[int]) -> Iterator[str]:
+    return (servo.layout.fingers[f] for f in numbers if f >= 0)
+
+
+def _shown(kind: str, part: object, names: Iterable[str]) -> str:
+    return f"the {kind} of {', '.join(names)} ({type(part).__qualname__})"
