@@ -1,12 +1,19 @@
-"""What every test stands on: figures without a display, and hypothesis with the same examples every time."""
+"""What every test stands on: figures without a display, hypothesis with the same examples, a cache of its own."""
 
 from __future__ import annotations
 
 import os
 
+import pytest
 from hypothesis import settings
 
 os.environ.setdefault("MPLBACKEND", "agg")
 
 settings.register_profile("graspfx", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("graspfx")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Compiled code is neither taken from the user's folder nor left there."""
+    os.environ["GRASPFX_CACHE"] = str(tmp_path_factory.mktemp("compiled"))

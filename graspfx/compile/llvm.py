@@ -42,6 +42,7 @@ class _Module:
         self.checked = checked
         self.done: dict[object, Made | None] = {}
         self.texts: list[str] = []
+        self.notes: list[str] = []  # metadata
         self.libm: set[str] = set()
 
     def has(self, name: str) -> bool:
@@ -97,7 +98,7 @@ def written(source: str, floats: Collection[str] = (), *, checked: bool = False)
         return InputError(tree.name, names, "a program that can be compiled", text)
 
     made = module.made(tree.name, given, why)
-    texts = [INTRINSICS, *map(_declared, sorted(module.libm)), *module.texts, _entry(made, given)]
+    texts = [INTRINSICS, *map(_declared, sorted(module.libm)), *module.texts, _entry(made, given), *module.notes]
     if checked:
         texts.insert(0, _checking(arrays))
     return Written("\n".join(texts) + "\n", arrays, numbers, tuple(sorted(module.libm)))

@@ -61,6 +61,7 @@ class Functions(Protocol):
     """Where called functions come from."""
 
     checked: bool
+    notes: list[str]
 
     def has(self, name: str) -> bool: ...
 
@@ -156,13 +157,19 @@ class Expressions:
         if isinstance(owner, Array):
             return self.code.op(FLOAT, f"load double, ptr {self.entry(owner, node.slice, scope)}")
         if isinstance(owner, Tuple):
-            index = node.slice
-            if isinstance(index, ast.Constant) and isinstance(index.value, int) and index.value < len(owner.parts):
-                return owner.parts[index.value]
-            raise self.cannot(node, "takes an entry of a tuple that is not known beforehand")
+            return self.chosen(owner, self.number(node.slice, scope))
         if owner.text == "undef":
             return owner
         raise self.cannot(node, "is no entry of a buffer")
+
+    def chosen(self, several: Tuple, index: Number) -> Number:
+        """An entry of a tuple, the last one for an index that is none of it."""
+        *first, found = several.parts
+        if index.text.isdigit() and int(index.text) < len(first):
+            return first[int(index.text)]
+        for k, part in reversed(list(enumerate(first))):
+            found = select(self.code, compare(self.code, ast.Eq(), index, constant(k)), part, found)
+        return found
 
     def entry(self, array: Array, index: ast.expr, scope: Variables) -> str:
         """The address of an entry."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -18,6 +19,8 @@ from graspfx.compile.llvm_expressions import (
     Variables,
     result_type,
 )
+
+MEMORY = re.compile(r"  (%\S+ = )?(load|store|call) ")
 
 
 @dataclass
@@ -283,6 +286,7 @@ class Statements(Expressions):
             test=test,
             enter=lambda inner: self.assign(target, self.load(turn, INT), inner),
             advance=advance,
+            side_by_side=target == "lane",
         )
 
     def turns(
@@ -293,8 +297,12 @@ class Statements(Expressions):
         test: Callable[[Variables, str, str], None],
         enter: Callable[[Variables], None],
         advance: Callable[[], None],
+        side_by_side: bool = False,
     ) -> bool:
-        """A loop, written again until the types at its head are those that its turns leave."""
+        """A loop, written again until the types at its head are those that its turns leave.
+
+        Turns over `lane` are side by side: none touches entries of another, so that LLVM may do several at once.
+        """
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
         known = dict(scope)
@@ -324,8 +332,25 @@ class Statements(Expressions):
             code.begin(loop.again.label)
             advance()
             code.go(head.label)
+            if side_by_side:
+                self.free(mark)
         self.seal(head, known)
         return self.meet_here(loop.done, scope)
+
+    def free(self, mark: int) -> None:
+        """Says of the loop that has just been written, from a line on, that its turns may be done in any order."""
+        notes = self.functions.notes
+        group, loop = f"!{len(notes)}", f"!{len(notes) + 1}"
+        notes += [
+            f"{group} = distinct !{{}}",
+            f"{loop} = distinct !{{{loop}, !{len(notes) + 2}}}",
+            f'!{len(notes) + 2} = !{{!"llvm.loop.parallel_accesses", {group}}}',
+        ]
+        lines = self.code.lines
+        for k in range(mark, len(lines)):
+            if MEMORY.match(lines[k]):
+                lines[k] += f", !llvm.access.group {group}"
+        lines[-1] += f", !llvm.loop {loop}"
 
 
 def type_of(value: Number | Tuple) -> str | tuple[str, ...]:

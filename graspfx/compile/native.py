@@ -7,6 +7,7 @@ import ctypes.util
 import hashlib
 import json
 import linecache
+import math
 import sys
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -16,10 +17,12 @@ from typing import Any
 from graspfx.compile import cache as kept
 from graspfx.compile.llvm import ENTRY, Written, written
 from graspfx.compile.llvm_arithmetic import FLOAT
+from graspfx.compile.llvm_expressions import NAMES
 from graspfx.errors import InputError, MissingPackageError
 
 FORMAT = 1  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
+FULL, QUICK = 3, 0  # LLVM's levels of optimisation
 OUTSIDE = -(2**63)
 
 Run = Callable[..., int]
@@ -27,17 +30,15 @@ Run = Callable[..., int]
 
 @dataclass(frozen=True)
 class Bound:
-    """A program with its buffers.
+    """A program with its buffers, which it keeps.
 
     Args:
         brief: runs it, given its numbers; for calls of some microseconds, the interpreter's lock held.
         long: the same with the lock released: other threads run meanwhile.
-        buffers: what keeps the buffers where they are.
     """
 
     brief: Run
     long: Run
-    buffers: tuple[Any, ...]
 
 
 class Native:
@@ -65,6 +66,8 @@ class Native:
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
         self._brief = ctypes.PYFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(address)
         self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(address)
+        for function in (self._brief, self._long):
+            function.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
 
     def _address(self, name: str) -> int:
         address = int(self._engine.get_function_address(name))
@@ -81,13 +84,13 @@ class Native:
         if len(buffers) != len(self.arrays):
             raise InputError("buffers", len(buffers), f"{len(self.arrays)}: {', '.join(self.arrays)}")
         taken = [_taken(name, buffer) for name, buffer in zip(self.arrays, buffers, strict=True)]
-        pointers = [ctypes.c_void_p(ctypes.addressof(t)) for t in taken]
+        pointers = [_pointer(t) for t in taken]
         brief: Run = partial(self._brief, *pointers)
         long: Run = partial(self._long, *pointers)
         if self.checked:
             lengths = dict(zip(self.arrays, map(len, taken), strict=True))
             brief, long = self._watched(brief, lengths), self._watched(long, lengths)
-        return Bound(brief, long, (self, *taken))
+        return Bound(brief, long)
 
     def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
         """A program that is checked: an index outside of its buffer is an error."""
@@ -115,7 +118,7 @@ class Interpreted:
     def __init__(self, source: str) -> None:
         name = f"<program {hashlib.sha256(source.encode()).hexdigest()[:12]}>"
         linecache.cache[name] = len(source), None, source.splitlines(keepends=True), name  # for tracebacks
-        namespace: dict[str, Any] = {}
+        namespace: dict[str, Any] = {"math": math, **NAMES}
         exec(compile(source, name, "exec"), namespace)
         self.arrays: list[str] = []
         self._entry = [f for f in namespace.values() if getattr(f, "__code__", None) is not None][-1]
@@ -128,7 +131,7 @@ class Interpreted:
             found = self._entry(*views, *numbers)
             return 0 if found is None else int(found)
 
-        return Bound(run, run, tuple(views))
+        return Bound(run, run)
 
 
 def interpreted(source: str) -> Interpreted:
@@ -136,7 +139,9 @@ def interpreted(source: str) -> Interpreted:
     return Interpreted(source)
 
 
-def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False, make: bool = True) -> Native:
+def compiled(
+    source: str, floats: Collection[str] = (), *, checked: bool = False, quick: bool = False, make: bool = True
+) -> Native:
     """A program as machine code, taken from the cache if it was compiled before.
 
     Args:
@@ -144,6 +149,8 @@ def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False
             returns a whole number or nothing.
         floats: the entry's parameters that are floats; its other numbers are whole.
         checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
+        quick: compile in a tenth of the time what then takes some times as long to run, the same bits; not if better
+            code is in the cache.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -157,28 +164,29 @@ def compiled(source: str, floats: Collection[str] = (), *, checked: bool = False
         raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
     parts = [str(FORMAT), *names, ",".join(sorted(floats)), str(checked), source]
-    key = hashlib.sha256("\0".join(parts).encode()).hexdigest()
-    found = kept.stored(key)
-    if found is not None:
-        head, _, machine = found.partition(b"\n")
-        return Native(json.loads(head), machine, cached=True)
+    for effort in (FULL, QUICK) if quick else (FULL,):
+        key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
+        found = kept.stored(key)
+        if found is not None:
+            head, _, machine = found.partition(b"\n")
+            return Native(json.loads(head), machine, cached=True)
     if not make:
         raise LookupError("not compiled yet")
     program = written(source, floats, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
-    machine = _emitted(program)
+    machine = _emitted(program, effort)
     note = kept.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
 
 
-def _emitted(program: Written) -> bytes:
-    """Optimised machine code."""
+def _emitted(program: Written, effort: int = FULL) -> bytes:
+    """Machine code."""
     import llvmlite.binding as llvm
 
-    machine = _machine()
+    machine = _machine(effort)
     module = llvm.parse_assembly(program.text)
     module.verify()
-    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+    tuning = llvm.create_pipeline_tuning_options(speed_level=effort)
     tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = True
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
@@ -192,15 +200,15 @@ def _processor() -> tuple[str, str, str]:
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _machine() -> Any:
-    """One for each use: an engine takes its own over and ends it."""
+def _machine(effort: int = FULL) -> Any:
+    """What code is made for; an engine takes it for its own, so that each needs one."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     triple, name, features = _processor()
     return llvm.Target.from_triple(triple).create_target_machine(
-        cpu=name, features=features, opt=3, codemodel="jitdefault", jit=True
+        cpu=name, features=features, opt=effort, codemodel="jitdefault", jit=True
     )
 
 
@@ -239,3 +247,10 @@ def _taken(name: str, buffer: Any) -> Any:
     if view.format != "d" or not view.c_contiguous or view.readonly or not view.nbytes:
         raise InputError(name, buffer, "a contiguous writable buffer of floats (float64)")
     return (ctypes.c_double * (view.nbytes // 8)).from_buffer(view)
+
+
+def _pointer(memory: Any) -> ctypes.c_void_p:
+    """The address of a buffer, which lives as long as this does."""
+    pointer = ctypes.c_void_p(ctypes.addressof(memory))
+    pointer.memory = memory  # type: ignore[attr-defined]
+    return pointer

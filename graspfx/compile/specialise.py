@@ -47,6 +47,7 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
 }
+DEEPEST = 100  # calls inside calls
 BUILTINS = (abs, min, max, int, float, bool)
 
 
@@ -93,15 +94,16 @@ class Program:
             function,
             tuple(a.key if isinstance(a, Known) else a if isinstance(a, Memory) else None for a in arguments),
         )
-        if key not in self._made:
+        code = function.__code__
+        if key not in self._made and list(self._made.values()).count(None) < DEEPEST:
             self._made[key] = None
-            code = function.__code__
             self.files.add(code.co_filename)
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
             self._made[key] = self._make(kernel, arguments, f"{function.__name__}_{len(self._made)}")
-        found = self._made[key]
+        found = self._made.get(key)
         if found is None:
-            raise InputError("kernel", function.__qualname__, "a function that does not call itself")
+            place = f"{code.co_filename}:{code.co_firstlineno}"
+            raise InputError(place, function.__qualname__, "a kernel that does not call itself")
         return found
 
     def add_text(self, text: str, namespace: Mapping[str, Any], arguments: Sequence[Value]) -> Made:
@@ -151,6 +153,10 @@ class _Body:
         statements, ended = self.block(self.tree.body, scope)
         if not ended:
             self.returned.append(None)
+        for taken in self.arrays.keys() & (_assigned(self.tree.body) | set(parameters)):
+            raise self.cannot(
+                self.tree, f"has a number named {taken!r}, which is the name of a buffer: call that otherwise"
+            )
         body = _without_unused(body + statements)
         lane = ["lane"] if self.program.lanes > 1 else []
         arrays = tuple(self.arrays)
@@ -667,6 +673,8 @@ def _constant(value: Number) -> ast.expr:
         return _load("nan")
     if isinstance(value, float) and math.isinf(value):
         return _load("inf") if value > 0.0 else ast.UnaryOp(ast.USub(), _load("inf"))
+    if value < 0 or (value == 0 and math.copysign(1.0, value) < 0.0):
+        return ast.UnaryOp(ast.USub(), ast.Constant(-value))  # in a power it must be written in brackets
     return ast.Constant(value)
 
 

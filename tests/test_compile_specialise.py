@@ -1,0 +1,132 @@
+"""Whole samples of scenes: specialised, compiled and as they are written, all the same bits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.compile.native import compiled, interpreted
+from graspfx.compile.specialise import Program
+from graspfx.compile.values import Known, Memory
+from graspfx.coupling import block as at
+from graspfx.coupling.sample import sample
+from graspfx.errors import InputError
+from graspfx.objects import kernels as body
+from graspfx.scene.making.build import build
+from graspfx.surfaces import proxy
+
+# What a run never changes and what picks the code's path.
+STRUCTURE = [
+    at.FINGERS, at.DIMENSIONS, at.EQUAL, at.DENSE, at.DAMPED, at.ATTACHED, at.STICK, at.FADE, at.AT_CONTACT,
+    at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.SINGULAR, at.FRICTION, at.COORDINATES, at.PROBLEM,
+    at.BRAKE, at.RAYS, at.OBSERVED, at.BODY + body.DIMENSIONS, at.BODY + body.INTEGRATOR,
+    *(at.BODY + body.FREE + k for k in range(6)),
+]  # fmt: skip
+SCENES = {  # how many states, and whether the code is optimised, which takes seconds for a large scene
+    "reference-1dof": (200, False),
+    "paper-waving": (200, False),
+    "knob": (150, True),
+    "mug": (60, True),
+    "soft-pinch": (150, True),
+    "thin-plate": (40, True),
+    "twenty-fingers": (10, True),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_sample_is_the_same_specialised_and_compiled(name: str) -> None:
+    states, quick = SCENES[name]
+    rng = np.random.default_rng(0)
+    with build(gx.load(name)) as servo:
+        grasped = servo.objects[0].grasped
+        S = grasped.block
+        frozen = {("MEM", k): float(S[k]) for k in STRUCTURE}
+        if S[at.SHAPE] == proxy.MESH:
+            frozen |= {("MEM", k): float(S[k]) for k in (at.MESH, at.WALKS)}
+        program = Program(frozen)
+        program.add(sample, [Memory("MEM", 0)])
+        source = program.source()
+        blocks = [S.copy() for _ in range(3)]
+        plain = memoryview(blocks[0])
+        runs = [lambda: sample(plain), interpreted(source).bind(blocks[1]).brief]
+        runs.append(compiled(source, quick=quick).bind(blocks[2]).brief)
+        n, d = grasped.fingers, grasped.dimensions
+        rows = slice(at.ROW, at.ROW + n * at.STRIDE)
+        held = S[rows].reshape(n, at.STRIDE)[:, at.CONTACT : at.CONTACT + d]
+        pressed = 0
+        for _ in range(states):
+            offset = rng.normal(size=(n, d)) * 10.0 ** rng.uniform(-4.0, -1.5)
+            inwards = rng.uniform(0.9, 1.05)
+            for block in blocks:
+                row = block[rows].reshape(n, at.STRIDE)
+                row[:, at.POSITION : at.POSITION + d] = held * inwards + offset
+                row[:, at.VELOCITY : at.VELOCITY + d] = offset * 10.0
+                block[at.BODY + body.POSITION] = offset[0, 0]
+            faults = {run() for run in runs}
+            assert len(faults) == 1
+            pressed += bool(np.any(blocks[0][rows].reshape(n, at.STRIDE)[:, at.FORCE : at.FORCE + d]))
+            for block in blocks[1:]:
+                np.testing.assert_array_equal(block, blocks[0])
+        assert pressed > states // 2
+
+
+def writes(S: memoryview, o: int) -> None:
+    S[o + 1] = S[o] * 2.0
+
+
+def chooses(S: memoryview, o: int) -> int:
+    kind = int(S[o])
+    S[o + 5] = kind
+    if kind == 1:
+        S[o + 1] = math.sqrt(S[o + 2])
+    elif kind == 2:
+        S[o + 1] = S[o + 2] ** -1.5
+    for k in range(kind):
+        S[o + 3] += k * (-2.0) ** S[o + 4]
+    return kind
+
+
+def lists(S: memoryview, o: int) -> None:
+    S[o] = sum([S[o], 1.0])
+
+
+def shadows(S: memoryview, o: int) -> None:
+    MEM = S[o] + 1.0
+    S[o] = MEM * MEM
+
+
+def itself(S: memoryview, o: int) -> None:
+    itself(S, o + 1)
+
+
+def test_an_entry_that_never_changes_is_not_to_be_written() -> None:
+    program = Program({("MEM", 5): 1.0})
+    program.add(writes, [Memory("MEM", 0), Known(3)])
+    with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+.*never to change"):
+        program.add(writes, [Memory("MEM", 0), Known(4)])
+
+
+@pytest.mark.parametrize("kernel", [lists, itself, shadows])
+def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: object) -> None:
+    with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+"):
+        Program({}).add(kernel, [Memory("MEM", 0), Known(0)])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_what_is_known_leaves_no_trace(kind: int) -> None:
+    program = Program({("MEM", 10): float(kind)}, unroll=4)
+    made = program.add(chooses, [Memory("MEM", 10), Known(0)])
+    assert isinstance(made.result, Known) and made.result.value == kind
+    source = program.source()
+    assert ("sqrt" in source, "-1.5" in source, "for" in source) == (kind == 1, kind == 2, False)
+    A = np.arange(16.0) / 4.0
+    A[10], A[14] = kind, 3.0
+    B, C = A.copy(), A.copy()
+    chooses(memoryview(A), 10)
+    interpreted(source).bind(B).brief()
+    compiled(source).bind(C).brief()
+    np.testing.assert_array_equal(A, B)
+    np.testing.assert_array_equal(A, C)
