@@ -20,7 +20,7 @@ from graspfx.compile.llvm_arithmetic import FLOAT
 from graspfx.compile.llvm_expressions import NAMES
 from graspfx.errors import InputError, MissingPackageError
 
-FORMAT = 1  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
+FORMAT = 2  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
 FULL, QUICK = 3, 0  # LLVM's levels of optimisation
 OUTSIDE = -(2**63)
@@ -187,7 +187,8 @@ def _emitted(program: Written, effort: int = FULL) -> bytes:
     module = llvm.parse_assembly(program.text)
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=effort)
-    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = True
+    tuning.loop_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = True
+    tuning.slp_vectorization = False  # what was written entry by entry would be read as vectors, which waits
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))

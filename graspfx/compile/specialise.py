@@ -60,6 +60,7 @@ class Made:
     node: ast.FunctionDef
     result: Value | None
     pure: bool
+    statements: int  # its own and those of the kernels that it calls, each call anew
 
 
 @dataclass(frozen=True)
@@ -77,12 +78,12 @@ class Program:
 
     Args:
         frozen: entries of arrays that never change, by array and index.
-        unroll: most turns of a loop that is written out.
+        unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
         lanes: so many programs side by side, entry i of each at i * lanes + lane; 1 for an ordinary program.
     """
 
     frozen: Mapping[tuple[str, int], float]
-    unroll: int = 1
+    unroll: int = 0
     lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
@@ -120,7 +121,13 @@ class Program:
     def source(self) -> str:
         """The program as Python."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
-        return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in self.functions)])
+        called = {self.functions[-1].name}
+        kept = []
+        for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
+            if node.name in called:
+                kept.append(node)
+                called.update(n.id for n in ast.walk(node) if isinstance(n, ast.Name))
+        return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in reversed(kept))])
 
 
 class _Body:
@@ -135,6 +142,7 @@ class _Body:
         self.arrays: dict[str, None] = {}
         self.returned: list[Value | None] = []
         self.pure = True
+        self.called = 0  # statements of the kernels that are called, each call anew
 
     def made(self, name: str) -> Made:
         scope: Scope = {}
@@ -170,7 +178,7 @@ class _Body:
             decorator_list=[],
             type_params=[],
         )  # fmt: skip
-        return Made(name, arrays, node, self.result(), self.pure)
+        return Made(name, arrays, node, self.result(), self.pure, self.called + _statements(body))
 
     def result(self) -> Value | None:
         """What is known of all that may be returned."""
@@ -215,7 +223,7 @@ class _Body:
         if isinstance(node, ast.If):
             return self.branch(node, scope)
         if isinstance(node, ast.For):
-            return self.loop(node, scope), False
+            return self.loop(node, scope)
         if isinstance(node, ast.While):
             return self.repeat(node, scope)
         if isinstance(node, ast.Return):
@@ -282,7 +290,7 @@ class _Body:
             return [ast.If(ast.UnaryOp(ast.Not(), _node(test)), otherwise, [])], ended and other_ended
         return [ast.If(_node(test), body, otherwise)], ended and other_ended
 
-    def loop(self, node: ast.For, scope: Scope) -> list[ast.stmt]:
+    def loop(self, node: ast.For, scope: Scope) -> tuple[list[ast.stmt], bool]:
         call = node.iter
         if not (
             isinstance(node.target, ast.Name)
@@ -297,24 +305,47 @@ class _Body:
         if len(known) == len(bounds):
             turns = range(*known)
             if not turns:
-                return []
-            if len(turns) <= self.program.unroll and not _leaves(node.body):
-                out: list[ast.stmt] = []
-                for turn in turns:
-                    scope[node.target.id] = Known(turn)
-                    out.append(_assign(node.target.id, ast.Constant(turn)))
-                    body, ended = self.block(node.body, scope)
-                    out += body
-                    if ended:
-                        raise self.cannot(node, "always leaves its loop in the first turn")
-                return out
+                return [], False
+            written_out = self.written_out(node, turns, scope)
+            if written_out is not None:
+                return written_out
         self.forget([node], scope)
         inner = dict(scope)
         body, _ = self.block(node.body, inner)
         self.forget([node], scope)
         if not body:
-            return []
-        return [ast.For(_store(node.target.id), _call("range", [_node(b) for b in bounds]), body, [])]
+            return [], False
+        return [ast.For(_store(node.target.id), _call("range", [_node(b) for b in bounds]), body, [])], False
+
+    def written_out(self, node: ast.For, turns: range, scope: Scope) -> tuple[list[ast.stmt], bool] | None:
+        """The turns of a loop one after another, and whether the end is never reached; None if that is too much."""
+        assert isinstance(node.target, ast.Name)
+        most = self.program.unroll
+        if len(turns) * len(node.body) > most or _leaves(node.body):
+            return None
+        inner, arrays, pure, called, returned = (
+            dict(scope),
+            dict(self.arrays),
+            self.pure,
+            self.called,
+            len(self.returned),
+        )
+        out: list[ast.stmt] = []
+        ended = False
+        for done, turn in enumerate(turns):
+            inner[node.target.id] = Known(turn)
+            out.append(_assign(node.target.id, ast.Constant(turn)))
+            body, ended = self.block(node.body, inner)
+            out += body
+            written = _statements(out) + self.called - called
+            if max(written, 0 if ended else written // (done + 1) * len(turns)) > most:
+                self.arrays, self.pure, self.called = arrays, pure, called
+                del self.returned[returned:]
+                return None
+            if ended:
+                break
+        _become(scope, inner)
+        return out, ended
 
     def repeat(self, node: ast.While, scope: Scope) -> tuple[list[ast.stmt], bool]:
         if node.orelse:
@@ -534,6 +565,7 @@ class _Body:
         if made.pure and (known or result is None):
             return None, result or Known(0)
         self.pure = self.pure and made.pure
+        self.called += made.statements
         for array in made.arrays:
             self.arrays[array] = None
         lane = [_load("lane")] if self.program.lanes > 1 else []
@@ -619,6 +651,11 @@ def _leaves(statements: Sequence[ast.stmt]) -> bool:
         if isinstance(statement, ast.If) and (_leaves(statement.body) or _leaves(statement.orelse)):
             return True
     return False
+
+
+def _statements(statements: Sequence[ast.stmt]) -> int:
+    """How many there are, inner ones too."""
+    return sum(isinstance(node, ast.stmt) for statement in statements for node in ast.walk(statement))
 
 
 def _without_unused(statements: list[ast.stmt]) -> list[ast.stmt]:
