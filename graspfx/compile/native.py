@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 from graspfx.compile import cache as kept
@@ -20,9 +21,9 @@ from graspfx.compile.llvm_arithmetic import FLOAT
 from graspfx.compile.llvm_expressions import NAMES
 from graspfx.errors import InputError, MissingPackageError
 
-FORMAT = 2  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
-FULL, QUICK = 3, 0  # LLVM's levels of optimisation
+FULL, QUICK = 1, 0  # LLVM's levels of optimisation; loops over lanes take LANES
+LANES = 3
 OUTSIDE = -(2**63)
 
 Run = Callable[..., int]
@@ -163,7 +164,7 @@ def compiled(
     except ImportError as error:
         raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
-    parts = [str(FORMAT), *names, ",".join(sorted(floats)), str(checked), source]
+    parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), source]
     for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
         found = kept.stored(key)
@@ -183,15 +184,25 @@ def _emitted(program: Written, effort: int = FULL) -> bytes:
     """Machine code."""
     import llvmlite.binding as llvm
 
-    machine = _machine(effort)
+    level = LANES if program.lanes and effort == FULL else effort
+    machine = _machine(level)
     module = llvm.parse_assembly(program.text)
     module.verify()
-    tuning = llvm.create_pipeline_tuning_options(speed_level=effort)
-    tuning.loop_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = True
-    tuning.slp_vectorization = False  # what was written entry by entry would be read as vectors, which waits
+    tuning = llvm.create_pipeline_tuning_options(speed_level=level)
+    # Else loops are short and were written out where that helps; and vectors read what was written entry by entry, which
+    # waits.
+    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = program.lanes
+    tuning.loop_unrolling = program.lanes
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))
+
+
+@cache
+def _back_end() -> str:
+    """A digest of what programs are compiled by: code that another version of it made is not taken."""
+    sources = sorted(Path(__file__).parent.glob("llvm*.py"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in [*sources, Path(__file__)])).hexdigest()
 
 
 def _processor() -> tuple[str, str, str]:
