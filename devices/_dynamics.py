@@ -232,7 +232,7 @@ def advance(S: Any, o: int) -> int:
     step = 2 * n
     x = o + HEADER
     u, begin, end, middle = x + EFFORT * step, x + BEGIN * step, x + END * step, x + MIDDLE * step
-    code: int = unfit(S, u, middle + 2 * step)
+    code: int = unfit(S, u, middle + 2 * step, step)
     if code:
         return code
     rate = fastest_rate(S, o)

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError, InputError
-from graspfx.loop.plant import FusedHand, Hand, Kernel, Ports
+from graspfx.loop.plant import FusedHand, Hand, Kernel, Ports, is_still
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Pair = tuple[FloatArray, FloatArray]
 
-# The block begins with these entries; a plant's own start at OWN. Its arrays, where it says, are position, velocity and
-# effort, (n, d) each, then the hand's targets r and r' at the sample's beginning, at its end and, for a plant that asks
-# for them, in its middle, (2, n, d) each.
-FINGERS, DIMENSIONS, PERIOD, SINCE, TICKS, OWN = range(6)
+# The block begins with these entries, STILL 1 if the targets never change; a plant's own start at OWN. Its arrays, where
+# it says, are position, velocity and effort, (n, d) each, then the hand's targets r and r' at the sample's beginning, at
+# its end and, for a plant that asks for them, in its middle, (2, n, d) each.
+FINGERS, DIMENSIONS, PERIOD, SINCE, TICKS, STILL, OWN = range(7)
 POSITION, VELOCITY, EFFORT, BEGIN, END, MIDDLE = 0, 1, 2, 3, 5, 7  # in n d entries
 ARRAYS = 7  # n d entries of all of them without the middle
 
@@ -100,6 +100,7 @@ class HeldPlant(ABC):
         if isinstance(hand, FusedHand):
             r, v = (hand.state[at : at + n * d].reshape(n, d) for at in hand.ports)
             self._shown = hand, hand.state.data, r, v
+        S[STILL] = float(is_still(hand))
         self._aim(hand, now, self._begin)
         self._held = hand, K, B
 
@@ -153,9 +154,12 @@ class HeldPlant(ABC):
         """Put gains (d, n, n) and whatever else depends on them and on T into the block."""
 
 
-def unfit(S: Any, first: int, last: int) -> int:
-    """NOT_FINITE if any of S[first], ..., S[last - 1] is not finite, or 0."""
+def unfit(S: Any, first: int, last: int, step: int) -> int:
+    """NOT_FINITE if any of S[first], ..., S[last - 1] is not finite, or 0; sums of `step` do not wait for one another."""
     nothing = 0.0
-    for i in range(first, last):
-        nothing += 0.0 * S[i]
+    for start in range(first, last, step):
+        part = 0.0
+        for i in range(start, start + step):
+            part += 0.0 * S[i]
+        nothing += part
     return 0 if nothing == 0.0 else NOT_FINITE

@@ -16,6 +16,7 @@ from graspfx.devices._plant import (
     END,
     FINGERS,
     OWN,
+    STILL,
     TICKS,
     VELOCITY,
     HeldPlant,
@@ -37,7 +38,8 @@ GROUP = 4  # entries of a group: axis, size, where its fingers are listed, where
 def advance(S: Any, o: int) -> int:
     """One sample of the plant whose block starts at `o`; then the targets' end becomes their beginning.
 
-    Per group of g coupled fingers on an axis: (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1').
+    Per group of g coupled fingers on an axis: (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1'); the
+    last three are zero where the targets stand still.
     """
     n, d = int(S[o + FINGERS]), int(S[o + DIMENSIONS])
     step = n * d
@@ -46,7 +48,8 @@ def advance(S: Any, o: int) -> int:
     r0, r1 = x + BEGIN * step, x + END * step
     dr0, dr1 = r0 + step, r1 + step
     q = x + ARRAYS * step
-    code: int = unfit(S, u, q)
+    still = S[o + STILL] != 0.0
+    code: int = unfit(S, u, u + step if still else q, step)
     if code:
         return code
     table = o + int(S[o + TABLE])
@@ -59,21 +62,23 @@ def advance(S: Any, o: int) -> int:
             S[q + j] = S[x + i] - S[r0 + i]
             S[q + g + j] = S[v + i]
             S[q + 2 * g + j] = S[u + i]
-            S[q + 3 * g + j] = S[r1 + i] - S[r0 + i]
-            S[q + 4 * g + j] = S[dr0 + i]
-            S[q + 5 * g + j] = S[dr1 + i]
+            if not still:
+                S[q + 3 * g + j] = S[r1 + i] - S[r0 + i]
+                S[q + 4 * g + j] = S[dr0 + i]
+                S[q + 5 * g + j] = S[dr1 + i]
         width = 6 * g
         for j in range(g):
             i = int(S[members + j]) * d + axis
             a, b = top + j * width, top + (g + j) * width
             dx = dv = 0.0
-            for k in range(width):
+            for k in range(3 * g if still else width):
                 dx += S[a + k] * S[q + k]
                 dv += S[b + k] * S[q + k]
             S[x + i] += dx
             S[v + i] = dv
-    for i in range(2 * step):
-        S[r0 + i] = S[r1 + i]
+    if not still:
+        for i in range(2 * step):
+            S[r0 + i] = S[r1 + i]
     S[o + TICKS] += 1.0
     return 0
 
@@ -105,11 +110,13 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     @property
     def structure(self) -> Index:
-        """Counts, and the groups of coupled fingers: how many, their table and their members."""
+        """Counts, whether targets stand still, and the groups of coupled fingers: how many, their table and members."""
         row, entries = int(self.state[TABLE]), self.position.size
         members = row + GROUP * entries
         rows = np.arange(row, row + GROUP * int(self.state[GROUPS]))
-        return np.concatenate([[FINGERS, DIMENSIONS, GROUPS, TABLE], rows, np.arange(members, members + entries)])
+        return np.concatenate(
+            [[FINGERS, DIMENSIONS, STILL, GROUPS, TABLE], rows, np.arange(members, members + entries)]
+        )
 
     def _put(self, position: FloatArray) -> None:
         """There is nothing else to place."""

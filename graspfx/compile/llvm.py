@@ -25,12 +25,14 @@ class Written(NamedTuple):
         text: LLVM's language.
         arrays: the entry's parameters that are buffers of floats, in their order, the first ones.
         numbers: the types of its other parameters, INT or FLOAT.
+        lanes: whether it has loops over lanes, of which the turns may be done side by side.
         libm: functions of the platform's library that it calls, as `graspfx_` and their name.
     """
 
     text: str
     arrays: tuple[str, ...]
     numbers: tuple[str, ...]
+    lanes: bool
     libm: tuple[str, ...]
 
 
@@ -101,7 +103,7 @@ def written(source: str, floats: Collection[str] = (), *, checked: bool = False)
     texts = [INTRINSICS, *map(_declared, sorted(module.libm)), *module.texts, _entry(made, given), *module.notes]
     if checked:
         texts.insert(0, _checking(arrays))
-    return Written("\n".join(texts) + "\n", arrays, numbers, tuple(sorted(module.libm)))
+    return Written("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), tuple(sorted(module.libm)))
 
 
 def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.FunctionDef]) -> bool:

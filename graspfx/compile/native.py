@@ -24,7 +24,8 @@ from graspfx.compile.method import DECLARED, METHOD, method, method_text, python
 from graspfx.errors import InputError, MissingPackageError
 
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
-FULL, COMPACT, QUICK = 3, 2, 0  # LLVM's levels of optimisation
+FULL, QUICK = 1, 0  # LLVM's levels of optimisation; loops over lanes take LANES
+LANES = 3
 OUTSIDE = -(2**63)
 
 Run = Callable[..., int]
@@ -153,7 +154,6 @@ def compiled(
     *,
     checked: bool = False,
     quick: bool = False,
-    compact: bool = False,
     make: bool = True,
 ) -> Native:
     """A program as machine code, taken from the cache if it was compiled before.
@@ -165,8 +165,6 @@ def compiled(
         checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
         quick: compile in a tenth of the time what then takes some times as long to run, the same bits; not if better
             code is in the cache.
-        compact: half as much code, the same bits: for a program that runs once between other work, after which its
-            instructions have to come from far, and no slower by itself unless it has loops over lanes.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -179,8 +177,7 @@ def compiled(
 
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
     parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), source]
-    best = COMPACT if compact else FULL
-    for effort in (best, QUICK) if quick else (best,):
+    for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
         found = kept.stored(key)
         if found is not None:
@@ -211,13 +208,16 @@ def _emitted(program: Written, effort: int = FULL) -> bytes:
     """Machine code."""
     import llvmlite.binding as llvm
 
-    machine = _machine(effort)
+    level = LANES if program.lanes and effort == FULL else effort
+    machine = _machine(level)
     wrapper = method_text(ENTRY, len(program.arrays), program.numbers)
     module = llvm.parse_assembly(f"{program.text}{wrapper}\n")
     module.verify()
-    tuning = llvm.create_pipeline_tuning_options(speed_level=effort)
-    wide = effort != COMPACT
-    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = tuning.loop_unrolling = wide
+    tuning = llvm.create_pipeline_tuning_options(speed_level=level)
+    # Else loops are short and were written out where that helps; and vectors read what was written entry by entry, which
+    # waits.
+    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = program.lanes
+    tuning.loop_unrolling = program.lanes
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))

@@ -15,6 +15,8 @@ from graspfx.compile import cache as kept
 from graspfx.compile.specialise import Program
 from graspfx.compile.values import Later, Memory
 
+UNROLL = 400  # statements: loops over the fingers and axes of most scenes, none over friction's squares
+
 
 def program_source(
     text: str,
@@ -22,7 +24,7 @@ def program_source(
     arrays: Sequence[str],
     frozen: Mapping[tuple[str, int], float],
     *,
-    unroll: int = 1,
+    unroll: int = UNROLL,
     lanes: int = 1,
     make: bool = True,
 ) -> str:
@@ -33,7 +35,7 @@ def program_source(
         kernels: by name.
         arrays: the names of the buffers.
         frozen: entries of buffers that never change, by array and index.
-        unroll: most turns of a loop that is written out.
+        unroll: most statements of a loop that is written out.
         lanes: so many programs side by side (`Program`).
         make: whether to specialise what is not kept yet; else a LookupError.
     """

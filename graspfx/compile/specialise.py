@@ -29,12 +29,12 @@ class Program:
 
     Args:
         frozen: entries of arrays that never change, by array and index.
-        unroll: most turns of a loop that is written out.
+        unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
         lanes: so many programs side by side, entry i of each at i * lanes + lane; 1 for an ordinary program.
     """
 
     frozen: Mapping[tuple[str, int], float]
-    unroll: int = 1
+    unroll: int = 0
     lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
@@ -72,4 +72,10 @@ class Program:
     def source(self) -> str:
         """The program as Python."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
-        return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in self.functions)])
+        called = {self.functions[-1].name}
+        kept = []
+        for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
+            if node.name in called:
+                kept.append(node)
+                called.update(n.id for n in ast.walk(node) if isinstance(n, ast.Name))
+        return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in reversed(kept))])

@@ -52,6 +52,7 @@ class Made:
     node: ast.FunctionDef
     result: Value | None
     pure: bool
+    statements: int  # its own and those of the kernels that it calls, each call anew
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class Expressions:
         self.program, self.kernel, self.tree = program, kernel, kernel.tree
         self.arrays: dict[str, None] = {}
         self.pure = True
+        self.called = 0  # statements of the kernels that are called, each call anew
 
     def value(self, node: ast.expr, scope: Scope) -> Value:
         if isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float):
@@ -276,6 +278,7 @@ class Expressions:
         if made.pure and (known or result is None) and not any(map(calls, later)):
             return None, result or Known(0)
         self.pure = self.pure and made.pure
+        self.called += made.statements
         for array in made.arrays:
             self.arrays[array] = None
         lane = [load("lane")] if self.program.lanes > 1 else []

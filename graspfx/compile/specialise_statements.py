@@ -17,6 +17,7 @@ from graspfx.compile.syntax import (
     load,
     loaded,
     node_of,
+    size,
     store,
     tuple_of,
 )
@@ -68,7 +69,7 @@ class Body(Expressions):
             decorator_list=[],
             type_params=[],
         )  # fmt: skip
-        return Made(name, arrays, node, self.result(), self.pure)
+        return Made(name, arrays, node, self.result(), self.pure, self.called + size(body))
 
     def result(self) -> Value | None:
         """What is known of all that may be returned."""
@@ -204,16 +205,9 @@ class Body(Expressions):
             numbers = range(*known)
             if not numbers:
                 return [], False
-            if len(numbers) <= self.program.unroll and not leaves(node.body):
-                out: list[ast.stmt] = []
-                for number in numbers:
-                    scope[node.target.id] = Known(number)
-                    out.append(assignment(node.target.id, ast.Constant(number)))
-                    body, ended = self.block(node.body, scope)
-                    out += body
-                    if ended:
-                        return out, True
-                return out, False
+            found = self.written_out(node, numbers, scope)
+            if found is not None:
+                return found
         self.forget([node], scope)
         inner = dict(scope)
         body, _ = self.block(node.body, inner)
@@ -224,6 +218,35 @@ class Body(Expressions):
             ast.For(store(node.target.id), call_of("range", [node_of(b) for b in bounds]), body, [])
         ]
         return turned, False
+
+    def written_out(self, node: ast.For, turns: range, scope: Scope) -> tuple[list[ast.stmt], bool] | None:
+        """The turns of a loop one after another, and whether the end is never reached; None if that is too much."""
+        assert isinstance(node.target, ast.Name)
+        most = self.program.unroll
+        if len(turns) * len(node.body) > most or leaves(node.body):
+            return None
+        inner, arrays, pure, called, returned = (
+            dict(scope),
+            dict(self.arrays),
+            self.pure,
+            self.called,
+            len(self.returned),
+        )
+        out: list[ast.stmt] = []
+        ended, written = False, 0
+        for done, turn in enumerate(turns, start=1):
+            inner[node.target.id] = Known(turn)
+            body, ended = self.block(node.body, inner)
+            out += [assignment(node.target.id, ast.Constant(turn)), *body]
+            written += size(body)
+            if (written + self.called - called) * (1 if ended else len(turns)) > most * done:
+                self.arrays, self.pure, self.called = arrays, pure, called
+                del self.returned[returned:]
+                return None
+            if ended:
+                break
+        _become(scope, inner)
+        return out, ended
 
     def repeat(self, node: ast.While, scope: Scope) -> tuple[list[ast.stmt], bool]:
         if node.orelse:

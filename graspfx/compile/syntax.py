@@ -55,6 +55,11 @@ def loaded(target: ast.expr) -> ast.expr:
     return found
 
 
+def size(statements: Sequence[ast.stmt]) -> int:
+    """How many statements there are, inner ones too."""
+    return sum(isinstance(node, ast.stmt) for statement in statements for node in ast.walk(statement))
+
+
 def calls(node: ast.expr) -> bool:
     return any(isinstance(n, ast.Call) for n in ast.walk(node))
 

@@ -79,7 +79,8 @@ TWIST_AXIS = 68  # direction in which torsion acts on the object, O
 MOMENT = 71  # torsion on the object, W [N m]
 RADIUS = 74  # of a ball fingertip, 0 for a point [m]
 ELASTIC = 75  # LOCAL without damping, four entries, where it is wanted
-STRIDE = 79
+ROOT = 79  # of the weight, where there is a projection
+STRIDE = 80
 
 
 def modes(n: int) -> int:

@@ -193,8 +193,8 @@ class GraspedObject:
     def structure(self) -> Index:
         """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets.
 
-        Values are not among them but for zeros that stay zero: gains, and what a finger lacks of friction, of a patch
-        and of a radius.
+        Values are not among them but for zeros that stay zero, gains, and what a finger lacks of friction, of a patch
+        and of a radius; and for weights of one that never fade.
         """
         fixed = [*STRUCTURE, *(at.BODY + entry for entry in (body.DIMENSIONS, body.INTEGRATOR))]
         fixed += range(at.BODY + body.FREE, at.BODY + body.FREE + 6)
@@ -205,6 +205,9 @@ class GraspedObject:
         for o in range(at.ROW, at.ROW + self.fingers * at.STRIDE, at.STRIDE):
             lacking += [o + at.COEFFICIENT, o + at.PATCH, o + at.RADIUS]
         fixed += [entry for entry in lacking if self.block[entry] == 0.0]
+        if not self.block[at.FADE]:
+            weights = range(at.ROW + at.WEIGHT, at.ROW + self.fingers * at.STRIDE, at.STRIDE)
+            fixed += [entry for entry in weights if self.block[entry] == 1.0]
         return np.array(sorted(fixed), dtype=np.intp)
 
     @property

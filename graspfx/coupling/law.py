@@ -19,6 +19,8 @@ def combine(S: Any, kep: float, ked: float, kip: float, kid: float) -> None:
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         w = S[r + at.WEIGHT]
+        if S[at.EQUAL] == 0.0:
+            S[r + at.ROOT] = math.sqrt(w)
         for a in range(4 if soft else d):
             f = kip * S[r + at.DISPLACEMENT + a]
             if kid != 0.0:
@@ -41,13 +43,13 @@ def combine(S: Any, kep: float, ked: float, kip: float, kid: float) -> None:
                 if kd != 0.0:
                     g += kd * S[r + at.RATE + a]
                 inner += S[q + width * i + a] * g
-            z += math.sqrt(S[r + at.WEIGHT]) * inner
+            z += S[r + at.ROOT] * inner
         z *= S[q - 1]
         if keep >= 0:
             S[keep + k] = z
         for i in range(n):
             r = at.ROW + i * at.STRIDE
-            share = z * math.sqrt(S[r + at.WEIGHT])
+            share = z * S[r + at.ROOT]
             for a in range(4 if soft else d):
                 S[r + at.LOCAL + a] += share * S[q + width * i + a]
 

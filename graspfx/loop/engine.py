@@ -147,10 +147,8 @@ class Compiled:
 
         self._tick = tick
         self._bounds: dict[Any, Any] = {}  # by program
-        alone = not (tick.ports or tick.guests or tick.bodies or tick.plants)  # tick after tick, nothing between
         self.programs = {
-            name: compiled(source, quick=quick, compact=not alone, make=make)
-            for name, source in sources(tick, make=make).items()
+            name: compiled(source, quick=quick, make=make) for name, source in sources(tick, make=make).items()
         }
 
     def expect(self, ticks: int) -> None: ...

@@ -68,7 +68,8 @@ class Hand:
             raise InputError("turns", turns, "turns that are a Turn", "another course in time is a motion of its angle")
         closing = _squeeze(squeeze, squeeze_ramp)
         along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
-        squeezing = lay_out(parts_of(closing) if along.any() else (), 1)
+        closes = along.any() and not (np.isscalar(squeeze) and squeeze == 0.0)
+        squeezing = lay_out(parts_of(closing) if closes else (), 1)
         courses = [(squeezing, 1), (lay_out(parts_of(x), d), d), *((turn.laid_out, 1) for turn in turns)]
         ports = plant.HandPorts(position=targets.HAND, velocity=targets.HAND + n * d)
         still, room = np.zeros(n * d), np.zeros(2 * d + 2)
@@ -130,6 +131,13 @@ class Hand:
         """B, (d, n, n) [N s/m], read-only."""
         return self._damping
 
+    @property
+    def still(self) -> bool:
+        """Whether its targets never change."""
+        at = [int(entry) for entry in self.state[[targets.SQUEEZE, targets.MOTION]]]
+        moves = self.state[targets.TURNS] or self.state[at].any()
+        return type(self).target is Hand.target and not moves
+
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
         for at, course, d in self._asked:
@@ -157,6 +165,7 @@ class JoinedHands:
         rows = np.array(where)[:, None], np.array(where)
         self._stiffness = _frozen(_block_diagonal([hand.stiffness for hand in hands])[:, *rows])
         self._damping = _frozen(_block_diagonal([hand.damping for hand in hands])[:, *rows])
+        self._still = all(map(plant.is_still, hands))
         d = len(self._stiffness)
         header = targets.JOINED + len(hands)
         at = header + 2 * n * d + 2 * n
@@ -192,6 +201,11 @@ class JoinedHands:
     def damping(self) -> FloatArray:
         """B, (d, n, n) [N s/m], read-only."""
         return self._damping
+
+    @property
+    def still(self) -> bool:
+        """Whether no target of any hand ever changes."""
+        return type(self).target is JoinedHands.target and not self._asked and self._still
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""

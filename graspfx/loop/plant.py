@@ -148,6 +148,11 @@ class FusedPlant(Plant, Protocol):
         ...
 
 
+def is_still(hand: Hand) -> bool:
+    """Whether a hand says, as `still`, that its targets never change and have no velocity."""
+    return bool(getattr(hand, "still", False))
+
+
 def fused(plant: Plant) -> FusedPlant | None:
     """The plant, if its kernel does all that `advance` does.
 

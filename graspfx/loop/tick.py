@@ -390,6 +390,11 @@ class _Writer:
         if port.middle is not None:
             wanted.insert(0, (port.middle, f"0.5 * (k * {T} + (k + 1) * {T})"))
         if hand is not None:
+            if plants.is_still(hand):
+                for to, _ in wanted:
+                    for start, source in ((to, hand.ports.position), (to + count, hand.ports.velocity)):
+                        m.plant.state[start : start + count] = hand.state[source : source + count]
+                return
             name = self.script.memory("hand", hand.state, hand.structure)
             for to, time in wanted:
                 yield f"{self.script.kernel(hand.kernel)}({name}, 0, {time})"

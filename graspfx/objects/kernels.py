@@ -45,7 +45,9 @@ NEXT_VELOCITY = 58
 NEXT_ANGULAR_VELOCITY = 61
 COMPLIANCE = 64  # displacement of a free axis per force [m/N]
 ROTATIONAL_COMPLIANCE = 65  # rotation per moment, world axes, row by row, zero where locked [rad/(N m)]
-SIZE = 74
+HELD = 74  # `held` of the translation's b T/m, kept until that is another: z, then its four values
+HELD_TURN = 79  # and of a rotation's b_w T/J
+SIZE = 84
 
 EXPLICIT, SEMI_IMPLICIT, EXACT, IMPLICIT = 0, 1, 2, 3
 
@@ -67,7 +69,7 @@ def step(S: Any, o: int, T: float) -> None:
     d = int(S[o + DIMENSIONS])
     kind = int(S[o + INTEGRATOR])
     m = S[o + MASS]
-    p, q, r, s = coefficients(kind, S[o + VISCOSITY] / m, T)
+    p, q, r, s = kept_coefficients(S, o + HELD, kind, S[o + VISCOSITY] / m, T)
     for a in range(d):
         if S[o + FREE + a] != 0.0:
             x, v, g, f = S[o + POSITION + a], S[o + VELOCITY + a], S[o + GRAVITY + a], S[o + FORCE + a]
@@ -75,7 +77,7 @@ def step(S: Any, o: int, T: float) -> None:
             S[o + VELOCITY + a] = r * v + s * g + s / m * f
     if d == 2 and S[o + FREE + 5] != 0.0:
         J, moment = S[o + INERTIA + 2], S[o + MOMENT + 2]
-        p, q, r, s = coefficients(kind, S[o + ROTATIONAL_VISCOSITY] / J, T)
+        p, q, r, s = kept_coefficients(S, o + HELD_TURN, kind, S[o + ROTATIONAL_VISCOSITY] / J, T)
         w = S[o + ANGULAR_VELOCITY + 2]
         S[o + ANGLE] = S[o + ANGLE] + p * w + q / J * moment
         S[o + ANGULAR_VELOCITY + 2] = r * w + s / J * moment
@@ -146,7 +148,27 @@ def coefficients(kind: int, a: float, T: float) -> tuple[float, float, float, fl
         r = 1.0 / (1.0 + T * a)
         return T * r, T * T * r, r, T * r
     E, one, two, _ = held(a * T)
+    return exact_coefficients(T, E, one, two)
+
+
+def exact_coefficients(T: float, E: float, one: float, two: float) -> tuple[float, float, float, float]:
+    """The coefficients of the exact integrator, from what `held` gives."""
     return T * one, T * T * two, E, T * one
+
+
+def kept_coefficients(S: Any, k: int, kind: int, a: float, T: float) -> tuple[float, float, float, float]:
+    """`coefficients`, those of the exact integrator from what is kept at k."""
+    if kind != EXACT:
+        return coefficients(kind, a, T)
+    keep_held(S, k, a * T)
+    return exact_coefficients(T, S[k + 1], S[k + 2], S[k + 3])
+
+
+def keep_held(S: Any, k: int, z: float) -> None:
+    """z and held(z) from k on, worked out where another z stands there, or nothing yet."""
+    if S[k] != z or S[k + 1] == 0.0:
+        S[k] = z
+        S[k + 1], S[k + 2], S[k + 3], S[k + 4] = held(z)
 
 
 def held(z: float) -> tuple[float, float, float, float]:
@@ -272,7 +294,9 @@ def turn_steadily(S: Any, o: int, T: float, J: float) -> None:
     log of the turn = integral of w + 1/2 double integral of w(s) x w(t), t < s; the second is along w x m, closed form.
     """
     f, m, w = o + FREE + 3, o + MOMENT, o + ANGULAR_VELOCITY
-    E, one, two, twist = held(S[o + ROTATIONAL_VISCOSITY] / J * T)
+    k = o + HELD_TURN
+    keep_held(S, k, S[o + ROTATIONAL_VISCOSITY] / J * T)
+    E, one, two, twist = S[k + 1], S[k + 2], S[k + 3], S[k + 4]
     ax, ay, az = S[f] * S[m] / J, S[f + 1] * S[m + 1] / J, S[f + 2] * S[m + 2] / J
     wx, wy, wz = S[w], S[w + 1], S[w + 2]
     g = -T * T * T * twist
