@@ -17,6 +17,7 @@ from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.numeric import number
 from graspfx.scene.making.build import build, make_layout
 from graspfx.scene.making.meshes import frames
+from graspfx.scene.tables.reading import Readable
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -44,7 +45,7 @@ def run(
         DeviceError: a device that does not open.
         RecordingError: `out` cannot be written to.
     """
-    if not isinstance(scene, Scene):
+    if not isinstance(scene, Readable):
         raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
     size = 8 * make_layout(scene, simulated=True).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
