@@ -35,6 +35,8 @@ math.sinh(x); math.cosh(x); math.tanh(x); math.asinh(x); math.acosh(x); math.ata
 math.sqrt(x); math.exp(x); math.log(x); math.log2(x); math.log10(x); math.log1p(x); math.expm1(x); math.pow(x, y)
 math.fmod(x, y); math.copysign(x, y); math.copysign(1, x); math.fabs(x); math.fabs(i)
 math.floor(x); math.ceil(x); math.trunc(x); math.floor(i); math.floor(x / 2.0) * 2; math.ceil(i)
+math.frexp(x)[0]; math.frexp(x)[1]; math.frexp(i)[1]; math.frexp(y * 1e-3)[0]; math.ldexp(1.0, math.frexp(x)[1])
+math.ldexp(x, j); math.ldexp(x, i * 1000); math.ldexp(x, -1060); math.ldexp(x, p); math.ldexp(i, -j)
 math.isnan(x); math.isinf(x); math.isfinite(x); math.isfinite(i); math.pi * x; math.tau; math.inf - x
 inf; -inf; nan * p
 x * y + i; x - y * x; (x + y) - x; x * x + y * y; (x + 1.0) * (x - 1.0) - x * x; 0.1 * i + 0.2 * x; 1e300 * x * 1e10

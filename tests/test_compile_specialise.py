@@ -89,6 +89,29 @@ def chooses(S: memoryview, o: int) -> int:
     return kind
 
 
+def first_turn(S: memoryview, o: int) -> float:
+    for k in range(3):
+        S[o] += 1.0
+        return S[o] + k
+    return 0.0
+
+
+def same_for_all(a: float) -> float:
+    return 7.0
+
+
+def edges(S: memoryview, o: int, on: int, zero: float) -> None:
+    x = S[o + 1]
+    S[o + 2] = (x and on) + (x or zero) * -1.0
+    S[o + 3] = (on and x) or zero
+    if x < 0.0:  # never: what would raise there is not to raise before
+        S[o + 4] = math.sqrt(-1.0 - zero) + int(1.0 / zero) + (-1.0) ** 0.5
+    S[o + 5] = first_turn(S, o + 6) + same_for_all(first_turn(S, o + 7))
+    if first_turn(S, o + 8) > 1.0:
+        pass
+    S[o + 9] = S[o + int(x) - 1] * (-x) ** 2.0
+
+
 def lists(S: memoryview, o: int) -> None:
     S[o] = sum([S[o], 1.0])
 
@@ -113,6 +136,22 @@ def test_an_entry_that_never_changes_is_not_to_be_written() -> None:
 def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: object) -> None:
     with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+"):
         Program({}).add(kernel, [Memory("MEM", 0), Known(0)])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("unroll", [1, 4])
+@pytest.mark.parametrize("x", [0.0, -0.0, 3.0])
+def test_folding_changes_no_value_and_drops_no_effect(x: float, unroll: int) -> None:
+    program = Program({}, unroll)
+    program.add(edges, [Memory("MEM", 0), Known(1), Known(1), Known(0.0)])
+    source = program.source()
+    A = np.arange(16.0) / 8.0
+    A[2] = x
+    B, C = A.copy(), A.copy()
+    edges(memoryview(A), 1, 1, 0.0)
+    interpreted(source).bind(B).brief()
+    compiled(source).bind(C).brief()
+    np.testing.assert_array_equal(A.view(np.int64), B.view(np.int64))
+    np.testing.assert_array_equal(A.view(np.int64), C.view(np.int64))
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])

@@ -19,6 +19,8 @@ from graspfx.loop.engine import Compiled
 from graspfx.loop.tick import CHUNK
 from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene
+from graspfx.surfaces import walk
+from graspfx.surfaces.ball import STATE
 
 TITLE = "Steps that a scene does not need"
 LIMITS = """
@@ -45,12 +47,14 @@ class Program:
         scene: that is run.
         recorded: whether ticks are.
         before: lines of the script before each tick, given the name of the object's block.
+        prepare: what is done to the block at first.
     """
 
     name: str
     scene: Scene
     recorded: bool = False
-    before: Callable[[str], Sequence[str]] = lambda block: ()
+    before: Callable[[str], Sequence[str]] = lambda name: ()
+    prepare: Callable[[FloatArray], None] = lambda block: None
     _kept: ExitStack = field(default_factory=ExitStack)
 
     @cached_property
@@ -60,6 +64,7 @@ class Program:
         tick = servo.script
         block = servo.objects[0].grasped.block
         name = next(name for name, array in tick.script.arrays.items() if array is block)
+        self.prepare(block)
         tick.begin[:0] = self.before(name)
         engine = Compiled(tick)
         engine.write_to(np.empty((CHUNK if self.recorded else 0, servo.layout.width)))
@@ -79,7 +84,7 @@ class Program:
 
     def again(self) -> Program:
         """The same from its start."""
-        return Program(self.name, self.scene, self.recorded, self.before)
+        return Program(self.name, self.scene, self.recorded, self.before, self.prepare)
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -111,7 +116,7 @@ def skips() -> Iterator[tuple[str, list[Program], bool]]:
         nearly = kept.replace({"coupling.internal.stiffness": EXTERNAL * (1.0 + 1e-12)})
         yield f"equal gains, {contact}", [Program("split", nearly), Program("no split", kept)], True
     attached = ball({"coupling.contact": "attached"})
-    anew = Program("split in every tick", attached, before=lambda block: [f"{block}[{at.SPLIT_KNOWN}] = 0.0"])
+    anew = Program("split in every tick", attached, before=lambda name: [f"{name}[{at.SPLIT_KNOWN}] = 0.0"])
     yield "fixed contacts", [anew, Program("split once", attached)], True
     yield "fingers", [Program(f"{n} fingers" if n > 1 else "1 finger", ball(n=n)) for n in (5, 3, 2, 1)], False
     yield "dimensions", [Program({3: "space", 2: "plane", 1: "line"}[d], ball(n=2, d=d)) for d in (3, 2, 1)], False
@@ -129,8 +134,8 @@ def skips() -> Iterator[tuple[str, list[Program], bool]]:
         "motion": {"kind": "sine", "amplitude": 0.1, "axis": [0.0, 0.8, 0.6], "frequency": 2.0},
     }
     far = {"object.shape": facetted(), "finger.4.start": [FAR, FAR, 0.0], "finger.4.hand": moving}
-    exact, safe = (ball({**far, "coupling.absent": absent}) for absent in ("follow", "fade"))
-    yield "a finger far from a mesh", [Program("exact distance", exact), Program("safe distance", safe)], True
+    exact = Program("exact distance", ball(far), prepare=look_as_far_as_it_takes)
+    yield "a finger far from a mesh", [exact, Program("safe distance", ball(far))], True
     damped = ball({"coupling.internal.damping": 0.2})
     yield "virtual damping", [Program("damping", damped), Program("none", ball())], False
     yield "recording", [Program("recorded", ball(), recorded=True), Program("not recorded", ball())], True
@@ -167,6 +172,12 @@ def ball(changes: Mapping[str, Any] = MappingProxyType({}), n: int = 5, d: int =
             for u in about
         ],
     ).replace(changes)
+
+
+def look_as_far_as_it_takes(block: FloatArray) -> None:
+    """The gap of a finger on a mesh is the exact one, however large."""
+    walks = int(block[at.WALKS])
+    block[walks + walk.REACH : int(block[at.MESH]) : STATE] = np.inf
 
 
 def facetted() -> dict[str, Any]:

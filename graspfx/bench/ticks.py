@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -86,10 +87,10 @@ class Engine:
     record: Callable[[Scene, float], Recording]
 
 
-def interpreted(scene: Scene) -> Callable[[int], object]:
-    """The servo tick by tick, its rows recorded and let go of."""
+def servo(scene: Scene, engine: str) -> Callable[[int], object]:
+    """The servo, its rows recorded and let go of."""
     with ExitStack() as stack:
-        servo = stack.enter_context(build(scene))
+        servo = stack.enter_context(build(scene, engine=engine))
         recorder = stack.enter_context(Recorder(servo.layout, Header(scene.period), keep=False))
         kept = stack.pop_all()
 
@@ -99,8 +100,19 @@ def interpreted(scene: Scene) -> Callable[[int], object]:
     return ticks
 
 
-ENGINES: Sequence[Engine] = (Engine("GraspFX, interpreted", "", interpreted, run),)
-ON_BULLET = Engine("GraspFX on PyBullet", "pybullet", interpreted, run)
+def recorded(scene: Scene, seconds: float, engine: str) -> Recording:
+    return run(scene.replace({"engine": engine}), seconds)
+
+
+def _engine(name: str, package: str, engine: str) -> Engine:
+    return Engine(name, package, partial(servo, engine=engine), partial(recorded, engine=engine))
+
+
+ENGINES: Sequence[Engine] = (
+    _engine("GraspFX, compiled", "llvmlite", "compiled"),
+    _engine("GraspFX, interpreted", "", "interpreted"),
+)
+ON_BULLET = _engine("GraspFX on PyBullet", "pybullet", "compiled" if is_installed("llvmlite") else "interpreted")
 
 
 def cases(quick: bool) -> Iterator[Case]:

@@ -119,7 +119,7 @@ def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.Functio
 
 
 def _declared(name: str) -> str:
-    arguments = "double, double" if name in BINARY_LIBM else "double"
+    arguments = {"ldexp": "double, i32", **dict.fromkeys(BINARY_LIBM, "double, double")}.get(name, "double")
     return f"declare double @graspfx_{name}({arguments}) nounwind willreturn nofree nosync memory(none)"
 
 

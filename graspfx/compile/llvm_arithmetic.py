@@ -237,6 +237,31 @@ def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
     return select(code, nothing, code.intrinsic("copysign", zero, ratio), whole)
 
 
+def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
+    """math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; of zero and of what is not finite, itself and 0."""
+    size = code.intrinsic("fabs", x)
+    tiny = code.op(BOOL, f"fcmp olt double {size.text}, {floating(2.0**-1022).text}")
+    scaled = code.op(FLOAT, f"fmul double {x.text}, {floating(2.0**54).text}")
+    bits = code.op(INT, f"bitcast double {select(code, tiny, scaled, x).text} to i64")
+    shifted = code.op(INT, f"lshr i64 {bits.text}, 52")
+    biased = code.op(INT, f"and i64 {shifted.text}, 2047")
+    exponent = binary(code, ast.Sub(), biased, select(code, tiny, constant(1022 + 54), constant(1022)))
+    kept = code.op(INT, f"and i64 {bits.text}, {-(2**63) | (2**52 - 1)}")
+    mantissa = code.op(FLOAT, f"bitcast i64 {code.op(INT, f'or i64 {kept.text}, {1022 << 52}').text} to double")
+    some = code.op(BOOL, f"fcmp one double {size.text}, 0.0")
+    finite = code.op(BOOL, f"fcmp olt double {size.text}, 0x7FF0000000000000")
+    usual = code.op(BOOL, f"and i1 {some.text}, {finite.text}")
+    return select(code, usual, mantissa, x), select(code, usual, exponent, constant(0))
+
+
+def _scaled(code: Code, x: Number, exponent: Number) -> Number:
+    """math.ldexp: x 2^e."""
+    code.used.add("ldexp")
+    bounded = extreme(code, "max", [constant(-5000), extreme(code, "min", [constant(5000), exponent])])
+    short = code.op("i32", f"trunc i64 {bounded.text} to i32")
+    return code.op(FLOAT, f"call double @graspfx_ldexp(double {x.text}, i32 {short.text})")
+
+
 def mathematical(code: Code, name: str, arguments: Sequence[Number]) -> Number | None:
     """A function of `math`; None if it is none of those that are given here."""
     numbers = [convert(code, a, FLOAT) for a in arguments]
@@ -244,6 +269,8 @@ def mathematical(code: Code, name: str, arguments: Sequence[Number]) -> Number |
         return code.intrinsic(EXACT[name], *numbers)
     if name in LIBM and len(numbers) == (2 if name in BINARY_LIBM else 1):
         return code.libm(name, *numbers)
+    if name == "ldexp" and len(numbers) == 2 and arguments[1].type != FLOAT:
+        return _scaled(code, numbers[0], arguments[1])
     if len(numbers) != 1:
         return None
     [x] = numbers

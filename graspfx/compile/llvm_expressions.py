@@ -20,6 +20,7 @@ from graspfx.compile.llvm_arithmetic import (
     convert,
     extreme,
     floating,
+    mantissa_and_exponent,
     mathematical,
     negative,
     select,
@@ -165,8 +166,8 @@ class Expressions:
     def chosen(self, several: Tuple, index: Number) -> Number:
         """An entry of a tuple, the last one for an index that is none of it."""
         *first, found = several.parts
-        if index.text.isdigit() and int(index.text) < len(first):
-            return first[int(index.text)]
+        if index.text.isdigit() and int(index.text) < len(several.parts):
+            return several.parts[int(index.text)]
         for k, part in reversed(list(enumerate(first))):
             found = select(self.code, compare(self.code, ast.Eq(), index, constant(k)), part, found)
         return found
@@ -283,6 +284,8 @@ class Expressions:
             found = None
             if isinstance(node.func, ast.Name):
                 found = self.builtin(node.func.id, numbers)
+            elif ast.unparse(node.func) == "math.frexp" and len(numbers) == 1:
+                return Tuple(mantissa_and_exponent(self.code, convert(self.code, numbers[0], FLOAT)))
             elif isinstance(node.func, ast.Attribute) and ast.unparse(node.func.value) == "math":
                 found = mathematical(self.code, node.func.attr, numbers)
             if found is not None:

@@ -182,6 +182,9 @@ class Statements(Expressions):
             case ast.Expr(value=ast.Call() as call):
                 self.call(call, scope)
                 return False
+            case ast.Expr(value=ast.Compare() | ast.BoolOp() | ast.UnaryOp() as tested):  # a test, for its calls
+                self.value(tested, scope)
+                return False
             case ast.Pass() | ast.Expr(value=ast.Constant()):
                 return False
         raise self.cannot(node, "is no statement that can be compiled")

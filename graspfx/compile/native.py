@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from graspfx.compile import cache as kept
@@ -22,7 +23,6 @@ from graspfx.compile.llvm_expressions import NAMES
 from graspfx.compile.method import DECLARED, METHOD, method, method_text, python_function
 from graspfx.errors import InputError, MissingPackageError
 
-FORMAT = 2  # of a cache's entry and of the code: to be raised when the same program would be compiled otherwise
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
 FULL, COMPACT, QUICK = 3, 2, 0  # LLVM's levels of optimisation
 OUTSIDE = -(2**63)
@@ -178,7 +178,7 @@ def compiled(
     import llvmlite.binding as llvm
 
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
-    parts = [str(FORMAT), *names, ",".join(sorted(floats)), str(checked), source]
+    parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), source]
     best = COMPACT if compact else FULL
     for effort in (best, QUICK) if quick else (best,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
@@ -221,6 +221,13 @@ def _emitted(program: Written, effort: int = FULL) -> bytes:
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))
+
+
+@cache
+def _back_end() -> str:
+    """A digest of what programs are compiled by: code that another version of it made is not taken."""
+    sources = sorted(Path(__file__).parent.glob("llvm*.py"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in [*sources, Path(__file__)])).hexdigest()
 
 
 def _processor() -> tuple[str, str, str]:
