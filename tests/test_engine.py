@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import foreign_parts
 import numpy as np
 import pytest
+from conftest import FULLY_COMPILED
 
 import graspfx as gx
 from graspfx import plugins
@@ -36,13 +36,6 @@ LINE: dict[str, Any] = {
         for x in (-0.0251, 0.0252)
     ],
 }  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Programs compiled in a tenth of the time: to the same bits."""
-    monkeypatch.setattr(engines, "Compiled", partial(engines.Compiled, quick=True))
-    monkeypatch.setitem(engines.ENGINES, "compiled", engines.Compiled)
 
 
 def line(**changes: Any) -> gx.Scene:
@@ -93,6 +86,14 @@ def test_each_kind_of_coupling_is_the_same_run_in_every_engine(changes: dict[str
     assert same(once, recorded(scene, "compiled", 7))
     assert same(once, recorded(scene, "interpreted"))
     assert once.finger_force.any()
+
+
+def test_quick_code_and_good_code_compute_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All other tests run code that was compiled quickly."""
+    quick = recorded(line(), "compiled")
+    monkeypatch.setitem(engines.ENGINES, "compiled", FULLY_COMPILED)
+    assert same(quick, recorded(line(), "compiled"))
+    assert same(quick, recorded(line(), "compiled", TICKS))
 
 
 def test_several_objects(tmp_path: Path) -> None:

@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
+from graspfx.coupling import approach
 from graspfx.scene.engine import kernels
 from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene
 from graspfx.scene.plan import PlanRow, equal_gains, packages, plan
+from graspfx.scene.run import run
 
 
 def scene(**changes: Any) -> Scene:
@@ -37,7 +39,9 @@ def row(made: Scene, step: str) -> PlanRow:
 
 
 CASES: list[tuple[dict[str, Any], str, bool, str]] = [
-    ({}, "split", True, "eq. (3)"),
+    ({}, "split", True, "eq. (3), when a contact has moved"),
+    ({"coupling__contact": "attached"}, "split", True, "once: contacts are fixed"),
+    ({"object__free": [False, True, True]}, "split", True, "in every sample: locked directions"),
     (
         {"coupling__internal__stiffness": 30.0},
         "split",
@@ -109,6 +113,24 @@ def test_several_objects_have_rows_of_their_own() -> None:
     assert {"move left", "move right", "turn left", "turn right"} <= set(steps)
     assert len(steps) == len(set(steps))
     assert not row(Scene(**table), "hand").runs
+
+
+@pytest.mark.parametrize("changes", [{}, {"coupling__contact": "attached"}, {"object__free": [False, True, True]}])
+def test_the_split_is_made_as_often_as_the_plan_says(changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counted in a run as it stands, in which the fingers slide as the hands pull them along."""
+    made = 0
+
+    def counted(*arguments: Any) -> int:
+        nonlocal made
+        made += 1
+        return modes(*arguments)
+
+    modes = approach.rigid_modes
+    monkeypatch.setattr(approach, "rigid_modes", counted)
+    given = scene(**changes, engine="interpreted", object__velocity=[0.0, 0.02])
+    run(given, duration=20 * given.period)
+    why = row(given, "split").why
+    assert made == 1 if "once" in why else made == 20 if "every" in why else 1 < made <= 20
 
 
 EQUAL = {"coupling__internal__stiffness": 30.0}

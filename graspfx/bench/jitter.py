@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from functools import partial
 
 import numpy as np
 
@@ -29,7 +30,7 @@ for its bus.
 QUICK = ("reference-1dof", "paper-waving", "sphere-three-fingers")
 CHECKED = 100  # ticks that are compared before any is timed
 Ticker = Callable[[Scene], AbstractContextManager[Servo]]
-ENGINES: dict[str, Ticker] = {"interpreted": build}
+ENGINES: dict[str, Ticker] = {engine: partial(build, engine=engine) for engine in ("compiled", "interpreted")}
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -38,7 +39,8 @@ def cases(quick: bool) -> Iterator[Case]:
         if any(thing.dynamics == "bullet" for thing in scene.object) and not is_installed("pybullet"):
             continue
         with ExitStack() as stack:
-            methods = [_method(stack, scene, engine) for engine in ENGINES]
+            engines = [engine for engine in ENGINES if engine != "compiled" or is_installed("llvmlite")]
+            methods = [_method(stack, scene, engine) for engine in engines]
             yield Case("jitter", name, "m", methods, bound=1e-9)
 
 

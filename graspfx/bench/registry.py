@@ -16,6 +16,7 @@ BENCHMARKS = {
     "contact": "graspfx.bench.contact",
     "bodies": "graspfx.bench.bodies",
     "ticks": "graspfx.bench.ticks",
+    "skips": "graspfx.bench.skips",
     "maps": "graspfx.bench.maps",
     "startup": "graspfx.bench.startup",
     "jitter": "graspfx.bench.jitter",

@@ -147,8 +147,8 @@ def _chosen(scene: Scene, found: Prospect, cost: float) -> str:
     ticks = round(scene.duration / scene.period)
     saving = (ticks - FIRST) * cost
     worth = saving > (COMPILING if found.size is None else LOADING)
-    what = f"{ticks} ticks, {_time(cost)} each as they stand, {_time(ticks * cost)} in all"
-    return f"{'compiled after' if worth else 'interpreted, not only'} the first {FIRST} of {what}; {_rule()}"
+    what = f"{ticks} ticks; as they stand {_time(cost)} each, {_time(ticks * cost)} in all"
+    return f"{f'compiled after the first {FIRST} of' if worth else 'interpreted,'} {what}; {_rule()}"
 
 
 def _time(seconds: float) -> str:

@@ -177,11 +177,23 @@ def _weighed_by(scene: Scene) -> str:
     return "the implicit integrator weighs" if implicit else ""
 
 
+def _resplit(scene: Scene) -> str:
+    """When the split is made anew."""
+    d = scene.dimensions
+    for free in map(scene.free, scene.object):
+        shifts, turns = free[:d], free[d:]
+        if d > 1 and (any(shifts) != all(shifts) or any(turns) != all(turns)):
+            return "in every sample: locked directions turn against the object"
+    if scene.coupling.contact == "attached":
+        return "once: contacts are fixed in the object"
+    return "when a contact has moved in the object"
+
+
 def _split(scene: Scene) -> Iterator[Row]:
     if equal_gains(scene):
         yield "split", False, "equal external and internal gains: the conventional method, eqs. (20)-(23)"
         return
-    yield "split", True, "eq. (3), when contacts or the object have moved"
+    yield "split", True, f"eq. (3), {_resplit(scene)}"
     turning = [thing for thing in scene.object if scene.turns(thing)]
     if turning:
         low, high = (1e3 * arm for arm in scene.coupling.blend)
