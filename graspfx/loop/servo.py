@@ -61,6 +61,11 @@ class Servo:
         return max(held.grasped.shortfall for held in self.objects)
 
     @property
+    def parts(self) -> Parts:
+        """All that runs."""
+        return Parts(self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers)
+
+    @property
     def script(self) -> Tick:
         """The tick as it runs."""
         self._ready()
@@ -98,9 +103,7 @@ class Servo:
 
     def _ready(self) -> Engine:
         if self._engine is None:
-            self._tick = at.write(
-                Parts(self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers)
-            )
+            self._tick = at.write(self.parts)
             self._own: Any = memoryview(self._tick.own)
             self._engine = ENGINES[self._kind](self._tick)
         return self._engine
@@ -190,10 +193,11 @@ class Servo:
     def _notice(self, recorder: Recorder) -> None:
         if not self.faulted and self._own[at.FAULTED]:
             self.faulted = True
-            recorder.fault(int(self._own[at.TICK]), self._why())
+            recorder.fault(int(self._own[at.TICK]), self.why(self._own))
 
-    def _why(self) -> str:
-        kind, index, code = (int(self._own[entry]) for entry in (at.KIND, at.INDEX, at.CODE))
+    def why(self, own: Any) -> str:
+        """The fault that is latched in the memory of a tick, `Tick.own`, in words."""
+        kind, index, code = (int(own[entry]) for entry in (at.KIND, at.INDEX, at.CODE))
         if kind == at.TOLD:
             return self._told[code]
         if kind == at.STATION:
