@@ -17,7 +17,7 @@ from graspfx.compile.lanes import FIRST, LANES, LATE_LOW, LOW, MEASURES, LanesTe
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
 from graspfx.compile.straight import NotSteadyError, written_down
-from graspfx.compile.trace import Slot, Traceable
+from graspfx.compile.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
 from graspfx.loop.engine import whole_text
 from graspfx.loop.measures import empty, take
@@ -31,6 +31,8 @@ MOST = 64  # blocks of lanes that a thread takes at a time, at most
 APIECE = 8  # variants that it takes at a time to run one by one
 WORTH = 3_000_000  # ticks of all variants for which straight lines are compiled
 LOOK = 200_000  # and for which they are looked for
+LARGEST = 1000  # operations of a tick as a straight line: longer ones are rarely the same for long
+LONG = 10_000_000  # and for which a program is worth the time that the best code takes to be made
 
 
 class Beginnings(Protocol):
@@ -126,9 +128,11 @@ class Job:
         arrays = {name: base[place] for name, place in self.places.items()}
         try:
             program = Traceable(source)
-            text = lanes_text(
-                program, written_down(program, arrays, same, self.columns), len(self.columns), self.statistics
-            )
+            turns = written_down(program, arrays, same, self.columns)
+            faulted = turns.begin((self.own, FAULTED))
+            if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
+                return None
+            text = lanes_text(program, turns, len(self.columns), self.statistics)
             if self.ticks // 2 < text.head:
                 return None
             return text, compiled(text.source, wide=True, make=work >= WORTH)
@@ -170,6 +174,11 @@ class Job:
         return np.sort(np.concatenate(left))
 
     @property
+    def own(self) -> str:
+        """The name of the tick's own memory."""
+        return next(name for name, array in self.tick.script.arrays.items() if array is self.tick.own)
+
+    @property
     def source(self) -> str:
         """The program of one variant, which `gx.run` runs too."""
         script = self.tick.script
@@ -181,8 +190,7 @@ class _Single:
 
     def __init__(self, job: Job) -> None:
         self.job = job
-        self.program = compiled(job.source)
-        self.own = next(name for name, array in job.tick.script.arrays.items() if array is job.tick.own)
+        self.program = compiled(job.source, quick=job.variants * job.ticks < LONG)
         text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
         source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
         self.taking = compiled(source)
@@ -221,7 +229,7 @@ class _Single:
         return Ended(rows, self._fault(arena), arena)
 
     def _fault(self, arena: FloatArray) -> int:
-        own = arena[self.job.places[self.own]]
+        own = arena[self.job.places[self.job.own]]
         return int(own[TICK]) if own[FAULTED] else -1
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
@@ -19,7 +20,7 @@ from graspfx.loop.many import Ended, Job, processors
 from graspfx.loop.measures import STATISTICS, statistic
 from graspfx.loop.record import Recording
 from graspfx.scene.overrides import overridden
-from graspfx.scene.run import header_of, ticks_of
+from graspfx.scene.run import header_of, require_memory, ticks_of
 from graspfx.scene.variants import Group, Variants
 
 if TYPE_CHECKING:
@@ -150,6 +151,8 @@ def run_batch(
     """
     _require_known("keep", [keep], KEEP)
     _require_known("statistic", statistics, STATISTICS)
+    if threads is not None and threads < 1:
+        raise InputError("threads", threads, "one at least, or None for as many as there are processors")
     began = perf_counter()
     shape, lists, numbers = _grid(values, zip=zip)
     with plugins.unchanged():
@@ -166,9 +169,9 @@ def run_batch(
             }
         }
     elif keep == "recordings":
-        found = {"recordings": _objects(done.recorded(groups, lambda recording: recording), shape)}
+        found = {"recordings": _objects(done.recorded(groups, lambda each: each, whole=True), shape)}
     else:
-        found = {"summaries": _objects(done.recorded(groups, lambda recording: recording.summary()), shape)}
+        found = {"summaries": _objects(done.recorded(groups, Recording.summary, whole=False), shape)}
     return Batch(
         values={key: _array(lists[key])[numbers[:, k]].reshape(shape) for k, key in enumerate(lists)},
         fault_tick=done.faults.reshape(shape),
@@ -212,12 +215,13 @@ class _Done:
                 start += size
         return found
 
-    def recorded(self, groups: Sequence[Group], make: Callable[[Recording], Any]) -> list[Any]:
+    def recorded(self, groups: Sequence[Group], make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
         found: list[Any] = [None] * len(self.faults)
         header = header_of(self.scene)
         for group in groups:
             layout = group.program.servo.layout
             job = self._job(group, [], ())
+            require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
             for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
                 self.faults[member] = ended.fault
                 outcome = _outcome(group, ended)
@@ -266,12 +270,13 @@ def _grid(
     if "duration" in lists:
         raise InputError("values", "duration", "keys of the scene itself", "give `run_batch` its duration")
     lengths = [len(given) for given in lists.values()]
-    if not zip:
-        axes = np.indices(lengths).reshape(len(lengths), -1).T
-        return tuple(lengths), lists, np.ascontiguousarray(axes)
-    if len(set(lengths)) > 1:
+    if zip and len(set(lengths)) > 1:
         raise InputError("values", {key: len(given) for key, given in lists.items()}, "lists of one length with zip")
-    return (lengths[0],), lists, np.repeat(np.arange(lengths[0])[:, None], len(lengths), axis=1)
+    first = {key: {repr(value): k for k, value in reversed(list(enumerate(given)))} for key, given in lists.items()}
+    alike = [np.array([first[key][repr(value)] for value in given]) for key, given in lists.items()]
+    axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
+    numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T
+    return (lengths[0],) if zip else tuple(lengths), lists, np.ascontiguousarray(numbers)
 
 
 def _plain(value: Any) -> Any:
