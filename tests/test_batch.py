@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
 
 import graspfx as gx
 from graspfx.errors import InputError, SceneError, UnknownNameError
+from graspfx.grasp.impedance import ActiveCouplingWarning
 from graspfx.loop import many
 from graspfx.scene.variants import Variants
 
@@ -280,3 +282,15 @@ def test_variants_that_fault_at_once_do_not_lend_their_line(line, jobs):
     batch = gx.run_batch(scene, {KEP: [1e160, 30.0, 40.0]}, 0.5)
     assert batch.fault_tick.tolist() == [single(scene, batch, (0,), 0.5).faults[0].tick, -1, -1]
     assert jobs[0].aside == 0
+
+
+def test_equal_gains_per_finger_have_a_program_of_their_own(line):
+    gains = [[20.0 + k, 30.0 + k] for k in range(5)]
+    values = {KEP: gains, KIP: [*gains[:4], [24.0, 24.0]]}
+    with pytest.warns(ActiveCouplingWarning):  # as a single run does
+        batch = gx.run_batch(line, values, 0.05)
+    for index in [(0, 0), (2, 2), (3, 1), (4, 4)]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ActiveCouplingWarning)
+            run = single(line, batch, index, 0.05)
+        np.testing.assert_array_equal(batch["finger_force"]["last"][index], run.finger_force[-1])

@@ -70,6 +70,7 @@ class Job:
         statistics: that are asked for.
         ticks: N.
         varying: entries of the arena that are not the same in all variants.
+        look: at the arena of every variant when its run is over; then they run one by one.
     """
 
     tick: Tick
@@ -81,6 +82,7 @@ class Job:
     statistics: Collection[str]
     ticks: int
     varying: Index
+    look: Callable[[FloatArray], None] | None = None
     aside: int = 0  # variants that ran side by side
     spent: float = 0.0  # on runs [s]
 
@@ -116,7 +118,7 @@ class Job:
     def _lanes(self) -> tuple[LanesText, Native] | None:
         """The program for lanes, if there is one and it is worth it."""
         work = self.variants * self.ticks
-        if work < LOOK:
+        if work < LOOK or self.look is not None:
             return None
         source = self.source
         varying = set(self.varying.tolist())
@@ -190,6 +192,7 @@ class _Single:
 
     def __init__(self, job: Job) -> None:
         self.job = job
+        self.looking = Lock()
         self.program = compiled(job.source, quick=job.variants * job.ticks < LONG)
         text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
         source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
@@ -219,6 +222,9 @@ class _Single:
                     k += count
             found[variant] = taken
             faults[variant] = self._fault(arena)
+            if job.look is not None:
+                with self.looking:
+                    job.look(arena)
 
     def record(self, variant: int) -> Ended:
         """Runs one variant and keeps its rows."""

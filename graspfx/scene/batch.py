@@ -225,6 +225,8 @@ class _Done:
             for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
                 self.faults[member] = ended.fault
                 outcome = _outcome(group, ended)
+                if job.look is not None:
+                    job.look(ended.arena)
                 found[member] = make(Recording(ended.rows, layout, self._header(header, group, member), outcome))
             self.run_time += job.spent
         return found
@@ -236,6 +238,7 @@ class _Done:
             group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
             ticks_of(self.duration if self.duration is not None else self.scene.duration, servo.period),
             group.varying,
+            group.program.check_activity if any(held.grasped.matrices for held in servo.objects) else None,
         )  # fmt: skip
 
     def _header(self, header: Header, group: Group, member: int) -> Header:
@@ -255,8 +258,7 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
             shortfall = max(shortfall, float(ended.arena[program.places[name]][at.SHORTFALL]))
     if ended.fault < 0:
         return Outcome(fade_shortfall=shortfall)
-    for name, array in tick.script.arrays.items():  # the figures in a fault's words are those in its parts' buffers
-        array[...] = ended.arena[program.places[name]]
+    program.fill(ended.arena)  # the figures in a fault's words are those in its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), fade_shortfall=shortfall)
 
 

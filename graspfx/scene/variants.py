@@ -45,6 +45,17 @@ class Program:
             start += array.size
         return found
 
+    def fill(self, arena: FloatArray) -> None:
+        """Puts what a variant's buffers hold into those of the servo."""
+        for name, array in self.tick.script.arrays.items():
+            array[...] = arena[self.places[name]]
+
+    def check_activity(self, arena: FloatArray) -> None:
+        """Warns as `gx.run` does where matrices for gains, as a variant's buffers hold them, can create energy."""
+        self.fill(arena)
+        for held in self.servo.objects:
+            held.grasped.check_activity()
+
 
 @dataclass(frozen=True)
 class Built:
@@ -331,4 +342,12 @@ def _extremes(values: Sequence[Any], used: Index) -> list[int]:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    return type(a) in (int, float) and type(b) in (int, float) and a == b
+    """Whether two values are the same numbers, one for all or many."""
+    if type(a) in (int, float) and type(b) in (int, float):
+        return bool(a == b)
+    if not isinstance(a, list) and not isinstance(b, list):
+        return False
+    try:
+        return bool(np.all(np.equal(np.asarray(a, dtype=float), np.asarray(b, dtype=float))))
+    except (TypeError, ValueError):
+        return False
