@@ -124,7 +124,7 @@ def carried_on(
     wanted = [guard for guard in guards if implied(guard, found)]
     turns = 1
     while turns < most:
-        carried = {slot: _size(end, found) for slot, end in ends.items()}
+        carried = {slot: max(carried[slot], _size(end, found)) for slot, end in ends.items()}
         following = magnitudes(graph, carried)
         if not all(implied(guard, following) for guard in wanted):
             break

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.bounds import LARGEST_TICK
 from graspfx.compile.lanes import FIRST, LANES, LATE_LOW, LOW, MEASURES, LanesText, lanes_text
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
@@ -118,7 +119,7 @@ class Job:
     def _lanes(self) -> tuple[LanesText, Native] | None:
         """The program for lanes, if there is one and it is worth it."""
         work = self.variants * self.ticks
-        if work < LOOK or self.look is not None:
+        if work < LOOK or self.look is not None or self.ticks > LARGEST_TICK:
             return None
         source = self.source
         varying = set(self.varying.tolist())
