@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from graspfx.grasp.split import Split as Split
     from graspfx.grasp.touch import unilateral_force as unilateral_force
     from graspfx.loop.record import Recording as Recording
+    from graspfx.scene.batch import Batch as Batch
+    from graspfx.scene.batch import run_batch as run_batch
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
     from graspfx.scene.run import run as run
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Batch": "graspfx.scene.batch",
     "Coupling": "graspfx.grasp.impedance",
     "Grasp": "graspfx.grasp.matrix",
     "Impedance": "graspfx.grasp.impedance",
@@ -36,6 +39,7 @@ _HOMES = {
     "load": "graspfx.scene.load",
     "passivity": "graspfx.analysis",
     "run": "graspfx.scene.run",
+    "run_batch": "graspfx.scene.batch",
     "stability": "graspfx.analysis",
     "testing": "graspfx.testing",
     "unilateral_force": "graspfx.grasp.touch",
@@ -53,6 +57,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "run_batch",
+    "Batch",
     "stability",
     "passivity",
     "testing",

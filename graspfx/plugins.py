@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib import import_module
@@ -151,7 +152,29 @@ def _file_hint(group: Group, text: str, folder: Path) -> str:
     return f"a file is named with its {SUFFIXES[group][0]}"
 
 
+_kept: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def unchanged() -> Iterator[None]:
+    """Within, what is installed and what is on the shelves is looked up once: for who builds a scene many times."""
+    token = _kept.set({})
+    try:
+        yield
+    finally:
+        _kept.reset(token)
+
+
 def _table(group: Group) -> dict[str, list[Plugin]]:
+    kept = _kept.get()
+    if kept is None:
+        return _read_table(group)
+    if group not in kept:
+        kept[group] = _read_table(group)
+    return kept[group]
+
+
+def _read_table(group: Group) -> dict[str, list[Plugin]]:
     table: dict[str, list[Plugin]] = {}
     for name, plugin in (*_shelved(group), *_entry_points(group)):
         table.setdefault(name, []).append(plugin)

@@ -154,6 +154,7 @@ def compiled(
     *,
     checked: bool = False,
     quick: bool = False,
+    wide: bool = False,
     make: bool = True,
 ) -> Native:
     """A program as machine code, taken from the cache if it was compiled before.
@@ -165,6 +166,8 @@ def compiled(
         checked: whether an index outside of its buffer is an error (`IndexError` after the call) and not a crash.
         quick: compile in a tenth of the time what then takes some times as long to run, the same bits; not if better
             code is in the cache.
+        wide: with the longest vectors that the processor has, the same bits; worth it where loops over lanes are all
+            that a program does.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -176,7 +179,7 @@ def compiled(
     import llvmlite.binding as llvm
 
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
-    parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), source]
+    parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), str(wide), source]
     for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
         found = kept.stored(key)
@@ -187,7 +190,7 @@ def compiled(
         raise LookupError("not compiled yet")
     program = written(source, floats, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
-    machine = _emitted(program, effort)
+    machine = _emitted(program, effort, wide=wide)
     note = kept.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
 
@@ -204,12 +207,12 @@ def require_llvm() -> None:
         raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
 
 
-def _emitted(program: Written, effort: int = FULL) -> bytes:
+def _emitted(program: Written, effort: int = FULL, *, wide: bool = False) -> bytes:
     """Machine code."""
     import llvmlite.binding as llvm
 
     level = LANES if program.lanes and effort == FULL else effort
-    machine = _machine(level)
+    machine = _machine(level, wide=wide)
     wrapper = method_text(ENTRY, len(program.arrays), program.numbers)
     module = llvm.parse_assembly(f"{program.text}{wrapper}\n")
     module.verify()
@@ -237,13 +240,15 @@ def _processor() -> tuple[str, str, str]:
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _machine(effort: int = FULL) -> Any:
+def _machine(effort: int = FULL, *, wide: bool = False) -> Any:
     """What code is made for; an engine takes it for its own, so that each needs one."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     triple, name, features = _processor()
+    if wide and "avx512f" in features:
+        features += ",-prefer-256-bit"  # of some processors LLVM has it that short vectors are the better choice
     return llvm.Target.from_triple(triple).create_target_machine(
         cpu=name, features=features, opt=effort, codemodel="jitdefault", jit=True
     )

@@ -77,6 +77,11 @@ class Servo:
         return self._ready()
 
     @property
+    def parts(self) -> Parts:
+        """All that runs."""
+        return Parts(self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers)
+
+    @property
     def script(self) -> Tick:
         """The tick as it runs."""
         self._ready()
@@ -101,10 +106,7 @@ class Servo:
 
     def _ready(self) -> Engine:
         if self._engine is None:
-            parts = Parts(
-                self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers
-            )
-            self._tick = at.write(parts, record=self._record)
+            self._tick = at.write(self.parts, record=self._record)
             self._own: Any = memoryview(self._tick.own)
             self._engine = ENGINES[self._kind](self._tick)
         return self._engine
@@ -250,12 +252,13 @@ class Servo:
 
     def _notice(self, recorder: Recorder | None) -> None:
         if self.fault is None and self._own[at.FAULTED]:
-            self.fault = RunFault(int(self._own[at.TICK]), self._why())
+            self.fault = RunFault(int(self._own[at.TICK]), self.why(self._own))
             if recorder is not None:
                 recorder.fault(*self.fault)
 
-    def _why(self) -> str:
-        kind, index, code = (int(self._own[entry]) for entry in (at.KIND, at.INDEX, at.CODE))
+    def why(self, own: Any) -> str:
+        """The fault that is latched in the memory of a tick, `Tick.own`, in words."""
+        kind, index, code = (int(own[entry]) for entry in (at.KIND, at.INDEX, at.CODE))
         if kind == at.TOLD:
             return self._told[code]
         if kind == at.STATION:

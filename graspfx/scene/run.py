@@ -50,7 +50,7 @@ def run(
     size = 8 * make_layout(scene, simulated=True).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     with build(scene) as servo:
-        header = _header(scene)
+        header = header_of(scene)
         sinks: list[Sink] = []
         if out is not None:
             from graspfx.loop.file import NAME, FileSink, make_folder
@@ -69,13 +69,28 @@ def run(
 
 
 def _ticks(scene: Scene, duration: float | None, size: int) -> int:
-    expected = f"a time of at least one period, {scene.period} s"
-    seconds = scene.duration if duration is None else number("duration", duration, expected)
-    ratio = seconds / scene.period
+    seconds = scene.duration if duration is None else duration
+    ticks = ticks_of(seconds, scene.period)
+    require_memory(ticks, size)
+    return ticks
+
+
+def ticks_of(duration: float, period: float) -> int:
+    """Whole periods in a time.
+
+    Raises:
+        InputError: a time that is none, or shorter than a period.
+    """
+    expected = f"a time of at least one period, {period} s"
+    ratio = number("duration", duration, expected) / period
     if ratio <= 0.5:
-        raise InputError("duration", seconds, expected)
-    _require_room(ratio, size, "this machine's memory", _memory())
+        raise InputError("duration", duration, expected)
     return round(ratio)
+
+
+def require_memory(ticks: float, size: int) -> None:
+    """Raises InputError where so many ticks of so many bytes have no room in memory."""
+    _require_room(ticks, size, "this machine's memory", _memory())
 
 
 def _require_room(ticks: float, size: int, where: str, limit: float) -> None:
@@ -97,7 +112,8 @@ def _memory() -> float:
         return float(sys.maxsize)
 
 
-def _header(scene: Scene) -> Header:
+def header_of(scene: Scene) -> Header:
+    """What a run's recording says of the scene, the time and the machine."""
     source = scene.source
     meshes = frames(scene.object, source.folder)
     return Header(

@@ -1,0 +1,296 @@
+"""Batches against single runs, closed forms, and themselves with other threads and other ways."""
+
+from __future__ import annotations
+
+import json
+import math
+import tracemalloc
+import warnings
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.errors import InputError, SceneError, UnknownNameError
+from graspfx.grasp.impedance import ActiveCouplingWarning
+from graspfx.loop import many
+from graspfx.scene.variants import Variants
+
+KEP, KIP, BV = "coupling.external.stiffness", "coupling.internal.stiffness", "object.viscosity"
+
+
+@pytest.fixture(scope="module")
+def line():
+    return gx.load("reference-1dof")
+
+
+@pytest.fixture
+def jobs(monkeypatch):
+    """The jobs of a batch, which tries lanes however short it is."""
+    found = []
+    measured = many.Job.measured
+
+    def kept(self, threads):
+        found.append(self)
+        return measured(self, threads)
+
+    monkeypatch.setattr(many.Job, "measured", kept)
+    monkeypatch.setattr(many, "LOOK", 0)
+    monkeypatch.setattr(many, "WORTH", 0)
+    return found
+
+
+def single(scene, batch, index, duration):
+    overrides = {key: values[index] for key, values in batch.values.items()}
+    return gx.run(
+        scene.replace({k: v.item() if isinstance(v, np.generic) else v for k, v in overrides.items()}), duration
+    )
+
+
+def numbers_of(values, half):
+    """Statistics as a reader would write them, of (N, ...)."""
+    magnitude = np.abs(values)
+    return {
+        "first": values[0],
+        "last": values[-1],
+        "mean": values.mean(axis=0),
+        "rms": np.sqrt((values**2).mean(axis=0)),
+        "min": values.min(axis=0),
+        "max": values.max(axis=0),
+        "peak": magnitude.max(axis=0),
+        "growth": magnitude[half:].max(axis=0) / magnitude[:half].max(axis=0),
+    }
+
+
+def require_same(one, other):
+    assert one.measures.keys() == other.measures.keys()
+    for quantity, statistics in one.measures.items():
+        for name, values in statistics.items():
+            np.testing.assert_array_equal(values, other[quantity][name], err_msg=f"{quantity} {name}")
+    np.testing.assert_array_equal(one.fault_tick, other.fault_tick)
+
+
+@pytest.mark.parametrize("ticks", [7, 101])
+def test_measures_are_those_of_single_runs(line, jobs, ticks):
+    values = {KEP: np.linspace(5.0, 90.0, 7), BV: np.linspace(0.1, 1.5, 5)}
+    batch = gx.run_batch(line, values, ticks * line.period)
+    assert jobs[0].aside == batch.shape[0] * batch.shape[1] == 35  # all side by side
+    for index in [(0, 0), (3, 2), (6, 4)]:
+        run = single(line, batch, index, ticks * line.period)
+        for quantity in ("finger_position", "object_position", "finger_force"):
+            for name, expected in numbers_of(getattr(run, quantity), ticks // 2).items():
+                found = batch[quantity][name][index]
+                if name in ("mean", "rms"):  # numpy adds in another order
+                    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-17, err_msg=f"{quantity} {name}")
+                else:
+                    np.testing.assert_array_equal(found, expected, err_msg=f"{quantity} {name}")
+
+
+def test_lanes_give_what_runs_one_by_one_give(line, jobs, monkeypatch):
+    values = {KEP: np.linspace(5.0, 90.0, 6), BV: np.linspace(0.1, 1.5, 7)}
+    aside = gx.run_batch(line, values, 0.5)
+    monkeypatch.setattr(many, "LOOK", math.inf)
+    one_by_one = gx.run_batch(line, values, 0.5)
+    assert [job.aside for job in jobs] == [42, 0]
+    require_same(aside, one_by_one)
+
+
+def test_threads_do_not_matter(line, jobs):
+    values = {KEP: np.linspace(5.0, 90.0, 20), BV: np.linspace(0.1, 1.5, 20)}
+    require_same(gx.run_batch(line, values, 0.2, threads=1), gx.run_batch(line, values, 0.2, threads=3))
+
+
+def test_object_slows_down_as_the_closed_form_has_it(line, jobs):
+    """x = v m/b (1 - exp(-b t/m)) for an object that nobody holds; the exact integrator has no error of its own."""
+    scene = line.replace({KEP: 0.0, KIP: 0.0, "object.velocity": [0.3]})
+    mass, viscosity = np.linspace(0.05, 0.5, 6), np.linspace(0.1, 2.0, 6)
+    batch = gx.run_batch(scene, {"object.mass": mass, BV: viscosity}, 1.0, statistics=["last"])
+    m, b = batch.values["object.mass"], batch.values[BV]
+    t = 199 * scene.period  # of the last row
+    expected = 0.3 * m / b * -np.expm1(-b * t / m)
+    np.testing.assert_allclose(batch["object_position"]["last"][..., 0], expected, rtol=1e-13)
+    assert jobs[0].aside == 36
+
+
+def test_keys_of_one_part_are_built_together(line):
+    values = {"finger.*.device.mass": np.linspace(0.1, 0.3, 5), "finger.*.device.friction": np.linspace(0.1, 0.5, 5)}
+    batch = gx.run_batch(line, values, 0.1, keep="recordings")
+    for index in np.ndindex(batch.shape):
+        np.testing.assert_array_equal(batch.recordings[index].rows, single(line, batch, index, 0.1).rows)
+
+
+def test_few_variants_are_built(line):
+    values = {"object.mass": np.linspace(0.05, 0.5, 20).tolist(), BV: np.linspace(0.61, 2.0, 20).tolist()}
+    numbers = np.indices((20, 20)).reshape(2, -1).T
+    variants = Variants(line, values, numbers)
+    [group] = variants.groups()
+    assert 39 <= variants.builds <= 39 + 4 + 8  # each value, the corners, some others
+    for which in (17, 222, 399):
+        whole = Variants(line, values, numbers).built(numbers[which])
+        assert whole.arena.tobytes() == group.arenas(slice(which, which + 1))[0].tobytes()
+
+
+def test_equal_gains_have_a_program_of_their_own(line, jobs):
+    """On the diagonal kep = kip: the conventional method, which no value by itself shows."""
+    gains = np.array([20.0, 35.0, 50.0, 65.0, 80.0])
+    batch = gx.run_batch(line, {KEP: gains, KIP: gains + np.array([0.0, 0.0, 0.0, 0.0, 0.5])}, 0.1)
+    assert len(jobs) > 1
+    assert sum(job.variants for job in jobs) == 25
+    for index in np.ndindex(batch.shape):
+        run = single(line, batch, index, 0.1)
+        np.testing.assert_array_equal(batch["finger_force"]["last"][index], run.finger_force[-1])
+        np.testing.assert_array_equal(batch["object_position"]["last"][index], run.object_position[-1])
+
+
+def test_what_does_not_add_up_is_built_whole(line, monkeypatch):
+    values = {KEP: np.linspace(20.0, 60.0, 5), BV: np.linspace(0.5, 1.0, 4)}
+    expected = gx.run_batch(line, values, 0.1)
+    monkeypatch.setattr(Variants, "_holds", lambda self, group, structure: False)
+    found = gx.run_batch(line, values, 0.1)
+    assert found.notes == ("20 variants were built one by one: their keys do not act by themselves",)
+    assert not expected.notes
+    require_same(found, expected)
+
+
+def test_a_wrong_entry_is_found(line):
+    values = {KEP: np.linspace(20.0, 60.0, 5).tolist(), BV: np.linspace(0.5, 1.0, 5).tolist()}
+    variants = Variants(line, values, np.indices((5, 5)).reshape(2, -1).T)
+    [group] = variants.groups()
+    structure = variants.built(variants.numbers[0]).structure
+    assert variants._holds(group, structure)
+    group.factors[0][1][0] *= 1.0 + 1e-15  # of the least value, which is in two corners
+    assert not variants._holds(group, structure)
+
+
+@pytest.mark.parametrize("name", ["paper-spring", "sphere-three-fingers"])
+def test_recordings_are_those_of_single_runs(name):
+    scene = gx.load(name)
+    batch = gx.run_batch(scene, {"coupling.internal.stiffness": [60.0, 90.0]}, 20 * scene.period, keep="recordings")
+    for index in range(2):
+        run, found = single(scene, batch, (index,), 20 * scene.period), batch.recordings[index]
+        np.testing.assert_array_equal(found.rows, run.rows)
+        assert found.header.scene_table == run.header.scene_table
+        assert found.layout == run.layout
+        assert found.outcome.fade_shortfall == run.outcome.fade_shortfall
+    assert batch.stacked("finger_force").shape == (2, 20, *batch.recordings[0].finger_force.shape[1:])
+
+
+def test_unilateral_contact_side_by_side_or_not(jobs, monkeypatch):
+    """Fingers that touch and let go leave the straight line; what they then do is the same."""
+    scene = gx.load("paper-spring")
+    values = {KIP: np.linspace(40.0, 120.0, 8), BV: np.linspace(0.8, 1.5, 8)}
+    aside = gx.run_batch(scene, values, 0.3, threads=1)
+    monkeypatch.setattr(many, "LOOK", math.inf)
+    require_same(aside, gx.run_batch(scene, values, 0.3))
+    assert 0 < jobs[0].aside < 64
+
+
+def test_meshes_run_too():
+    scene = gx.load("thin-plate")
+    batch = gx.run_batch(scene, {KIP: [60.0, 90.0]}, 10 * scene.period, keep="recordings")
+    for index in range(2):
+        run = single(scene, batch, (index,), 10 * scene.period)
+        np.testing.assert_array_equal(batch.recordings[index].rows, run.rows)
+
+
+def test_faults_are_those_of_single_runs(line, jobs):
+    values = {KEP: [30.0, 2e4, 3e4], BV: [0.5, 0.8, 1.0, 1.1, 1.2, 1.3]}
+    batch = gx.run_batch(line, values, 3.0)
+    assert (batch.fault_tick[0] == -1).all()
+    for index in [(1, 0), (2, 5)]:
+        run = single(line, batch, index, 3.0)
+        assert batch.fault_tick[index] == run.faults[0].tick > 0
+    kept = gx.run_batch(line, {KEP: [2e4]}, 3.0, keep="recordings")
+    run = single(line, kept, (0,), 3.0)
+    assert kept.recordings[0].faults == run.faults
+    assert jobs[0].aside == 6
+
+
+def test_summaries_are_those_of_recordings(line):
+    batch = gx.run_batch(line, {BV: [0.5, 0.8]}, 0.5, keep="summary")
+    expected = single(line, batch, (1,), 0.5).summary()
+    timed = {"wall_time", "ticks_per_second", "tick_cost"}
+    assert {k: v for k, v in batch.summaries[1].items() if k not in timed} == {
+        k: v for k, v in expected.items() if k not in timed
+    }
+
+
+def test_zip_takes_values_together(line):
+    batch = gx.run_batch(line, {KEP: [20.0, 30.0, 40.0], KIP: [50.0, 60.0, 70.0]}, 0.1, zip=True)
+    assert batch.shape == (3,) == batch.growth().shape
+    run = single(line, batch, (1,), 0.1)
+    assert (batch.values[KEP][1], batch.values[KIP][1]) == (30.0, 60.0)
+    np.testing.assert_array_equal(batch["finger_position"]["last"][1], run.finger_position[-1])
+
+
+def test_periods_have_programs_of_their_own(line):
+    batch = gx.run_batch(line, {"period": [0.002, 0.005], BV: [0.5, 0.8]}, 0.1)
+    for index in np.ndindex(batch.shape):
+        run = single(line, batch, index, 0.1)
+        np.testing.assert_array_equal(batch["finger_position"]["last"][index], run.finger_position[-1])
+
+
+def test_to_dict_is_json(line):
+    batch = gx.run_batch(line, {BV: [0.5, 0.8]}, 0.1)
+    found = json.loads(json.dumps(batch.to_dict()))
+    assert found["values"] == {BV: [0.5, 0.8]}
+    assert np.shape(found["measures"]["finger_position"]["growth"]) == (2, 2, 1)
+    assert len(batch) == 2
+
+
+def test_memory_does_not_grow_with_buffers(line, jobs):
+    """Buffers of all variants at once would be 110 MB; a thread holds some lanes of the entries that are read."""
+    tracemalloc.start()
+    batch = gx.run_batch(line, {BV: [0.5, 0.8] * 10_000}, 0.1, measure=["object_position"], statistics=["last"])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert jobs[0].aside == len(batch) == 20_000
+    assert peak < 40e6
+    assert len(np.unique(batch["object_position"]["last"])) == 2
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "error", "said"),
+    [
+        ({BV: [0.5, -1.0]}, {}, SceneError, "object.viscosity = -1.0"),
+        ({KEP: [30.0], "object.colour": [1]}, {}, SceneError, "object.colour"),
+        ({KEP: [30.0, 40.0], KIP: [1.0]}, {"zip": True}, InputError, "lists of one length"),
+        ({}, {}, InputError, "at least one key"),
+        ({BV: []}, {}, InputError, "at least one key"),
+        ({"duration": [1.0]}, {}, InputError, "keys of the scene itself"),
+        ({BV: [0.5]}, {"measure": ["finger_torque"]}, UnknownNameError, "finger_force"),
+        ({BV: [0.5]}, {"statistics": ["median"]}, UnknownNameError, "median"),
+        ({BV: [0.5]}, {"keep": "rows"}, UnknownNameError, "recordings"),
+        ({BV: [0.5]}, {"threads": 0}, InputError, "one at least"),
+        ({BV: [0.5]}, {"duration": 0.0}, InputError, "at least one period"),
+    ],
+)
+def test_what_cannot_be_run_says_so(line, values, options, error, said):
+    with pytest.raises(error, match=said):
+        gx.run_batch(line, values, **options)
+
+
+def test_a_part_that_is_no_kernel_is_named():
+    pytest.importorskip("pybullet")
+    with pytest.raises(InputError, match=r"the dynamics of .* is no kernel"):
+        gx.run_batch(gx.load("two-objects"), {KIP: [50.0, 60.0]})
+
+
+def test_variants_that_fault_at_once_do_not_lend_their_line(line, jobs):
+    """The first variant is written down; if it faults in its first ticks, none run side by side with it."""
+    scene = line.replace({"object.mass": 1e-3, "object.integrator": "exact"})
+    batch = gx.run_batch(scene, {KEP: [1e160, 30.0, 40.0]}, 0.5)
+    assert batch.fault_tick.tolist() == [single(scene, batch, (0,), 0.5).faults[0].tick, -1, -1]
+    assert jobs[0].aside == 0
+
+
+def test_equal_gains_per_finger_have_a_program_of_their_own(line):
+    gains = [[20.0 + k, 30.0 + k] for k in range(5)]
+    values = {KEP: gains, KIP: [*gains[:4], [24.0, 24.0]]}
+    with pytest.warns(ActiveCouplingWarning):  # as a single run does
+        batch = gx.run_batch(line, values, 0.05)
+    for index in [(0, 0), (2, 2), (3, 1), (4, 4)]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ActiveCouplingWarning)
+            run = single(line, batch, index, 0.05)
+        np.testing.assert_array_equal(batch["finger_force"]["last"][index], run.finger_force[-1])
