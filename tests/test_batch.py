@@ -209,7 +209,7 @@ def test_faults_are_those_of_single_runs(line, jobs):
 def test_summaries_are_those_of_recordings(line):
     batch = gx.run_batch(line, {BV: [0.5, 0.8]}, 0.5, keep="summary")
     expected = single(line, batch, (1,), 0.5).summary()
-    timed = {"wall_time", "ticks_per_second", "tick_cost"}
+    timed = {"wall_time", "ticks_per_second", "tick_cost", "engine"}
     assert {k: v for k, v in batch.summaries[1].items() if k not in timed} == {
         k: v for k, v in expected.items() if k not in timed
     }
@@ -272,14 +272,14 @@ def test_what_cannot_be_run_says_so(line, values, options, error, said):
 
 def test_a_part_that_is_no_kernel_is_named():
     pytest.importorskip("pybullet")
-    with pytest.raises(InputError, match=r"the dynamics of .* is no kernel"):
+    with pytest.raises(InputError, match=r"not so: the body of .* \(BulletWorld\)"):
         gx.run_batch(gx.load("two-objects"), {KIP: [50.0, 60.0]})
 
 
 def test_variants_that_fault_at_once_do_not_lend_their_line(line, jobs):
     """The first variant is written down; if it faults in its first ticks, none run side by side with it."""
     scene = line.replace({"object.mass": 1e-3, "object.integrator": "exact"})
-    batch = gx.run_batch(scene, {KEP: [1e160, 30.0, 40.0]}, 0.5)
+    batch = gx.run_batch(scene, {KEP: [1e40, 30.0, 40.0]}, 0.5)
     assert batch.fault_tick.tolist() == [single(scene, batch, (0,), 0.5).faults[0].tick, -1, -1]
     assert jobs[0].aside == 0
 

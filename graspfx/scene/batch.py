@@ -257,9 +257,9 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
         if any(array is held.grasped.block for held in servo.objects):
             shortfall = max(shortfall, float(ended.arena[program.places[name]][at.SHORTFALL]))
     if ended.fault < 0:
-        return Outcome(fade_shortfall=shortfall)
+        return Outcome(engine="compiled", fade_shortfall=shortfall)
     program.fill(ended.arena)  # the figures in a fault's words are those in its parts' buffers
-    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), fade_shortfall=shortfall)
+    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", fade_shortfall=shortfall)
 
 
 def _grid(

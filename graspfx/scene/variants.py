@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.engine import whole_text
+from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.tick import Tick, write
 from graspfx.scene.making.build import build
 
@@ -146,11 +147,11 @@ class Variants:
             faults = [Fault(fault.key, fault.message) for fault in error.faults]
             raise SceneError(f"{error.source} with {shown}", faults) from error
         if built.structure not in self._programs:
-            foreign = list(_foreign(servo, tick))
-            if foreign:
+            others = [*foreign(servo), *guests(servo), *looked_ahead(servo)]
+            if others:
                 raise InputError(
                     "scene", self.scene.source.name, "parts that are kernels, all of them",
-                    f"{'; '.join(foreign)}: run its variants one by one with `gx.run`",
+                    f"not so: {', '.join(others)}; run its variants one by one with `gx.run`",
                 )  # fmt: skip
             self._programs[built.structure] = Program(servo, tick)
         return built
@@ -303,21 +304,6 @@ def _structure(tick: Tick) -> str:
         [(kernel.__module__, kernel.__qualname__) for kernel in script.kernels.values()],
     )
     return sha256(repr(parts).encode()).hexdigest()
-
-
-def _foreign(servo: Servo, tick: Tick) -> Iterator[str]:
-    """Parts that no program can hold, in words."""
-    names = servo.layout.fingers
-    for port in tick.ports:
-        fingers = [names[f] for f in servo.stations[port.station].fingers if f >= 0]
-        yield f"the device of {', '.join(fingers)} is no kernel"
-    for i in tick.bodies:
-        objects = [servo.objects[o].name for o in servo.movers[i].objects]
-        yield f"the dynamics of {', '.join(objects)} is no kernel"
-    for j in tick.plants:
-        yield f"the plant of {', '.join(names[f] for f in servo.moved[j].fingers)} is no kernel"
-    for table in tick.tables:
-        yield f"the hand of {', '.join(names[f] for f in servo.moved[table.moved].fingers)} is no kernel"
 
 
 def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:
