@@ -16,9 +16,9 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Pair = tuple[FloatArray, FloatArray]
 
-# The block begins with these entries, STILL 1 if the targets never change; a plant's own start at OWN. Its arrays, where
-# it says, are position, velocity and effort, (n, d) each, then the hand's targets r and r' at the sample's beginning, at
-# its end and, for a plant that asks for them, in its middle, (2, n, d) each.
+# The block begins with these entries, STILL 1 if the targets never change; a plant's own start at OWN. Its arrays,
+# where it says, are position, velocity and effort, (n, d) each, then the hand's targets r and r' at the sample's
+# beginning, at its end and, for a plant that asks for them, in its middle, (2, n, d) each.
 FINGERS, DIMENSIONS, PERIOD, SINCE, TICKS, STILL, OWN = range(7)
 POSITION, VELOCITY, EFFORT, BEGIN, END, MIDDLE = 0, 1, 2, 3, 5, 7  # in n d entries
 ARRAYS = 7  # n d entries of all of them without the middle
@@ -155,7 +155,7 @@ class HeldPlant(ABC):
 
 
 def unfit(S: Any, first: int, last: int, step: int) -> int:
-    """NOT_FINITE if any of S[first], ..., S[last - 1] is not finite, or 0; sums of `step` do not wait for one another."""
+    """NOT_FINITE if any of S[first], ..., S[last - 1] is not finite, or 0; sums of `step` wait for no other."""
     nothing = 0.0
     for start in range(first, last, step):
         part = 0.0

@@ -189,8 +189,8 @@ def _emitted(program: Written, effort: int = FULL) -> bytes:
     module = llvm.parse_assembly(program.text)
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=level)
-    # Else loops are short and were written out where that helps; and vectors read what was written entry by entry, which
-    # waits.
+    # Else loops are short and were written out where that helps, and vectors of what was just written entry by entry
+    # have to wait.
     tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = program.lanes
     tuning.loop_unrolling = program.lanes
     passes = llvm.create_pass_builder(machine, tuning)

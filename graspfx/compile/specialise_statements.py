@@ -220,7 +220,13 @@ class Body(Expressions):
         most = self.program.unroll
         if len(turns) * len(node.body) > most or leaves(node.body):
             return None
-        inner, arrays, pure, called, returned = dict(scope), dict(self.arrays), self.pure, self.called, len(self.returned)
+        inner, arrays, pure, called, returned = (
+            dict(scope),
+            dict(self.arrays),
+            self.pure,
+            self.called,
+            len(self.returned),
+        )
         out: list[ast.stmt] = []
         ended, written = False, 0
         for done, turn in enumerate(turns, start=1):
