@@ -51,7 +51,10 @@ class _Module:
         return name in self.trees
 
     def made(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> Made:
-        key = name, tuple(a.root if isinstance(a, Array) else (type_of(a),) for a in arguments)
+        roots = [a.root for a in arguments if isinstance(a, Array)]
+        # which of the buffers are the same; what is checked knows them by their names
+        arrays = tuple(roots if self.checked else map(roots.index, roots))
+        key = name, arrays, tuple(None if isinstance(a, Array) else type_of(a) for a in arguments)
         if key not in self.done:
             tree = self.trees[name]
             if len(tree.args.args) != len(arguments):

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import ast
 
-from graspfx.compile.syntax import calls
+from graspfx.compile.syntax import calls, nodes
 
 
 def without_unused(statements: list[ast.stmt]) -> list[ast.stmt]:
     """Without constants that are assigned to variables that nothing reads."""
     while True:
-        read = {
-            node.id
-            for statement in statements
-            for node in ast.walk(statement)
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)
-        }
+        read = {n.id for n in nodes(statements) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
         pruner = _Pruner(read)
         statements = [kept for s in statements if (kept := pruner.visit(s)) is not None]
         if not pruner.dropped:

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import FunctionType
 from typing import Any
 
 from graspfx.compile.source import definition
 from graspfx.compile.specialise_expressions import Kernel, Made
 from graspfx.compile.specialise_statements import Body
+from graspfx.compile.syntax import nodes, place
 from graspfx.compile.values import Known, Memory, Value
 from graspfx.errors import InputError
 
@@ -39,9 +40,30 @@ class Program:
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
     _made: dict[Any, Made | None] = field(default_factory=dict)
+    _known: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
+    _first: dict[tuple[tuple[int, str], ...], str] = field(default_factory=dict)
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made:
-        """The function specialised for these arguments; unknown ones become its parameters."""
+        """The function specialised for these arguments; unknown ones become its parameters.
+
+        Arrays of which the same is known share what is made for the first of them.
+        """
+        first = {a.array: self._alike(a.array) for a in arguments if isinstance(a, Memory)}
+        actual = {alike: array for array, alike in first.items()}
+        if len(actual) < len(first):
+            first = actual = {array: array for array in first}
+        given = [Memory(first[a.array], a.base) if isinstance(a, Memory) else a for a in arguments]
+        made = self._add(function, given)
+        return replace(made, arrays=tuple(actual[array] for array in made.arrays))
+
+    def _alike(self, array: str) -> str:
+        """The first array of which as much is known as of this one."""
+        if not self._known:
+            for (name, index), value in self.frozen.items():
+                self._known.setdefault(name, []).append((index, value.hex()))
+        return self._first.setdefault(tuple(sorted(self._known.get(array, []))), array)
+
+    def _add(self, function: FunctionType, arguments: Sequence[Value]) -> Made:
         key = (
             function,
             tuple(a.key if isinstance(a, Known) else a if isinstance(a, Memory) else None for a in arguments),
@@ -77,5 +99,6 @@ class Program:
         for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
             if node.name in called:
                 kept.append(node)
-                called.update(n.id for n in ast.walk(node) if isinstance(n, ast.Name))
-        return "\n".join([*lines, *(ast.unparse(ast.fix_missing_locations(node)) + "\n" for node in reversed(kept))])
+                called.update(n.id for n in nodes([node]) if isinstance(n, ast.Name))
+                place(node)
+        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in reversed(kept))])

@@ -51,9 +51,11 @@ def approach(S: Any) -> int:
         px = S[r + at.POSITION] - S[x]
         py = S[r + at.POSITION + 1] - S[x + 1]
         pz = S[r + at.POSITION + 2] - S[x + 2]
-        gx = S[R] * px + S[R + 3] * py + S[R + 6] * pz
-        gy = S[R + 1] * px + S[R + 4] * py + S[R + 7] * pz
-        gz = S[R + 2] * px + S[R + 5] * py + S[R + 8] * pz
+        gx, gy, gz = px, py, pz
+        if d > 1:
+            gx = S[R] * px + S[R + 3] * py + S[R + 6] * pz
+            gy = S[R + 1] * px + S[R + 4] * py + S[R + 7] * pz
+            gz = S[R + 2] * px + S[R + 5] * py + S[R + 8] * pz
         if not bilateral:
             touch(S, r, d, gx, gy, gz)
         displace(S, r, gx, gy, gz)
@@ -67,9 +69,11 @@ def displace(S: Any, r: int, gx: float, gy: float, gz: float) -> None:
     S[r + at.DISPLACEMENT] = gx - cx
     S[r + at.DISPLACEMENT + 1] = gy - cy
     S[r + at.DISPLACEMENT + 2] = gz - cz
-    qx = S[R] * cx + S[R + 1] * cy + S[R + 2] * cz
-    qy = S[R + 3] * cx + S[R + 4] * cy + S[R + 5] * cz
-    qz = S[R + 6] * cx + S[R + 7] * cy + S[R + 8] * cz
+    qx, qy, qz = cx, cy, cz
+    if S[at.DIMENSIONS] > 1.0:
+        qx = S[R] * cx + S[R + 1] * cy + S[R + 2] * cz
+        qy = S[R + 3] * cx + S[R + 4] * cy + S[R + 5] * cz
+        qz = S[R + 6] * cx + S[R + 7] * cy + S[R + 8] * cz
     S[r + at.CONTACT_WORLD] = S[x] + qx
     S[r + at.CONTACT_WORLD + 1] = S[x + 1] + qy
     S[r + at.CONTACT_WORLD + 2] = S[x + 2] + qz

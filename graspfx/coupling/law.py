@@ -32,7 +32,8 @@ def combine(S: Any, kep: float, ked: float, kip: float, kid: float) -> None:
     size = 1 + width * n
     ke, kd = kep - kip, ked - kid
     keep = at.scratch(n, int(S[at.COORDINATES])) if S[at.FRICTION] != 0.0 else -1
-    for k in range(int(S[at.COUNT])):
+    # where nothing turns, the modes are the free translations: known before the program runs
+    for k in range(int(S[at.COUNT]) if S[at.TURNS] != 0.0 else int(S[at.SHIFTS])):
         q = at.modes(n) + k * size + 1
         z = 0.0
         for i in range(n):

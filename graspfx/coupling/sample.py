@@ -68,9 +68,11 @@ def react(S: Any) -> int:
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         a, b, c = S[r + at.LOCAL], S[r + at.LOCAL + 1], S[r + at.LOCAL + 2]
-        u = S[R] * a + S[R + 1] * b + S[R + 2] * c
-        v = S[R + 3] * a + S[R + 4] * b + S[R + 5] * c
-        w = S[R + 6] * a + S[R + 7] * b + S[R + 8] * c
+        u, v, w = a, b, c
+        if d > 1:
+            u = S[R] * a + S[R + 1] * b + S[R + 2] * c
+            v = S[R + 3] * a + S[R + 4] * b + S[R + 5] * c
+            w = S[R + 6] * a + S[R + 7] * b + S[R + 8] * c
         S[r + at.FORCE], S[r + at.FORCE + 1], S[r + at.FORCE + 2] = u, v, w
         fx, fy, fz = fx + u, fy + v, fz + w
         if d > 1:
