@@ -238,7 +238,7 @@ def _number(name: str, value: float, expected: str, *, zero: bool = True) -> flo
 
 
 def _count(name: str, value: int, least: int, most: int = MOST) -> int:
-    limits = f"a whole number from {least} to {most}"
+    limits = f"a whole number, {least} or more, at most {most}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise InputError(name, value, limits)
     if not least <= value <= most:

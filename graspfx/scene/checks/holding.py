@@ -257,6 +257,8 @@ def _made(
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
     """The objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
     things = {thing.name: thing for thing in scene.object}
+    if not things:
+        raise NotValid("object")
     names = [scene.finger[i].object or scene.object[0].name for i in fingers]
     if not things.keys() >= set(names):
         raise NotValid("object")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -24,6 +25,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import closest, shown
+from graspfx.numeric import LARGEST, SMALLEST
 
 DRAFT: Final = {"draft": True}  # the context that turns every field which is not valid into an absent one
 INVALID: Final = object()
@@ -80,8 +82,22 @@ def listed(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False), BeforeValidator(listed)]
-Positive = Annotated[Number, Field(gt=0)]
+def _not_too_large(value: float) -> float:
+    if abs(value) > LARGEST:
+        raise PydanticCustomError("size", "expected no more than {most} in SI units", {"most": f"{LARGEST:g}"})
+    return value
+
+
+def _not_too_small(value: float) -> float:
+    if value < SMALLEST:
+        raise PydanticCustomError("size", "expected no less than {least} in SI units", {"least": f"{SMALLEST:g}"})
+    return value
+
+
+Number = Annotated[
+    float, Field(strict=True, allow_inf_nan=False), BeforeValidator(listed), AfterValidator(_not_too_large)
+]
+Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_too_small)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True, ge=0)]
 Switch = Annotated[bool, Field(strict=True)]
@@ -110,6 +126,9 @@ def _gain(value: Any) -> Gains:
         raise PydanticCustomError("gain", "expected {expected}; given {given}", _context(expected, value))
     if not np.isfinite(array).all():
         raise PydanticCustomError("gain", "expected finite numbers; given {given}", {"given": shown(value)})
+    if np.abs(array).max() > LARGEST:
+        text = "expected no more than {most} N/m or N s/m; given {given}"
+        raise PydanticCustomError("gain", text, {"most": f"{LARGEST:g}", "given": shown(value)})
     if array.ndim < 2 and (array < 0).any():
         raise PydanticCustomError("gain", "expected no less than 0; given {given}", {"given": shown(value)})
     if array.ndim >= 2:
