@@ -199,14 +199,18 @@ def test_auto_goes_over_to_the_program_in_mid_run(tmp_path: Path, monkeypatch: p
         assert same(known, changed) and changed.outcome.engine == "compiled after 16 ticks"
 
 
-@pytest.mark.parametrize("engine", ["interpreted", "compiled", "auto"])
-def test_a_run_is_stopped_at_the_tick_that_it_is_asked(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("engine", "calls", "ticks"), [("interpreted", 33, 33), ("compiled", 2, 128), ("auto", 18, 144)]
+)
+def test_a_run_is_stopped_before_the_call_that_says_so(
+    engine: str, calls: int, ticks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(engines, "LOADING", -1.0)
     monkeypatch.setattr(engines, "COMPILING", -1.0)
-    asked = iter([*[False] * 33, True])
-    stopped = gx.run(line(engine=engine), stop=lambda: next(asked))
-    assert len(stopped) == 33 and not stopped.outcome.complete
-    assert stopped.rows.tobytes() == recorded(line(), "compiled").rows[:33].tobytes()
+    asked = iter([*[False] * calls, True])
+    stopped = gx.run(line(engine=engine), 1.0, stop=lambda: next(asked))
+    assert len(stopped) == ticks and not stopped.outcome.complete
+    assert stopped.rows.tobytes() == gx.run(line(engine="compiled"), 1.0).rows[:ticks].tobytes()
 
 
 @pytest.mark.parametrize("engine", ["interpreted", "compiled"])

@@ -26,6 +26,11 @@ class Engine(Protocol):
         """Which it is, as a recording says it."""
         ...
 
+    @property
+    def patience(self) -> int:
+        """Ticks of one call for which whoever wants to stop a run has to wait."""
+        ...
+
     def expect(self, ticks: int) -> None:
         """So many are to come."""
 
@@ -93,6 +98,7 @@ class Interpreted:
     """The script on memoryviews, whose items are Python floats."""
 
     name = "interpreted"
+    patience = 1
 
     def __init__(self, tick: Tick) -> None:
         arrays = {name: memoryview(array) for name, array in tick.script.arrays.items()}
@@ -141,6 +147,7 @@ class Compiled:
     """
 
     name = "compiled"
+    patience = 64
 
     def __init__(self, tick: Tick, *, make: bool = True, quick: bool = False) -> None:
         from graspfx.compile.native import compiled
@@ -186,8 +193,9 @@ class Compiled:
 
 
 FIRST = 16  # ticks by which the cost of the rest is judged
-LOADING = 0.1  # what a program in the cache has to save [s]
-COMPILING = 3.0  # and one that is not [s]
+LOADING = 0.1  # what a program in the cache has to save [s],
+COMPILING = 1.0  # one that is to be compiled in a short time,
+OPTIMISING = 10.0  # and one that is compiled at its best
 
 
 class Either:
@@ -205,6 +213,10 @@ class Either:
     def cost(self) -> float:
         """Of a tick as it stands, by the first ones [s]."""
         return self._spent / self._done
+
+    @property
+    def patience(self) -> int:
+        return self._engine.patience
 
     @property
     def name(self) -> str:
@@ -246,7 +258,7 @@ class Either:
         saving = (self._left - self._done) * self.cost
         if self._done == FIRST and saving > LOADING:
             with suppress(MissingPackageError, InputError, LookupError):  # then the script goes on as it stands
-                engine = Compiled(self._tick, make=saving > COMPILING)
+                engine = Compiled(self._tick, make=saving > COMPILING, quick=saving < OPTIMISING)
                 engine.write_to(self._rows)
                 self._engine = engine
 

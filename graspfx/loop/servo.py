@@ -88,7 +88,10 @@ class Servo:
         return self._tick
 
     def run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None = None) -> None:
-        """That many ticks, each recorded; fewer if `stop`, asked before each, says so.
+        """That many ticks, each recorded; fewer if `stop` says so.
+
+        It is asked before each call of the engine: before every tick as it stands, or where parts are no kernels, and
+        before every 64 that are compiled.
 
         Raises:
             InputError: no recorder for a servo that records, or one for a servo that does not.
@@ -99,6 +102,8 @@ class Servo:
         self._run(ticks, recorder, stop)
         self._settle()
         self._notice(recorder)
+        for held in self.objects:
+            held.grasped.check_activity()
 
     def tick(self, recorder: Recorder | None) -> None:
         """One sample."""
@@ -115,14 +120,12 @@ class Servo:
         engine, tick = self._ready(), self._tick
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
-        while self.ticks < last:
+        while self.ticks < last and not (stop is not None and stop()):
             rows, row, left = (np.empty((0, self.layout.width)), 0, at.CHUNK) if recorder is None else recorder.space()
             engine.write_to(rows)
-            count = min(left, last - self.ticks, at.CHUNK)
-            if apart or stop is not None:
+            count = min(left, last - self.ticks, at.CHUNK if stop is None else 1 if apart else engine.patience)
+            if apart:
                 for r in range(row, row + count):
-                    if stop is not None and stop():
-                        return
                     self._one(engine, recorder, r)
             elif tick.guests:
                 self._with_guests(engine, recorder, row, count)

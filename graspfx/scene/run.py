@@ -37,7 +37,8 @@ def run(
         duration: instead of the scene's own [s]; rounded to whole periods.
         out: a folder in which recording.h5 is written while the run goes on, readable also if it is killed. The rows
             are then only there until the run is over.
-        stop: asked before every tick; the first True ends the run there, and what was recorded is marked as incomplete.
+        stop: asked again and again, before every tick or, where ticks run compiled, before 64 of them; the first True
+            ends the run there, and what was recorded is marked as incomplete.
 
     Raises:
         InputError: a duration that is not a positive time, or more ticks than there is room for.
