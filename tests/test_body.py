@@ -429,3 +429,18 @@ def test_viscosity_slows_the_body_below_the_limit_that_scenes_are_checked_for(in
                 at.step(state, 0, T)
             o = at.VELOCITY if slow == "viscosity" else at.ANGULAR_VELOCITY + (2 if d == 2 else 0)
             assert bool(abs(state[o]) < 1e-3) is stable
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_what_is_kept_of_the_exact_step_follows_its_parameters(d: int) -> None:
+    state = block(dimensions=d, mass=0.1, inertia=0.02, integrator="exact", viscosity=0.3, rotational_viscosity=0.01)
+    push(state, np.full(d, 0.4))
+    at.step(state.data, 0, 0.01)
+    for entry, value in ((at.VISCOSITY, 0.0), (at.ROTATIONAL_VISCOSITY, 0.5), (at.MASS, 3.0)):
+        state[entry] = value
+        anew = state.copy()
+        anew[at.HELD :] = 0.0  # nothing kept
+        for T in (0.01, 0.02):
+            at.step(state.data, 0, T)
+            at.step(anew.data, 0, T)
+            assert state[: at.HELD].tobytes() == anew[: at.HELD].tobytes()

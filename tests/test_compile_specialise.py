@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 import graspfx as gx
 from graspfx.compile.native import compiled, interpreted
 from graspfx.compile.specialise import Program
-from graspfx.compile.values import Known, Memory
+from graspfx.compile.values import Known, Later, Memory
 from graspfx.coupling import block as at
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
@@ -169,3 +171,46 @@ def test_what_is_known_leaves_no_trace(kind: int) -> None:
     compiled(source).bind(C).brief()
     np.testing.assert_array_equal(A, B)
     np.testing.assert_array_equal(A, C)
+
+
+def runs_over(S: memoryview, o: int, n: int) -> float:
+    total = 0.0
+    for i in range(n):
+        S[o + i] = 2.0 * S[o + i]
+        total += S[o + i]
+    return total
+
+
+@pytest.mark.parametrize(("most", "loops"), [(7, 1), (8, 0)])
+def test_a_loop_is_written_out_if_that_is_little(most: int, loops: int) -> None:
+    program = Program({}, unroll=most)
+    program.add(runs_over, [Memory("MEM", 0), Known(0), Known(4)])
+    assert program.source().count("for ") == loops
+
+
+def two_buffers(S: memoryview, Z: memoryview) -> float:
+    S[1] = 3.0 * S[0] + Z[0]
+    return S[1]
+
+
+def test_arrays_of_which_the_same_is_known_share_their_functions() -> None:
+    frozen = {("A", 0): 1.0, ("B", 0): 1.0, ("C", 0): 2.0, ("D", 0): -0.0, ("E", 0): 0.0}
+    text = """
+def run(k):
+    value = two(A, F) + two(B, F) + two(C, F) + two(D, F) + two(E, F) + two(A, B)
+    F[1] = value
+"""
+    program = Program(frozen)
+    names = {name: Memory(name, 0) for name in "ABCDEF"}
+    program.add_text(text, {**names, "two": two_buffers}, [Later(ast.Name("k", ast.Load()))])
+    source = program.source()
+    assert source.count("def two_buffers") == 5
+    blocks = {name: np.array([frozen.get((name, 0), 0.5), 7.0]) for name in "ABCDEF"}
+    namespace: dict[str, Any] = {}
+    exec(source, namespace)
+    native = compiled(source)
+    for run in (lambda *b: namespace["run"](*b, 0), lambda *b: native.bind(*b).brief(0)):
+        these = {name: block.copy() for name, block in blocks.items()}
+        run(*(these[name] for name in native.arrays))
+        assert [these[name][1] for name in "ABCDE"] == [4.0, 3.5, 6.5, 0.5, 0.5]
+        assert these["F"][1] == 3.5 + 3.5 + 6.5 + 0.5 + 0.5 + 4.0

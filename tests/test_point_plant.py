@@ -305,3 +305,26 @@ def test_plants_that_cannot_be():
         plant.advance(np.zeros((1, 1)), nobody(2, 1), T)
     with pytest.raises(InputError, match="T: given 0"):
         plant.advance(np.zeros((1, 1)), nobody(1, 1), 0.0)
+
+
+def test_a_hand_that_stands_still_is_held_as_one_that_could_move():
+    rest = np.array([[0.01, -0.02], [0.03, 0.04]])
+
+    class Restless(Hand):
+        def target(self, time):
+            return super().target(time)
+
+    still, could = Hand(rest, 30.0, 0.4), Restless(rest, 30.0, 0.4)
+    closing = Hand(rest, 30.0, 0.4, squeeze=0.01, inward=[[1.0, 0.0], [-1.0, 0.0]])
+    assert [hand.still for hand in (still, could, closing, join([still, still]), join([still, could]))] == [
+        True, False, False, True, False,
+    ]  # fmt: skip
+    plants = [PointDevice.plant([connect(mass=0.1, dimensions=2, fingers=2)]) for _ in range(2)]
+    force = np.array([[0.1, 0.2], [-0.3, 0.0]])
+    for plant in plants:
+        plant.place(np.zeros((2, 2)))
+    for _ in range(20):
+        for plant, hand in zip(plants, (still, could), strict=True):
+            plant.advance(force, hand, 0.002)
+        assert np.array_equal(plants[0].position, plants[1].position)
+        assert np.array_equal(plants[0].velocity, plants[1].velocity)

@@ -28,6 +28,7 @@ from graspfx.compile.llvm_arithmetic import (
     truth,
     widest,
 )
+from graspfx.compile.syntax import assigned
 from graspfx.errors import GraspFXError, InputError
 
 NAMES = {"inf": math.inf, "nan": math.nan}
@@ -75,7 +76,7 @@ class Expressions:
     def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
         self.functions, self.tree = functions, node
         self.code = Code()
-        self.assigned = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        self.assigned = assigned(node.body)
         self.unset: set[str] = set()  # read before anything was assigned to them: in a loop, perhaps, on a later turn
 
     def cannot(self, node: ast.AST, why: str) -> GraspFXError:
