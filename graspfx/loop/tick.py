@@ -14,20 +14,17 @@ from graspfx.coupling.approach import LOST
 from graspfx.coupling.sample import let_go, sample
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, fused
-from graspfx.loop.observer import BY_MODE, MET, OF_OBJECT, Observer
+from graspfx.loop.observer import MET, Observer
 from graspfx.loop.parts import Moved, Mover, Parts, Station, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.script import Script, copied, under
+from graspfx.loop.sources import sources
 from graspfx.loop.watch import watch
 from graspfx.objects.body import NativeBody
 from graspfx.objects.guest import Guest
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
-
-COMPUTED = ("finger_position", "finger_velocity", "contact_position", "finger_force", "finger_moment",
-            "touching", "status", "gap")  # fmt: skip
-OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "residual", "wrench")
 
 # The servo's own memory.
 FAULTED = 0
@@ -313,32 +310,9 @@ class _Writer:
     def _record(self) -> Iterator[str]:
         width = self.parts.layout.width
         yield f"row = r * {width}"
-        for column, (name, entry) in sorted(self._sources()):
+        own = {"device_energy": (self.energy, self.n), "true_position": (self.before, self.n * self.d)}
+        for column, (name, entry) in sorted(sources(self.parts, self.blocks, self.books, self.own, own)):
             yield f"rows[row + {column}] = {name}[{entry}]"
-
-    def _sources(self) -> Iterator[tuple[int, tuple[str, int]]]:
-        """Where each number of a row comes from."""
-        columns, numbers = self.parts.layout.columns, np.arange(self.parts.layout.width)
-
-        def pairs(column: str, source: str, entries: Index) -> Iterator[tuple[int, tuple[str, int]]]:
-            if column in columns:
-                places = numbers[columns[column].where]
-                yield from ((int(p), (source, int(e))) for p, e in zip(places, entries.ravel(), strict=True))
-
-        for held, block in zip(self.parts.objects, self.blocks, strict=True):
-            where = held.grasped.where
-            for quantity in COMPUTED:
-                if quantity in columns:
-                    places = numbers[columns[quantity].where].reshape(columns[quantity].shape)[held.fingers]
-                    for p, e in zip(places.ravel(), where[quantity].ravel(), strict=True):
-                        yield int(p), (block, int(e))
-            for quantity in OBJECT:
-                yield from pairs(f"objects/{held.name}/{quantity}", block, where[quantity])
-        for held, observer, book in zip(self.parts.objects, self.parts.observers, self.books, strict=False):
-            for quantity in (*BY_MODE, *OF_OBJECT):
-                yield from pairs(f"objects/{held.name}/energy/{quantity}", book, observer.where[quantity])
-        yield from pairs("device_energy", self.own, np.arange(self.energy, self.energy + self.n))
-        yield from pairs("true_position", self.own, np.arange(self.before, self.before + self.n * self.d))
 
     def _move(self) -> Iterator[str]:
         for i, mover in enumerate(self.parts.movers):

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from graspfx.bench.brute_force import brute_force
 from graspfx.surfaces import proxy, shape
 from graspfx.surfaces.mesh import make_mesh, new_fingers
 from tests import test_primitives as exact
-from tests.meshes import SHAPES, brute_force
+from tests.meshes import SHAPES
 from tests.stress.ledger import efforts, family
 from tests.stress.scatter import decades
 
