@@ -17,6 +17,7 @@ BENCHMARKS = {
     "bodies": "graspfx.bench.bodies",
     "ticks": "graspfx.bench.ticks",
     "skips": "graspfx.bench.skips",
+    "batches": "graspfx.bench.batches",
     "maps": "graspfx.bench.maps",
     "startup": "graspfx.bench.startup",
     "jitter": "graspfx.bench.jitter",

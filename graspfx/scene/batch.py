@@ -159,7 +159,7 @@ def run_batch(
         variants = Variants(scene, lists, numbers)
         groups = variants.groups()
     count = threads or processors()
-    done = _Done(scene, variants, len(numbers), duration, count)
+    done = Runs(scene, variants, len(numbers), duration, count)
     if keep == "measures":
         measures = done.measured(groups, measure, statistics)
         found: dict[str, Any] = {
@@ -182,8 +182,8 @@ def run_batch(
     )
 
 
-class _Done:
-    """The runs of all groups."""
+class Runs:
+    """The runs of all groups of variants."""
 
     def __init__(self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int) -> None:
         self.scene, self.variants, self.duration, self.threads = scene, variants, duration, threads
