@@ -49,8 +49,8 @@ def table(families: list[Family]) -> str:
     for each in sorted(families, key=lambda each: each.name):
         unit = "" if each.unit == "1" else f" {each.unit}"
         worst, bound = (f"{each.worst:.2g}{unit}", f"{each.bound:.2g}{unit}") if each.bound else ("none", "")
-        where = each.where.replace("|", "/").replace("\n", " ")
-        rows.append(f"| {each.name} | {each.cases} | {worst} | {bound} | {each.oracle} | {where} |")
+        cells = (each.name, str(each.cases), worst, bound, each.oracle, each.where)
+        rows.append(" | ".join(["", *(cell.replace("|", "\\|") for cell in cells), ""]).strip())
     return "\n".join(rows)
 
 
