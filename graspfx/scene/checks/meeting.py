@@ -18,6 +18,7 @@ Location = tuple[str | int, ...]
 Found = tuple[Location, str]
 
 FLAT = ("half-space", "plane")
+STIFFEST = 1e5  # k T^2/m of a native contact; from 1e6 on rounding throws what should lie still
 DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more is no rounding, nor its weight's sinking
 
 
@@ -40,6 +41,14 @@ def meeting_faults(scene: SceneTable, folder: Path | None, known: Sequence[Found
         yield (
             ("world", "restitution"),
             f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = 'bullet' does",
+        )
+    masses = [thing.mass for thing in scene.object if thing.name in native and thing.mass is not None]
+    most = STIFFEST * min(masses, default=np.inf) / scene.period**2
+    if scene.world.stiffness > most:
+        yield (
+            ("world", "stiffness"),
+            f"expected at most {most:.3g} N/m, 1e5 m/T^2 of the lightest object: far beyond it rounding decides; "
+            f"given {scene.world.stiffness:.3g}",
         )
     for i, thing in enumerate(scene.object):
         if thing.shape is not None and thing.shape.kind in FLAT and surroundings.moves(scene, thing):
