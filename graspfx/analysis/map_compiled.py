@@ -47,12 +47,14 @@ def is_compiled(engine: str, points: int, *, covered: bool) -> bool:
 
 def wall_limits(*parameters: FloatArray) -> FloatArray:
     """Limits of walls from m, b, T and k_s, each (points,) or one number."""
-    return _shared_out(compiled(map_kernel.wall_limits), _flat(parameters), map_kernel.WALL_WIDTH)
+    return _shared_out(compiled(map_kernel.wall_limits).unlocked, _flat(parameters), map_kernel.WALL_WIDTH)
 
 
 def external_limits(*parameters: FloatArray, integrator: int) -> FloatArray:
     """Limits of devices that move an object from m, b, T, k_s, m_v/n and b_v/n, each (points,) or one number."""
-    return _shared_out(compiled(map_kernel.external_limits), _flat(parameters), map_kernel.EXTERNAL_WIDTH, integrator)
+    return _shared_out(
+        compiled(map_kernel.external_limits).unlocked, _flat(parameters), map_kernel.EXTERNAL_WIDTH, integrator
+    )
 
 
 def _flat(parameters: tuple[FloatArray, ...]) -> FloatArray:

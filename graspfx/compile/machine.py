@@ -6,6 +6,7 @@ import ast
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from inspect import signature
+from operator import is_not
 from threading import local
 from types import FunctionType
 from typing import Any
@@ -23,13 +24,15 @@ NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its oth
 class Machine:
     """`kernel(...)` compiled: the same arguments, of which buffers are arrays or memoryviews of floats.
 
-    It gives what the kernel gives, numbers as floats. The interpreter's lock is let go of meanwhile.
+    It gives what the kernel gives, numbers as floats.
     """
 
     def __init__(self, kernel: FunctionType) -> None:
         self._parameters = [(p.name, str(p.annotation)) for p in signature(kernel).parameters.values()]
         numbers = [name for name, kind in self._parameters if kind in NUMBERS]
         self._names = [name for name, kind in self._parameters if kind not in NUMBERS]
+        self._number_places = [k for k, (_, kind) in enumerate(self._parameters) if kind in NUMBERS]
+        self._buffer_places = [k for k, (_, kind) in enumerate(self._parameters) if kind not in NUMBERS]
         self._last = local()
         made = Program({})
         given = [
@@ -48,32 +51,35 @@ class Machine:
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
         """The kernel on these arguments, as often as it is called; what it gives is not handed on."""
-        bound, _ = self._on(self._buffers(arguments))
-        numbers = self._numbers(arguments)
+        bound, _ = self._on([arguments[k] for k in self._buffer_places])
+        numbers = [arguments[k] for k in self._number_places]
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
     def __call__(self, *arguments: Any) -> Any:
-        buffers = self._buffers(arguments)
-        last = getattr(self._last, "found", None)  # of this thread: others may be under way
-        if last is None or any(one is not other for one, other in zip(buffers, last[0], strict=True)):
-            last = self._last.found = buffers, *self._on(buffers)
-        _, bound, results = last
-        bound.long(*self._numbers(arguments))
+        bound, results = self._found(arguments)
+        bound.brief(*[arguments[k] for k in self._number_places])
         if self._results > 1:
             return tuple(results.tolist())
         return float(results[0]) if self._results else None
+
+    def unlocked(self, *arguments: Any) -> None:
+        """The same with the interpreter's lock let go of, for calls that take long: what it gives is not handed on."""
+        bound, _ = self._found(arguments)
+        bound.long(*[arguments[k] for k in self._number_places])
+
+    def _found(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
+        """The program on these arguments' buffers: the last ones of this thread, most often."""
+        buffers = [arguments[k] for k in self._buffer_places]
+        last = getattr(self._last, "found", None)
+        if last is None or any(map(is_not, buffers, last[0])):
+            last = self._last.found = buffers, *self._on(buffers)
+        return last[1], last[2]
 
     def _on(self, buffers: Sequence[Any]) -> tuple[Bound, Any]:
         """The program on these buffers, and where it leaves what it gives."""
         results = np.empty(max(self._results, 1))
         given = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
         return self._native.bind(*(given[name] for name in self._native.arrays)), results
-
-    def _buffers(self, arguments: Sequence[Any]) -> list[Any]:
-        return [value for (_, kind), value in zip(self._parameters, arguments, strict=True) if kind not in NUMBERS]
-
-    def _numbers(self, arguments: Sequence[Any]) -> list[Any]:
-        return [value for (_, kind), value in zip(self._parameters, arguments, strict=True) if kind in NUMBERS]
 
 
 @cache
