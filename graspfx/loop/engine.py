@@ -153,6 +153,7 @@ class Compiled:
         from graspfx.compile.native import compiled
 
         self._tick = tick
+        self._rows: FloatArray | None = None
         self._bounds: dict[Any, Any] = {}  # by program
         self.programs = {
             name: compiled(source, quick=quick, make=make) for name, source in sources(tick, make=make).items()
@@ -161,6 +162,9 @@ class Compiled:
     def expect(self, ticks: int) -> None: ...
 
     def write_to(self, rows: FloatArray) -> None:
+        if rows is self._rows:
+            return
+        self._rows = rows
         if self._tick.ports:
             self._begin, self._end = (self._bound(self.programs[name], rows).brief for name in ("begin", "end"))
         else:

@@ -57,6 +57,7 @@ class Servo:
         self.stations, self.objects, self.movers, self.moved = stations, objects, movers, moved
         self.observers = observers  # one for each object, or none at all
         self.fault: RunFault | None = None
+        self._nowhere = np.empty((0, layout.width))
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
         self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
@@ -121,7 +122,7 @@ class Servo:
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
         while self.ticks < last and not (stop is not None and stop()):
-            rows, row, left = (np.empty((0, self.layout.width)), 0, at.CHUNK) if recorder is None else recorder.space()
+            rows, row, left = (self._nowhere, 0, at.CHUNK) if recorder is None else recorder.space()
             engine.write_to(rows)
             count = min(left, last - self.ticks, at.CHUNK if stop is None else 1 if apart else engine.patience)
             if apart:
