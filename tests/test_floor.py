@@ -363,7 +363,7 @@ def test_what_a_native_body_cannot_meet_is_refused() -> None:
         features(HalfSpace((0, 0, 1)), 3)
 
 
-@pytest.mark.parametrize(("mass", "stiffness"), [(1e200, 1e5), (0.1, 1e200), (1e-200, 1e5)])
+@pytest.mark.parametrize(("mass", "stiffness"), [(1e40, 1e5), (1e40, 1e40)])
 def test_numbers_at_the_end_of_their_range_are_faults_and_no_tracebacks(mass: float, stiffness: float) -> None:
     """Whatever the sample then says: that it did not settle, or that something is not finite."""
     import graspfx as gx

@@ -310,7 +310,7 @@ def test_rows_of_a_run_are_the_same_from_its_file() -> None:
     assert kept.rows.tobytes() == read.rows.tobytes()
 
 
-@pytest.mark.parametrize(("key", "value"), [("period", 1e-300), ("period", 5e-324), ("duration", 1e12)])
+@pytest.mark.parametrize(("key", "value"), [("period", 1e-50), ("period", 1e-60), ("duration", 1e12)])
 @pytest.mark.parametrize("out", [None, "here"])
 def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | None) -> None:
     scene = graspfx.load("reference-1dof", {key: value})
