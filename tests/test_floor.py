@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspfx.errors import InputError, SceneError
+from graspfx.errors import InputError
 from graspfx.objects import kernels as at
 from graspfx.objects import rest
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
@@ -363,7 +363,7 @@ def test_what_a_native_body_cannot_meet_is_refused() -> None:
         features(HalfSpace((0, 0, 1)), 3)
 
 
-@pytest.mark.parametrize(("mass", "stiffness"), [(1e39, 1e5), (1e28, 1e39), (1e-20, 1e-10)])
+@pytest.mark.parametrize(("mass", "stiffness"), [(1e40, 1e5), (1e40, 1e40)])
 def test_numbers_at_the_end_of_their_range_are_faults_and_no_tracebacks(mass: float, stiffness: float) -> None:
     """Whatever the sample then says: that it did not settle, or that something is not finite."""
     import graspfx as gx
@@ -389,14 +389,6 @@ def test_numbers_at_the_end_of_their_range_are_faults_and_no_tracebacks(mass: fl
         )
     )
     assert len(rec) == 10 and not rec.finger_force.any()
-
-
-def test_a_contact_so_stiff_that_rounding_decides_is_refused() -> None:
-    import graspfx as gx
-
-    scene = gx.load("pick-and-place", {"world.stiffness": 3e9})  # 0.15 kg, 2 ms: at most 3.75e9 N/m
-    with pytest.raises(SceneError, match=r"world.stiffness: expected at most 3.75e\+09 N/m, .*; given 4e\+09"):
-        scene.replace({"world.stiffness": 4e9})
 
 
 def test_a_sheet_without_thickness_rests_on_its_corners() -> None:

@@ -86,7 +86,7 @@ class Mesh:
         `state` is brought up to date. Without it every finger is new and its contact point is the nearest one. Of balls
         of that `radius` [m] the points are their centres.
         """
-        p = finite("points", points, "finite positions of shape (n, 3)")
+        p = finite("points", points, "finite positions of shape (n, 3)", largest=np.inf)
         if p.ndim != 2 or p.shape[1] != 3:
             raise InputError("points", points, "finite positions of shape (n, 3)")
         S = new_fingers(len(p)) if state is None else state

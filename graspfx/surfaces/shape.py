@@ -99,14 +99,14 @@ class Shape(ABC):
             previous: (n, d) contact points from before.
             radius: of the balls that the fingertips are [m], zero for points.
         """
-        p = finite("points", points, "finite positions of shape (n, d)")
+        p = finite("points", points, "finite positions of shape (n, d)", largest=math.inf)
         if p.ndim != 2:
             raise InputError("points", points, "finite positions of shape (n, d)")
         n, d = p.shape
         self._check(d)
         last = self.faces(d) - 1
         face = np.full(n, -1.0) if faces is None else finite("faces", faces, f"{n} numbers from -1 to {last}")
-        before = np.zeros((n, d)) if previous is None else finite("previous", previous)
+        before = np.zeros((n, d)) if previous is None else finite("previous", previous, largest=math.inf)
         if face.shape != (n,) or (face < -1).any() or (face > last).any() or (face % 1.0).any():
             raise InputError("faces", faces, f"{n} numbers from -1 to {last}")
         if before.shape != (n, d):

@@ -21,6 +21,7 @@ UNITS = family("scenes: other units", "the same numbers, of the largest in a col
 LINE = family("scenes: one dimension, attached", "50 digits, of the largest position")
 PROMISES = family("scenes: extremes", "gx.testing.check_scene: finite, repeats, action = reaction")
 SAID = family("scenes: extremes that diverge", "a fault, finite rows before it, no force from it on")
+RESTS = family("scenes: a box on the stiffest floor", "weight over stiffness, of that depth")
 REFUSED = family("scenes: bad values of every key", "SceneError, or a run without NaN before a fault")
 
 
@@ -190,6 +191,38 @@ def test_sizes_that_formulas_cannot_take(key: str, bad: float) -> None:
     # a period of 5e-324 s raised OverflowError when the recorder counted rows per second
     with pytest.raises(SceneError, match=rf"{key}: expected no (less|more) than"):
         gx.load("reference-1dof", {key: bad})
+
+
+def resting(d: int, mass: float, period: float, stiffness: float, integrator: str) -> gx.Scene:
+    up = [0.0] * (d - 1)
+    return gx.Scene(
+        dimensions=d,
+        period=period,
+        duration=100 * period,
+        gravity=[*up, -9.81],
+        object={
+            "mass": mass, "viscosity": 0.0, "rotational_viscosity": 0.0, "integrator": integrator,
+            "shape": {"kind": "box", "size": [0.05] * d}, "position": [*up, 0.025],
+        },
+        obstacle=[{"shape": {"kind": "half-space", "normal": [*up, 1.0]}}],
+        world={"stiffness": stiffness},
+        coupling={"external": {"stiffness": 10.0}, "internal": {"stiffness": 10.0}},
+        finger=[{"device": {"name": "simulated", "mass": 0.1, "friction": 1.0}, "start": [*up, 1.0]}],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("mass", "period"), [(1e-6, 5e-5), (1e-6, 2e-2), (1e-4, 2e-2), (0.1, 1e-3), (1e3, 2e-2)])
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_box_rests_on_the_stiffest_floor_and_a_stiffer_one_is_refused(d: int, mass: float, period: float) -> None:
+    # 0.1 g on the default 1e5 N/m at 20 ms was thrown up by metres without a word: k T^2/m of 4e5
+    stiffest = 1e4 * mass / period**2
+    for integrator in ("exact", "implicit"):
+        recording = gx.run(resting(d, mass, period, 0.999 * stiffest, integrator))
+        sunk = float(recording.object_position[-1, -1]) - 0.025
+        expected = -mass * 9.81 / (2 ** (d - 1) * 0.999 * stiffest)
+        RESTS.check(abs(sunk / expected - 1.0), 1e-5, f"{d}-D, {mass:g} kg, {1e3 * period:g} ms, {integrator}")
+    with pytest.raises(SceneError, match=r"world.stiffness: .*rounding throws it off"):
+        resting(d, mass, period, 1.01 * stiffest, "exact")
 
 
 def test_a_scene_without_objects_says_so() -> None:
