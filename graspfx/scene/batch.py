@@ -258,7 +258,7 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
             shortfall = max(shortfall, float(ended.arena[program.places[name]][at.SHORTFALL]))
     if ended.fault < 0:
         return Outcome(engine="compiled", fade_shortfall=shortfall)
-    program.fill(ended.arena)  # the figures in a fault's words are those in its parts' buffers
+    program.fill(ended.told)  # the figures in a fault's words are those in its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", fade_shortfall=shortfall)
 
 
