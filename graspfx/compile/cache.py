@@ -36,6 +36,14 @@ def _own() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graspfx"
 
 
+def shown() -> str:
+    """The folder in words."""
+    try:
+        return str(folder())
+    except OSError:
+        return "the folder that GRASPFX_CACHE names"
+
+
 def stored(key: str) -> bytes | None:
     """What was kept under a key; None if there is nothing, or if it is not what was written."""
     try:
