@@ -113,7 +113,9 @@ class Expressions:
             if isinstance(test, Known):
                 return self.value(node.body if test.value else node.orelse, scope)
             one, other = self.number(node.body, scope), self.number(node.orelse, scope)
-            return one if same(one, other) else Later(ast.IfExp(node_of(test), node_of(one), node_of(other)))
+            if same(one, other) and not calls(node_of(test)):
+                return one
+            return Later(ast.IfExp(node_of(test), node_of(one), node_of(other)))
         raise self.cannot(node, "is no expression of a kernel")
 
     def number(self, node: ast.expr, scope: Scope) -> Known | Later:
@@ -169,8 +171,10 @@ class Expressions:
             return Later(self.entry(node, scope))
         if isinstance(owner, Several):
             index = self.number(node.slice, scope)
-            if isinstance(index, Known) and isinstance(owner.parts[int(index.value)], Known):
-                return owner.parts[int(index.value)]
+            if isinstance(index, Known) and (owner.node is None or not calls(owner.node)):
+                part = owner.parts[int(index.value)]
+                if isinstance(part, Known):
+                    return part
             return Later(ast.Subscript(node_of(owner), node_of(index), ast.Load()))
         if isinstance(owner, Later):
             return Later(ast.Subscript(owner.node, node_of(self.number(node.slice, scope)), ast.Load()))
@@ -195,6 +199,8 @@ class Expressions:
             place = load("lane") if rest is None else ast.BinOp(_times(rest, lanes), ast.Add(), load("lane"))
             offset *= lanes
         if place is None:
+            if offset < 0:
+                raise self.cannot(node, "is an entry before the buffer's first")
             place = ast.Constant(offset)
         elif offset:
             sign = ast.Add() if offset > 0 else ast.Sub()
