@@ -70,6 +70,7 @@ class Specialiser(Protocol):
     frozen: Mapping[tuple[str, int], float]
     unroll: int
     lanes: int
+    taken: dict[tuple[str, str], str]
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made: ...
 
@@ -143,13 +144,22 @@ class Expressions:
         found = self.kernel.namespace.get(node.id, getattr(builtins, node.id, missing))
         if found is missing:
             raise self.cannot(node, f"names {node.id!r}, which is nothing known here")
+        if node.id in self.kernel.namespace:
+            self.note(self.kernel.namespace.get("__name__"), node.id, found)
         return self.constant(node, found)
 
     def attribute(self, node: ast.Attribute, scope: Scope) -> Value:
         owner = self.value(node.value, scope)
         if not (isinstance(owner, Named) and isinstance(owner.of, ModuleType)):
             raise self.cannot(node, "is an attribute of something else than a module")
-        return self.constant(node, getattr(owner.of, node.attr))
+        found = getattr(owner.of, node.attr)
+        self.note(owner.of.__name__, node.attr, found)
+        return self.constant(node, found)
+
+    def note(self, module: Any, name: str, found: Any) -> None:
+        """Keeps a module's number that is folded in."""
+        if isinstance(found, bool | int | float) and isinstance(module, str):
+            self.program.taken[module, name] = repr(found)
 
     def constant(self, node: ast.expr, found: Any) -> Value:
         if isinstance(found, bool | int | float):
