@@ -120,7 +120,8 @@ def counts(S: memoryview, o: int) -> tuple[float, float]:
 
 
 def asks_for_effect(S: memoryview, o: int) -> None:
-    S[o + 1] = 2.0 if counts(S, o)[1] > 0.0 else 2.0
+    two = 2.0
+    S[o + 1] = 2.0 if counts(S, o)[1] > 0.0 else two
     S[o + 2] = counts(S, o)[0]
 
 

@@ -12,7 +12,7 @@ import pytest
 import graspfx
 
 ROOT = Path(__file__).parents[1]
-HEAVY = {"h5py", "llvmlite", "matplotlib", "numba", "pybullet", "pydantic", "rich", "scipy", "tree_sitter", "trimesh"}
+HEAVY = {"h5py", "llvmlite", "matplotlib", "pybullet", "pydantic", "rich", "scipy", "tree_sitter", "trimesh"}
 
 
 def third_party_after(code: str, cwd: Path = ROOT) -> set[str]:

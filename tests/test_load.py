@@ -345,7 +345,7 @@ def test_a_scene_without_faults_needs_no_parser_of_lines(folder: Path) -> None:
         f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r})\n"
         "from graspfx.scene.load import load\n"
         "load('scene.toml')\n"
-        "heavy = {'tree_sitter', 'scipy', 'h5py', 'matplotlib', 'rich', 'pybullet', 'numba', 'trimesh'}\n"
+        "heavy = {'tree_sitter', 'scipy', 'h5py', 'matplotlib', 'rich', 'pybullet', 'llvmlite', 'trimesh'}\n"
         "print(sorted(heavy & sys.modules.keys()))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

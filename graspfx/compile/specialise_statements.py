@@ -196,7 +196,9 @@ class Body(Expressions):
             turns = [[ast.copy_location(ast.Assign([node.target], part), node), *node.body] for part in call.elts]
             asked = list(ast.walk(call))
             changed = assigned(node.body) & {part.id for part in asked if isinstance(part, ast.Name)}
-            if not changed and not any(isinstance(part, ast.Subscript | ast.Call) for part in asked):  # else the tuple would not be what it was at the beginning
+            if not changed and not any(
+                isinstance(part, ast.Subscript | ast.Call) for part in asked
+            ):  # else the tuple would not be what it was at the beginning
                 return self.block([statement for turn in turns for statement in turn], scope)
         if not (
             isinstance(node.target, ast.Name)

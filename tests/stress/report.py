@@ -63,7 +63,7 @@ def main(page: Path = PAGE) -> int:
         return failed
     tried = [each for each in FAMILIES.values() if each.cases]
     on = machine()
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "mpmath", "hypothesis"))
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "llvmlite", "mpmath", "hypothesis"))
     run = (
         f"\n{sum(each.cases for each in tried)} cases in {seconds:.0f} s on {on['platform']}, {on['implementation']}, "
         f"{packages}.\n\n"
