@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 import tracemalloc
 import warnings
 
@@ -14,6 +15,7 @@ import graspfx as gx
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
 from graspfx.loop import many
+from graspfx.scene.batch import _grid
 from graspfx.scene.variants import Variants
 
 KEP, KIP, BV = "coupling.external.stiffness", "coupling.internal.stiffness", "object.viscosity"
@@ -204,6 +206,39 @@ def test_faults_are_those_of_single_runs(line, jobs):
     run = single(line, kept, (0,), 3.0)
     assert kept.recordings[0].faults == run.faults
     assert jobs[0].aside == 6
+
+
+def test_values_that_differ_far_inside_a_long_array_differ():
+    one = np.zeros(2000)
+    other = one.copy()
+    other[1000] = 1.0
+    for values in ([{"points": one}, {"points": other}], [(one,), (other,)]):
+        _, _, numbers = _grid({"key": [*values, values[0]]}, zip=False)
+        assert numbers.ravel().tolist() == [0, 1, 0]
+
+
+def test_a_fault_is_told_as_things_stood_at_its_tick(line):
+    device = {"name": "simulated", "mass": 0.15, "friction": 0.2, "workspace": [[-0.06], [0.06]]}
+    hands = [{"stiffness": 60.0, "damping": 0.5, "rest": [rest]} for rest in (0.2, 0.0)]
+    fingers = [{"start": [0.0], "device": device, "hand": hand} for hand in hands]
+    leaving = line.replace({"finger": fingers})
+    kept = gx.run_batch(leaving, {KEP: [30.0]}, 0.5, keep="recordings")
+    assert kept.recordings[0].faults == single(leaving, kept, (0,), 0.5).faults
+    assert "outside its workspace" in kept.recordings[0].faults[0].message
+
+
+def test_after_an_error_no_thread_begins_another_job():
+    begun = []
+
+    def run(which):
+        begun.append(int(which[0]))
+        if which[0] == 1:
+            raise InputError("which", 1, "another one")
+        time.sleep(0.01)
+
+    with pytest.raises(InputError):
+        many._shared(run, [np.array([k]) for k in range(100)], 2)
+    assert len(begun) < 50
 
 
 def test_summaries_are_those_of_recordings(line):

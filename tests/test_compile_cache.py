@@ -13,7 +13,7 @@ import pytest
 
 from graspfx.compile import cache, native
 from graspfx.compile.native import compiled
-from graspfx.errors import MissingPackageError
+from graspfx.errors import InputError, MissingPackageError
 
 SOURCE = "def f(A, n):\n    A[0] = math.sin(A[0]) + n\n    return n\n"
 
@@ -94,6 +94,30 @@ def test_a_folder_that_cannot_be_written_is_no_error(tmp_path: Path, monkeypatch
     program = compiled(SOURCE)
     assert works(program) and not program.cached
     assert "can be kept in" in program.note
+
+
+def test_a_user_without_a_folder_compiles_every_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("GRASPFX_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(cache.Path, "home", homeless)
+    program = compiled(SOURCE)
+    assert works(program) and not program.cached
+    assert "GRASPFX_CACHE" in program.note and "GRASPFX_CACHE" in cache.shown()
+    with pytest.raises(InputError, match="GRASPFX_CACHE"):
+        cache.require_room()
+
+
+def test_code_of_another_wrapper_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`method.py` writes a part of the machine code too."""
+    for file in Path(native.__file__).parent.glob("*.py"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    monkeypatch.setattr(native, "__file__", str(tmp_path / "native.py"))
+    before = native._back_end.__wrapped__()
+    (tmp_path / "method.py").write_text("# another one\n")
+    assert native._back_end.__wrapped__() != before
 
 
 def test_the_folder_stays_within_its_limit(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -114,6 +114,17 @@ def edges(S: memoryview, o: int, on: int, zero: float) -> None:
     S[o + 9] = S[o + int(x) - 1] * (-x) ** 2.0
 
 
+def counts(S: memoryview, o: int) -> tuple[float, float]:
+    S[o] = S[o] + 1.0
+    return 1.0, S[o]
+
+
+def asks_for_effect(S: memoryview, o: int) -> None:
+    two = 2.0
+    S[o + 1] = 2.0 if counts(S, o)[1] > 0.0 else two
+    S[o + 2] = counts(S, o)[0]
+
+
 def lists(S: memoryview, o: int) -> None:
     S[o] = sum([S[o], 1.0])
 
@@ -134,7 +145,20 @@ def test_an_entry_that_never_changes_is_not_to_be_written() -> None:
         program.add(writes, [Memory("MEM", 0), Known(4)])
 
 
-@pytest.mark.parametrize("kernel", [lists, itself, shadows])
+def turns_over_entries(S: memoryview, o: int) -> None:
+    for x in (S[o], S[o + 1]):
+        S[o + 1] = S[o + 1] + x
+
+
+def moves_on(S: memoryview, o: int) -> None:
+    o, S[o] = o + 1, 9.0
+
+
+def looks_back(S: memoryview, o: int) -> None:
+    S[o] = S[-1]
+
+
+@pytest.mark.parametrize("kernel", [lists, itself, shadows, turns_over_entries, moves_on, looks_back])
 def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: object) -> None:
     with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+"):
         Program({}).add(kernel, [Memory("MEM", 0), Known(0)])  # type: ignore[arg-type]
@@ -154,6 +178,15 @@ def test_folding_changes_no_value_and_drops_no_effect(x: float, unroll: int) -> 
     compiled(source).bind(C).brief()
     np.testing.assert_array_equal(A.view(np.int64), B.view(np.int64))
     np.testing.assert_array_equal(A.view(np.int64), C.view(np.int64))
+
+
+def test_what_is_asked_for_its_effect_is_asked() -> None:
+    program = Program({})
+    program.add(asks_for_effect, [Memory("MEM", 0), Known(0)])
+    A, B = np.zeros(3), np.zeros(3)
+    asks_for_effect(memoryview(A), 0)
+    interpreted(program.source()).bind(B).brief()
+    assert A.tolist() == B.tolist() == [2.0, 2.0, 1.0]
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])

@@ -15,9 +15,20 @@ SUFFIX = ".machine"
 
 
 def folder() -> Path:
-    """`$GRASPFX_CACHE`, or `graspfx` in the folder that the platform has for such things."""
+    """`$GRASPFX_CACHE`, or `graspfx` in the folder that the platform has for such things.
+
+    Raises:
+        OSError: the user has no folder, and the environment names none.
+    """
     if chosen := os.environ.get("GRASPFX_CACHE"):
         return Path(chosen)
+    try:
+        return _own()
+    except RuntimeError as error:  # as of a container's user that no table knows
+        raise OSError(f"{error} Name a folder with GRASPFX_CACHE") from error
+
+
+def _own() -> Path:
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "graspfx" / "Cache"
     if sys.platform == "darwin":
@@ -25,10 +36,18 @@ def folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graspfx"
 
 
+def shown() -> str:
+    """The folder in words."""
+    try:
+        return str(folder())
+    except OSError:
+        return "the folder that GRASPFX_CACHE names"
+
+
 def stored(key: str) -> bytes | None:
     """What was kept under a key; None if there is nothing, or if it is not what was written."""
-    path = folder() / f"{key}{SUFFIX}"
     try:
+        path = folder() / f"{key}{SUFFIX}"
         found = path.read_bytes()
     except OSError:
         return None
@@ -44,8 +63,9 @@ def store(key: str, content: bytes) -> str:
     """Keeps something under a key; what stood in the way, or nothing."""
     import tempfile  # takes longer to load than most of what is kept
 
-    here = folder()
+    here: Path | str = "the user's folder"
     try:
+        here = folder()
         here.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=here, suffix=".part")
         try:
@@ -70,8 +90,9 @@ def require_room() -> None:
     """
     import tempfile
 
-    here = folder()
+    here: Path | str = "the user's folder"
     try:
+        here = folder()
         here.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=here):
             pass

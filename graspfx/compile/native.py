@@ -229,8 +229,9 @@ def _emitted(program: Written, effort: int = FULL, *, wide: bool = False) -> byt
 @cache
 def _back_end() -> str:
     """A digest of what programs are compiled by: code that another version of it made is not taken."""
-    sources = sorted(Path(__file__).parent.glob("llvm*.py"))
-    return hashlib.sha256(b"".join(source.read_bytes() for source in [*sources, Path(__file__)])).hexdigest()
+    here = Path(__file__).parent
+    sources = sorted([*here.glob("llvm*.py"), here / "method.py", Path(__file__)])
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
 def _processor() -> tuple[str, str, str]:

@@ -39,14 +39,15 @@ def program_source(
         lanes: so many programs side by side (`Program`).
         make: whether to specialise what is not kept yet; else a LookupError.
     """
-    roots = {name: f"{kernel.__module__}.{kernel.__qualname__}" for name, kernel in sorted(kernels.items())}
+    roots = {name: _identity(kernel) for name, kernel in sorted(kernels.items())}
     numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
     asked = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
     key = hashlib.sha256(f"program {asked}".encode()).hexdigest()
     found = kept.stored(key)
     if found is not None:
         entry = json.loads(found)
-        if all(_digest(file) == digest for file, digest in entry["files"].items()):
+        same = all(_digest(file) == digest for file, digest in entry["files"].items())
+        if same and all(_number(module, name) == number for module, name, number in entry["numbers"]):
             return str(entry["source"])
     if not make:
         raise LookupError("not specialised yet")
@@ -58,7 +59,8 @@ def program_source(
     source = program.source()
     folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
     files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
-    kept.store(key, json.dumps({"files": files, "source": source}).encode())
+    others = [[*where, number] for where, number in program.taken.items() if not _is_ours(where[0])]
+    kept.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
     return source
 
 
@@ -82,6 +84,23 @@ def _folders() -> tuple[Path, ...]:
 
 def _is_own(file: str) -> bool:
     return any(Path(file).is_relative_to(folder) for folder in _folders())
+
+
+def _identity(kernel: Callable[..., Any]) -> list[str]:
+    """A kernel's name, and of others' also its file: another environment may have another of that name."""
+    code = getattr(kernel, "__code__", None)
+    file = "" if code is None or _is_own(code.co_filename) else code.co_filename
+    return [f"{kernel.__module__}.{kernel.__qualname__}", file]
+
+
+def _is_ours(module: str) -> bool:
+    """Whether a module's numbers are written in our sources, or are those of mathematics."""
+    return module.partition(".")[0] in ("math", __name__.partition(".")[0])
+
+
+def _number(module: str, name: str) -> str:
+    """A module's number as it is now: the module may have read it from somewhere else when it was imported."""
+    return repr(getattr(sys.modules.get(module), name, None))
 
 
 def _digest(file: str) -> str:

@@ -39,6 +39,7 @@ class Program:
     lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
+    taken: dict[tuple[str, str], str] = field(default_factory=dict)  # numbers of modules, by module and name
     _made: dict[Any, Made | None] = field(default_factory=dict)
     _known: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
     _first: dict[tuple[tuple[int, str], ...], str] = field(default_factory=dict)

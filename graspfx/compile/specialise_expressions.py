@@ -70,6 +70,7 @@ class Specialiser(Protocol):
     frozen: Mapping[tuple[str, int], float]
     unroll: int
     lanes: int
+    taken: dict[tuple[str, str], str]
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made: ...
 
@@ -113,7 +114,9 @@ class Expressions:
             if isinstance(test, Known):
                 return self.value(node.body if test.value else node.orelse, scope)
             one, other = self.number(node.body, scope), self.number(node.orelse, scope)
-            return one if same(one, other) else Later(ast.IfExp(node_of(test), node_of(one), node_of(other)))
+            if same(one, other) and not calls(node_of(test)):
+                return one
+            return Later(ast.IfExp(node_of(test), node_of(one), node_of(other)))
         raise self.cannot(node, "is no expression of a kernel")
 
     def number(self, node: ast.expr, scope: Scope) -> Known | Later:
@@ -141,13 +144,22 @@ class Expressions:
         found = self.kernel.namespace.get(node.id, getattr(builtins, node.id, missing))
         if found is missing:
             raise self.cannot(node, f"names {node.id!r}, which is nothing known here")
+        if node.id in self.kernel.namespace:
+            self.note(self.kernel.namespace.get("__name__"), node.id, found)
         return self.constant(node, found)
 
     def attribute(self, node: ast.Attribute, scope: Scope) -> Value:
         owner = self.value(node.value, scope)
         if not (isinstance(owner, Named) and isinstance(owner.of, ModuleType)):
             raise self.cannot(node, "is an attribute of something else than a module")
-        return self.constant(node, getattr(owner.of, node.attr))
+        found = getattr(owner.of, node.attr)
+        self.note(owner.of.__name__, node.attr, found)
+        return self.constant(node, found)
+
+    def note(self, module: Any, name: str, found: Any) -> None:
+        """Keeps a module's number that is folded in."""
+        if isinstance(found, bool | int | float) and isinstance(module, str):
+            self.program.taken[module, name] = repr(found)
 
     def constant(self, node: ast.expr, found: Any) -> Value:
         if isinstance(found, bool | int | float):
@@ -169,8 +181,10 @@ class Expressions:
             return Later(self.entry(node, scope))
         if isinstance(owner, Several):
             index = self.number(node.slice, scope)
-            if isinstance(index, Known) and isinstance(owner.parts[int(index.value)], Known):
-                return owner.parts[int(index.value)]
+            if isinstance(index, Known) and (owner.node is None or not calls(owner.node)):
+                part = owner.parts[int(index.value)]
+                if isinstance(part, Known):
+                    return part
             return Later(ast.Subscript(node_of(owner), node_of(index), ast.Load()))
         if isinstance(owner, Later):
             return Later(ast.Subscript(owner.node, node_of(self.number(node.slice, scope)), ast.Load()))
@@ -195,6 +209,8 @@ class Expressions:
             place = load("lane") if rest is None else ast.BinOp(_times(rest, lanes), ast.Add(), load("lane"))
             offset *= lanes
         if place is None:
+            if offset < 0:
+                raise self.cannot(node, "is an entry before the buffer's first")
             place = ast.Constant(offset)
         elif offset:
             sign = ast.Add() if offset > 0 else ast.Sub()

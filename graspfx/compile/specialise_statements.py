@@ -148,6 +148,12 @@ class Body(Expressions):
             return [*out, ast.Assign([self.entry(target, scope, store=True)], node_of(found))]
         if not (isinstance(target, ast.Tuple) and isinstance(found, Several | Later)):
             raise self.cannot(target, "cannot be assigned to")
+        taken: set[str] = set()
+        for t in target.elts:
+            if isinstance(t, ast.Name):
+                taken.add(t.id)
+            elif taken & {n.id for n in ast.walk(t) if isinstance(n, ast.Name)}:
+                raise self.cannot(target, "assigns to a number and, by it, to an entry: do that one after the other")
         to = [
             store(t.id) if isinstance(t, ast.Name) else self.entry(self.subscript(t), scope, store=True)
             for t in target.elts
@@ -188,8 +194,11 @@ class Body(Expressions):
         call = node.iter
         if isinstance(call, ast.Tuple) and not node.orelse and not leaves(node.body):
             turns = [[ast.copy_location(ast.Assign([node.target], part), node), *node.body] for part in call.elts]
-            changed = assigned(node.body) & {part.id for part in ast.walk(call) if isinstance(part, ast.Name)}
-            if not changed:  # else the tuple would not be what it was at the beginning
+            asked = list(ast.walk(call))
+            changed = assigned(node.body) & {part.id for part in asked if isinstance(part, ast.Name)}
+            if not changed and not any(
+                isinstance(part, ast.Subscript | ast.Call) for part in asked
+            ):  # else the tuple would not be what it was at the beginning
                 return self.block([statement for turn in turns for statement in turn], scope)
         if not (
             isinstance(node.target, ast.Name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from threading import Lock
 from time import perf_counter
@@ -50,11 +50,15 @@ class Beginnings(Protocol):
 
 @dataclass(frozen=True)
 class Ended:
-    """How one variant ended, when its rows are kept: rows, the tick of its fault or -1, and its buffers, (arena,)."""
+    """How one variant ended, when its rows are kept: rows, the tick of its fault or -1, and its buffers, (arena,).
+
+    `told` is what the buffers held after the tick of its fault, of which its words give the figures.
+    """
 
     rows: FloatArray
     fault: int
     arena: FloatArray
+    told: FloatArray
 
 
 @dataclass
@@ -183,9 +187,18 @@ class Job:
 
     @property
     def source(self) -> str:
-        """The program of one variant, which `gx.run` runs too."""
+        """The program of one variant that goes on whatever happens."""
+        return self._source(pausing=False)
+
+    @property
+    def pausing_source(self) -> str:
+        """The program that `gx.run` runs, which comes back after the tick of a fault."""
+        return self._source(pausing=True)
+
+    def _source(self, *, pausing: bool) -> str:
         script = self.tick.script
-        return program_source(whole_text(self.tick), script.kernels, [*script.arrays, "rows"], script.frozen)
+        text = whole_text(self.tick, pausing=pausing)
+        return program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen)
 
 
 class _Single:
@@ -194,7 +207,7 @@ class _Single:
     def __init__(self, job: Job) -> None:
         self.job = job
         self.looking = Lock()
-        self.program = compiled(job.source, quick=job.variants * job.ticks < LONG)
+        self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
         text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
         source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
         self.taking = compiled(source)
@@ -215,8 +228,7 @@ class _Single:
             k = 0
             for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
                 while k < end:
-                    count = min(len(rows), end - k)
-                    run(k, count, 0)
+                    count = run(k, min(len(rows), end - k), 0)
                     if k == 0:
                         taken[:, FIRST] = rows[0, list(job.columns)]
                     taking(count, job.width, len(columns), low)
@@ -231,9 +243,12 @@ class _Single:
         """Runs one variant and keeps its rows."""
         arena, run, rows = self._bound(self.job.ticks)
         arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
-        for k in range(0, self.job.ticks, BLOCK):
-            run(k, min(BLOCK, self.job.ticks - k), k)
-        return Ended(rows, self._fault(arena), arena)
+        k, told = 0, arena
+        while k < self.job.ticks:
+            k += run(k, min(BLOCK, self.job.ticks - k), k)
+            if told is arena and self._fault(arena) >= 0:
+                told = arena.copy()
+        return Ended(rows, self._fault(arena), arena, told)
 
     def _fault(self, arena: FloatArray) -> int:
         own = arena[self.job.places[self.job.own]]
@@ -265,8 +280,12 @@ def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -
         work()
         return
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(work) for _ in range(threads)]:
-            done.result()
+        try:
+            for done in as_completed([pool.submit(work) for _ in range(threads)]):
+                done.result()
+        finally:  # after an error, or if the user breaks off, no thread begins another
+            with lock:
+                left = iter(())
 
 
 def processors() -> int:

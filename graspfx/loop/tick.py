@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
 from graspfx.coupling.sample import let_go, sample
+from graspfx.errors import InputError
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, fused
 from graspfx.loop.observer import MET, Observer
@@ -95,6 +96,17 @@ def write(parts: Parts, *, record: bool = True) -> Tick:
     return _Writer(parts).written(record)
 
 
+def _shown(m: Moved) -> FloatArray:
+    """Where a plant that is no kernel shows its fingertips, flat."""
+    flat: FloatArray = m.plant.position.reshape(-1)
+    if not np.shares_memory(flat, m.plant.position):
+        raise InputError(
+            "plant", type(m.plant).__qualname__, "a `position` that is the same contiguous array for the plant's life",
+            "keep one array and write into it",
+        )  # fmt: skip
+    return flat
+
+
 class _Writer:
     def __init__(self, parts: Parts) -> None:
         self.parts = parts
@@ -118,7 +130,7 @@ class _Writer:
         self.plants = [
             script.memory("plant", m.plant.state, m.plant.structure)
             if isinstance(m.plant, FusedPlant)
-            else script.memory("plant", m.plant.position.reshape(-1))
+            else script.memory("plant", _shown(m))
             for m in parts.moved
         ]
         self.entry_of = self._fingers()

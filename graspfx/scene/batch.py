@@ -258,7 +258,7 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
             shortfall = max(shortfall, float(ended.arena[program.places[name]][at.SHORTFALL]))
     if ended.fault < 0:
         return Outcome(engine="compiled", fade_shortfall=shortfall)
-    program.fill(ended.arena)  # the figures in a fault's words are those in its parts' buffers
+    program.fill(ended.told)  # the figures in a fault's words are those in its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", fade_shortfall=shortfall)
 
 
@@ -282,7 +282,12 @@ def _grid(
 
 
 def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+    """A value without arrays, of which numpy writes out the beginning and the end."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
 
 
 def _array(values: Sequence[Any]) -> NDArray[Any]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from graspfx.compile.cache import folder
+from graspfx.compile.cache import shown
 from graspfx.errors import GraspFXError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.engine import COMPILING, FIRST, LOADING, Compiled, Either, sources
@@ -118,10 +118,10 @@ def _listed(parts: Collection[str]) -> str:
 def _program(found: Prospect) -> PlanRow:
     what = f"{len(found.kernels)} kernels, specialised for this scene"
     if found.size is not None:
-        return PlanRow("program", True, f"{what}; compiled, {1e-3 * found.size:.0f} kB in {folder()}")
+        return PlanRow("program", True, f"{what}; compiled, {1e-3 * found.size:.0f} kB in {shown()}")
     if not found.llvm:
         return PlanRow("program", False, f"{what}; {INSTALL} to have it compiled")
-    return PlanRow("program", True, f"{what}; not in {folder()} yet, where `graspfx warmup` puts it compiled")
+    return PlanRow("program", True, f"{what}; not in {shown()} yet, where `graspfx warmup` puts it compiled")
 
 
 def _engine(scene: Scene, found: Prospect) -> Iterator[PlanRow]:
