@@ -292,3 +292,13 @@ def test_a_kernel_of_ones_own_is_compiled_anew_when_its_file_changes(tmp_path: P
         ran.append(recorded(scene, "compiled"))
         assert same(ran[-1], recorded(scene, "interpreted"))
     assert not np.array_equal(ran[0].true_position, ran[1].true_position)
+
+
+def test_a_servo_that_is_asked_for_more_is_judged_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "COMPILING", -1.0)
+    with build(line(), engine="auto", record=False) as servo:
+        servo.run(20, None)
+        assert servo.engine.name == "interpreted"
+        monkeypatch.setattr(engines, "LOADING", -1.0)
+        servo.run(20, None)
+        assert servo.engine.name == "compiled after 20 ticks"

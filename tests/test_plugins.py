@@ -95,12 +95,12 @@ def test_two_files_of_one_name_are_two_modules(tmp_path: Path) -> None:
 
 
 def test_a_file_that_fails_leaves_no_half_loaded_module(tmp_path: Path) -> None:
-    driver = tmp_path / "broken.py"
+    driver = tmp_path / "half_loaded.py"
     driver.write_text("raise OSError('no such port')\n")
     for _ in range(2):
         with pytest.raises(OSError, match="no such port"):
             plugins.load("devices", driver)
-    assert not [name for name in sys.modules if "broken" in name]
+    assert not [name for name in sys.modules if "half_loaded" in name]
 
 
 def test_a_relative_path_starts_where_it_is_told(tmp_path: Path) -> None:

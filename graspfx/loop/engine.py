@@ -212,6 +212,7 @@ class Either:
         self._tick = tick
         self._engine: Engine = Interpreted(tick)
         self._left, self._done, self._spent = 0, 0, 0.0
+        self._ran = self._after = 0  # ticks so far, and those before the program
 
     @property
     def cost(self) -> float:
@@ -225,10 +226,12 @@ class Either:
     @property
     def name(self) -> str:
         engine = self._engine.name
-        return engine if engine == Interpreted.name else f"{engine} after {FIRST} ticks"
+        return engine if engine == Interpreted.name else f"{engine} after {self._after} ticks"
 
     def expect(self, ticks: int) -> None:
         self._left = self._done + ticks
+        if self._done >= FIRST and isinstance(self._engine, Interpreted):
+            self._choose()
 
     def write_to(self, rows: FloatArray) -> None:
         self._rows = rows
@@ -239,9 +242,12 @@ class Either:
         if trial > 0:
             began = perf_counter()
             done = self._engine.run(k, trial, row)
+            self._ran = k + done
             self._judge(done, perf_counter() - began)
             return done
-        return self._engine.run(k, count, row)
+        done = self._engine.run(k, count, row)
+        self._ran = k + done
+        return done
 
     @property
     def each(self) -> Run:
@@ -253,18 +259,23 @@ class Either:
     def end(self, k: int, row: int) -> None:
         began = perf_counter()
         self._engine.end(k, row)
+        self._ran = k + 1
         if self._done < FIRST:
             self._judge(1, perf_counter() - began)
 
     def _judge(self, ticks: int, seconds: float) -> None:
         self._spent += seconds
         self._done += ticks
+        if self._done == FIRST:
+            self._choose()
+
+    def _choose(self) -> None:
         saving = (self._left - self._done) * self.cost
-        if self._done == FIRST and saving > LOADING:
+        if saving > LOADING:
             with suppress(MissingPackageError, InputError, LookupError):  # then the script goes on as it stands
                 engine = Compiled(self._tick, make=saving > COMPILING, quick=saving < OPTIMISING)
                 engine.write_to(self._rows)
-                self._engine = engine
+                self._engine, self._after = engine, self._ran
 
 
 ENGINES: dict[str, Callable[[Tick], Engine]] = {"auto": Either, "compiled": Compiled, "interpreted": Interpreted}
