@@ -1,4 +1,4 @@
-"""The figure of a benchmark: one panel per case, time against error with the Pareto front, or bars where none errs."""
+"""The figure of a benchmark: one panel per case, time against error with the Pareto front, or bars where few err."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ACROSS = 3
+DECADES = 100.0
 LEAST = 1e-17  # where an error of zero is drawn
 
 
@@ -28,7 +29,8 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
     looks = {name: (COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]) for k, name in enumerate(names)}
     units = {row.unit for row in rows if row.unit}
     spread = any(row.quantiles for row in rows)
-    errs, several = bool(units) and not spread, len(units) > 1
+    wrong = [row for row in rows if (row.error or 0.0) > 0.0]
+    errs, several = 2 * len(wrong) > len(rows) and not spread, len(units) > 1
     across = min(ACROSS, len(cases)) if errs else 1
     down = -(-len(cases) // across)
     height = 2.6 * down if errs else sum(0.7 + 0.28 * len(each) for each in cases.values())
@@ -44,6 +46,8 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
         axes.set_title(f"{name} [{unit}]" if unit else name, loc="left", fontsize=SMALL)
         axes.tick_params(labelsize=SMALLEST)
         axes.spines[["top", "right"]].set_visible(False)
+    for axes in panels[: len(cases)]:  # now that all of them, which may share an axis, are drawn
+        _widen(axes)
     for axes in panels[len(cases) :]:
         axes.set_axis_off()
     drawing.suptitle(title, fontsize=SMALL + 1.0, fontweight="bold")
@@ -54,6 +58,14 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
         drawing.legend(handles=handles, loc="outside right upper", frameon=False, fontsize=SMALLEST)
     path.parent.mkdir(parents=True, exist_ok=True)
     drawing.savefig(path, dpi=130)
+
+
+def _widen(axes: Axes) -> None:
+    """At least two decades of time, so that some are named."""
+    low, high = axes.get_xlim()
+    by = max(1.0, DECADES / (high / low)) ** 0.5
+    axes.set_xlim(low / by, high * by)
+    axes.xaxis.set_minor_formatter("")
 
 
 def _scatter(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, str]]) -> None:
