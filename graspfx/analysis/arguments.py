@@ -12,6 +12,8 @@ from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
 
+LONGEST = 1000  # samples of delay: polynomials and matrices grow with them
+
 
 def number(name: str, given: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
     """A finite number of zero or more; above zero unless `zero`; of any sign if `negative`."""
@@ -46,9 +48,17 @@ def one_of(kind: str, given: str, known: Iterable[str]) -> str:
     return given
 
 
+def samples(name: str, given: float) -> int:
+    """A delay."""
+    lag = count(name, given)
+    if lag > LONGEST:
+        raise InputError(name, given, f"a whole number of samples, {LONGEST} at most", "take a longer period")
+    return lag
+
+
 def lag_of_object(given: int, integrator: str) -> int:
     """Samples by which the object's force is late; none where it is solved together with the object's new state."""
-    lag = count("object_delay", given)
+    lag = samples("object_delay", given)
     if lag and integrator == "implicit":
         raise InputError("object_delay", lag, "0 with the implicit integrator, whose force acts at once on the object")
     return lag

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.arguments import count, lag_of_object, number, numbers, one_of
+from graspfx.analysis.arguments import lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.errors import InputError
 from graspfx.numeric import SMALLEST
@@ -91,7 +91,7 @@ class Linearisation:
             raise InputError("G", given, "a matrix (r, m), a row for every free coordinate of the object")
         r, m = given.shape
         kind = one_of("integrator", integrator, INTEGRATORS)
-        whole = np.array([count("delay", d) for d in numbers("delay", delay, "1").ravel().tolist()], dtype=np.int64)
+        whole = np.array([samples("delay", d) for d in numbers("delay", delay, "1").ravel().tolist()], dtype=np.int64)
         if whole.shape not in ((1,), (m,)):
             raise InputError("delay", delay, f"one whole number, or {m}")
         self._set(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.analysis import characteristic, map_compiled
-from graspfx.analysis.arguments import count, lag_of_object, numbers, one_of
+from graspfx.analysis.arguments import lag_of_object, numbers, one_of, samples
 from graspfx.analysis.critical import edges, first_loss, is_stable
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.errors import InputError
@@ -36,7 +36,7 @@ def wall_limit_map(
     """
     given = _device(mass, damping, period, spring, spring_damping)
     given.append(numbers("wall_damping", wall_damping, "N s/m", negative=True))
-    lag = count("delay", delay)
+    lag = samples("delay", delay)
     shape = _common_shape(given)
     limit = np.empty(shape).reshape(-1)
     if map_compiled.is_compiled(engine, limit.size, covered=not lag and not given[-1].any()):
@@ -207,7 +207,7 @@ def _external(
 
 def _names(integrator: str, delay: int, object_delay: int) -> tuple[str, int, int]:
     kind = one_of("integrator", integrator, INTEGRATORS)
-    return kind, count("delay", delay), lag_of_object(object_delay, kind)
+    return kind, samples("delay", delay), lag_of_object(object_delay, kind)
 
 
 def _common_shape(given: list[FloatArray]) -> tuple[int, ...]:

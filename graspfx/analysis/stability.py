@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from graspfx.analysis import characteristic
-from graspfx.analysis.arguments import count, lag_of_object, number, one_of
+from graspfx.analysis.arguments import count, lag_of_object, number, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.analysis.fullloop import loop_matrix, radius_of
 from graspfx.analysis.limits import Limits, Loss, limits_of
@@ -94,7 +94,7 @@ def wall_limits(
         T,
         spring=k_s,
         damping=number("wall_damping", wall_damping, "N s/m", negative=True),
-        delay=count("delay", delay),
+        delay=samples("delay", delay),
     )
     return limits_of(D, N, m / T**2, T)
 
@@ -186,7 +186,7 @@ def external_limits(
         spring=k_s,
         damping=number("coupling_damping", coupling_damping, "N s/m", negative=True),
         integrator=one_of("integrator", integrator, INTEGRATORS),
-        delay=count("delay", delay),
+        delay=samples("delay", delay),
         object_delay=lag_of_object(object_delay, integrator),
     )
     return limits_of(D, N, m / T**2, T)

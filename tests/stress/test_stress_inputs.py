@@ -222,3 +222,12 @@ def test_directions_may_have_any_length() -> None:
         touch = gx.unilateral_force(100.0 * np.eye(2), [0.003, 0.004], [[3.0 * factor, 4.0 * factor]])
         assert np.allclose(touch.force, [0.3, 0.4], rtol=1e-14)
         assert math.isclose(shape.HalfSpace((3.0 * factor, 4.0 * factor)).normal[0], 0.6, rel_tol=1e-15)
+
+
+def test_a_delay_of_many_samples_is_refused_and_not_tried() -> None:
+    """Matrices of that size would take all memory there is."""
+    with pytest.raises(InputError, match="1000 at most"):
+        gx.stability.Linearisation(
+            period=0.005, mass=0.15, friction=0.2, G=np.ones((1, 1)), inertia=0.05 * np.eye(1),
+            viscosity=0.4 * np.eye(1), stiffness=30.0 * np.eye(1), delay=100_000,
+        )  # fmt: skip
