@@ -109,7 +109,7 @@ def test_a_folder_that_cannot_be_written(
 def test_a_scene_that_cannot_be_compiled_is_told_and_the_others_are(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(warm, "_processors", lambda: 1)
+    monkeypatch.setattr(warm, "processors", lambda: 1)
     assert main(["warmup", "nosuch", "reference-1dof"]) == 2
     first, second, _ = capsys.readouterr().out.splitlines()
     assert "cannot" in first and "unknown scene 'nosuch'" in first

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from importlib.util import find_spec
 from itertools import pairwise
@@ -14,6 +13,7 @@ from graspfx.analysis import map_kernel
 from graspfx.analysis.arguments import one_of
 from graspfx.compile.machine import compiled
 from graspfx.errors import InputError, MissingPackageError
+from graspfx.processors import processors
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def _shared_out(kernel: Callable[..., None], points: FloatArray, width: int, *mo
     total = len(points) // width
     limits = np.empty(total)
     pieces = max(1, total // SHARE)
-    cores = min(os.cpu_count() or 1, pieces)
+    cores = min(processors(), pieces)
     bounds = [total * i // pieces for i in range(pieces + 1)]
     if cores == 1:
         kernel(points, limits, 0, total, *more)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.bench.case import Case, Method, is_installed, missing
-from graspfx.loop.many import processors
 from graspfx.loop.servo import Servo
+from graspfx.processors import processors
 from graspfx.scene.batch import Runs
 from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene

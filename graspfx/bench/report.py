@@ -14,6 +14,7 @@ from graspfx.bench.calibration import Calibration
 from graspfx.bench.measure import Row
 from graspfx.errors import RecordingError
 from graspfx.loop.header import machine, now, versions
+from graspfx.processors import processors
 
 SCHEMA = 1
 NAME = "benchmarks.json"
@@ -121,8 +122,7 @@ def cpu() -> str:
     except OSError:
         lines = []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return f"{names[0] if names else platform.processor() or platform.machine()}, {count} in use"
+    return f"{names[0] if names else platform.processor() or platform.machine()}, {processors()} in use"
 
 
 def load() -> float:

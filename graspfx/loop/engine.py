@@ -63,7 +63,7 @@ def whole_text(tick: Tick, *, pausing: bool = False) -> str:
         tick: the tick.
         pausing: whether it gives the ticks done, and the one in which the first fault happened is the last of them.
     """
-    own = next(name for name, array in tick.script.arrays.items() if array is tick.own)
+    own = tick.own_name
     lines = [*tick.begin, *tick.end]
     lines += [f"if {own}[{FAULTED}] != 0.0 and {own}[{TICK}] == k:", "    return i + 1"] if pausing else []
     body = [f"        {line}" for line in [*lines, "k += 1", "r += 1"]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -136,7 +135,7 @@ class Job:
         try:
             program = Traceable(source)
             turns = written_down(program, arrays, same, self.columns)
-            faulted = turns.begin((self.own, FAULTED))
+            faulted = turns.begin((self.tick.own_name, FAULTED))
             if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
                 return None
             text = lanes_text(program, turns, len(self.columns), self.statistics)
@@ -179,11 +178,6 @@ class Job:
         span = LANES * min(MOST, max(1, self.variants // (4 * threads * LANES)))
         _shared(run, [numbers[k : k + span] for k in range(0, self.variants, span)], threads)
         return np.sort(np.concatenate(left))
-
-    @property
-    def own(self) -> str:
-        """The name of the tick's own memory."""
-        return next(name for name, array in self.tick.script.arrays.items() if array is self.tick.own)
 
     @property
     def source(self) -> str:
@@ -251,7 +245,7 @@ class _Single:
         return Ended(rows, self._fault(arena), arena, told)
 
     def _fault(self, arena: FloatArray) -> int:
-        own = arena[self.job.places[self.job.own]]
+        own = arena[self.job.places[self.job.tick.own_name]]
         return int(own[TICK]) if own[FAULTED] else -1
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
@@ -286,11 +280,3 @@ def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -
         finally:  # after an error, or if the user breaks off, no thread begins another
             with lock:
                 left = iter(())
-
-
-def processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-__all__ = ["Ended", "Job", "processors"]

@@ -86,6 +86,11 @@ class Tick:
     bodies: list[int] = field(default_factory=list)  # movers that are no kernels
     plants: list[int] = field(default_factory=list)  # plants that are no kernels
 
+    @property
+    def own_name(self) -> str:
+        """Of the servo's own memory in the script."""
+        return next(name for name, array in self.script.arrays.items() if array is self.own)
+
 
 def write(parts: Parts, *, record: bool = True) -> Tick:
     """The tick of these parts.

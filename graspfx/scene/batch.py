@@ -16,9 +16,10 @@ from graspfx.coupling import block as at
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
-from graspfx.loop.many import Ended, Job, processors
+from graspfx.loop.many import Ended, Job
 from graspfx.loop.measures import STATISTICS, statistic
 from graspfx.loop.record import Recording
+from graspfx.processors import processors
 from graspfx.scene.overrides import overridden
 from graspfx.scene.run import header_of, require_memory, ticks_of
 from graspfx.scene.variants import Group, Variants

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 
 from graspfx.errors import GraspFXError
 from graspfx.loop.engine import Compiled
+from graspfx.processors import processors
 from graspfx.scene.load import load
 from graspfx.scene.making.build import build
 
@@ -59,13 +59,9 @@ def warm_all(names: Sequence[str], overrides: Mapping[str, Any]) -> Iterator[War
     Threads would wait for one another: LLVM is called by one at a time.
     """
     each = partial(warm, overrides=overrides)
-    count = min(len(names), _processors())
+    count = min(len(names), processors())
     if count < 2:
         yield from map(each, names)
         return
     with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
         yield from pool.map(each, names)
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

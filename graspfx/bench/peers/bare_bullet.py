@@ -7,7 +7,8 @@ import weakref
 import numpy as np
 
 from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
-from graspfx.objects.bullet import NO_LIMIT, new_client, pybullet
+from graspfx.bench.peers.rigid import free_body
+from graspfx.objects.bullet import new_client, pybullet
 from graspfx.objects.kernels import held
 
 Three = tuple[float, float, float]
@@ -27,12 +28,7 @@ class BareBullet:
         self._bullet = bullet = pybullet()
         self._client = client = new_client()
         weakref.finalize(self, bullet.disconnect, client)
-        bullet.setTimeStep(T, physicsClientId=client)
-        self._body = bullet.createMultiBody(given.mass, physicsClientId=client)
-        bullet.changeDynamics(
-            self._body, -1, mass=given.mass, localInertiaDiagonal=[given.inertia] * 3, linearDamping=0.0,
-            angularDamping=0.0, maxJointVelocity=NO_LIMIT, physicsClientId=client,
-        )  # fmt: skip
+        self._body = free_body(bullet, client, given.mass, [given.inertia] * 3, T)
         count = len(wrench)
         pushes, twists = np.zeros((count, 3)), np.zeros((count, 3))
         share = held(given.viscosity * T / given.mass)[1]

@@ -49,6 +49,17 @@ class Rigid:
     spin: Three = (0.0, 0.0, 0.0)
 
 
+def free_body(bullet: Any, client: int, mass: float, moments: Sequence[float], T: float) -> int:
+    """A body that meets nothing in a PyBullet world of steps of T, PyBullet's damping and limit of speed off."""
+    bullet.setTimeStep(T, physicsClientId=client)
+    body: int = bullet.createMultiBody(mass, physicsClientId=client)
+    bullet.changeDynamics(
+        body, -1, mass=mass, localInertiaDiagonal=moments, linearDamping=0.0, angularDamping=0.0,
+        maxJointVelocity=NO_LIMIT, physicsClientId=client,
+    )  # fmt: skip
+    return body
+
+
 class InPyBullet:
     """Its damping off; viscosity as a force and a moment, -b v of the velocities before the step."""
 
@@ -56,12 +67,7 @@ class InPyBullet:
         self._bullet = bullet = pybullet()
         self._client = client = new_client()
         weakref.finalize(self, bullet.disconnect, client)
-        bullet.setTimeStep(T, physicsClientId=client)
-        self._body = bullet.createMultiBody(given.mass, physicsClientId=client)
-        bullet.changeDynamics(
-            self._body, -1, mass=given.mass, localInertiaDiagonal=given.moments, linearDamping=0.0, angularDamping=0.0,
-            maxJointVelocity=NO_LIMIT, physicsClientId=client,
-        )  # fmt: skip
+        self._body = free_body(bullet, client, given.mass, given.moments, T)
         self._viscosity, self._rotational_viscosity = given.viscosity, given.rotational_viscosity
         self._start = (given.velocity, 0.0, 0.0), tuple(given.spin)
         self.reset()
