@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.cones.friction import problem_size
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
-from graspfx.coupling.gains import ALONE, LITERAL, SYMMETRIC
+from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
 from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
@@ -26,10 +26,11 @@ Index = NDArray[np.intp]
 STRUCTURE = (
     at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
     at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
-    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.TURNED, *range(at.WHOLE, at.WHOLE + 4),
+    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.AXES_OF_GAINS, *range(at.WHOLE, at.WHOLE + 4),
     *range(at.GAINS, at.GAINS + 4),
 )  # fmt: skip
 RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
+AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
 
 
 class Shape(Protocol):
@@ -58,6 +59,7 @@ class Rules:
         fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
         at_contact: the reaction acts at the contact point, else at the fingertip.
         blend: rms arms (l1, l2) [m] between which a rotation joins the external space.
+        axes: in which gains that are matrices stand: "object", "world", or "contact", the normal first.
     """
 
     attached: bool = False
@@ -68,6 +70,7 @@ class Rules:
     fade: tuple[float, float] | None = (0.002, 0.01)
     at_contact: bool = False
     blend: tuple[float, float] = (0.00025, 0.001)
+    axes: Literal["object", "world", "contact"] = "object"
 
 
 class GraspedObject:
@@ -135,7 +138,7 @@ class GraspedObject:
         S[at.DAMPED] = bool(np.any(gains[1]) or np.any(gains[3]))
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
-            self._place_gains(squares)
+            self._place_gains(squares, rules.axes)
         else:
             S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = gains
             if not rules.attached and not (gains[0] and gains[2]):
@@ -308,8 +311,8 @@ class GraspedObject:
         # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
         S[at.MIXED] = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
 
-    def _place_gains(self, squares: Sequence[FloatArray]) -> None:
-        """kep, ked, kip and kid as matrices, for each finger or for all of them together."""
+    def _place_gains(self, squares: Sequence[FloatArray], axes: str) -> None:
+        """Place kep, ked, kip and kid as matrices, for each finger or for all of them together."""
         S, n, d, law = self.block, self.fingers, self.dimensions, self.law
         S[at.DENSE] = 1.0
         o = at.gains(n, d)
@@ -318,9 +321,10 @@ class GraspedObject:
             S[o : o + matrix.size] = matrix.ravel()
             o += matrix.size
         S[at.RULE], S[at.RULE + 1] = RULES[law.rule("stiffness")], RULES[law.rule("damping")]
-        S[at.TURNED] = d > 1 and any(
+        directed = any(
             np.ndim(part.stiffness) > 1 or np.ndim(part.damping) > 1 for part in (law.external, law.internal)
         )
+        S[at.AXES_OF_GAINS] = AXES[axes] if d > 1 and directed else OBJECT
 
 
 def _radii(given: ArrayLike, n: int) -> FloatArray:

@@ -21,7 +21,7 @@ from graspfx.loop.measures import STATISTICS, statistic
 from graspfx.loop.record import Recording
 from graspfx.processors import processors
 from graspfx.scene.overrides import overridden
-from graspfx.scene.run import header_of, require_memory, ticks_of
+from graspfx.scene.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.scene.variants import Group, Variants
 
 if TYPE_CHECKING:
@@ -159,6 +159,7 @@ def run_batch(
     with plugins.unchanged():
         variants = Variants(scene, lists, numbers)
         groups = variants.groups()
+    warn_of_axes(scene)
     count = threads or processors()
     done = Runs(scene, variants, len(numbers), duration, count)
     if keep == "measures":

@@ -19,7 +19,13 @@ from graspfx.scene.checks.lengths import length_faults as _length
 from graspfx.scene.checks.meeting import meeting_faults
 from graspfx.scene.checks.settings import reason, setting_faults
 from graspfx.scene.checks.solids import mass_faults, shape_faults
-from graspfx.scene.checks.touching import control_faults, metric_faults, own_coefficient, soft_faults
+from graspfx.scene.checks.touching import (
+    contact_axes_faults,
+    control_faults,
+    metric_faults,
+    own_coefficient,
+    soft_faults,
+)
 from graspfx.scene.checks.viscosity import may_turn, viscosity_faults
 from graspfx.scene.making import bodies
 from graspfx.scene.making.wiring import wiring_faults
@@ -89,6 +95,7 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         for quantity in ("stiffness", "damping"):
             yield _gain(scene, share, quantity)
         yield _stiff(scene, share)
+        yield contact_axes_faults(scene, share)
     yield _fade(scene)
     yield _blend(scene)
 

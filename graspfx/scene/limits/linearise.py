@@ -12,6 +12,7 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
 from graspfx.analysis.pushing import condensed
 from graspfx.coupling import block as at
+from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.matrix import Grasp
@@ -242,7 +243,9 @@ def _matrices(
         assumed.append("contacts stick")
     if rules.contact != "attached":
         assumed.append("no finger lets go")
-    law = make_law(scene, fingers)
+    law = make_law(scene, fingers, index)
+    if rules.axes != "world":
+        law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
     gains = _Gains(law, split, n, normals)
     D = gains.held(law.damping(split))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
@@ -281,6 +284,12 @@ def _matrices(
         viscosity=viscosity,
         integrator="bullet" if table.dynamics == "bullet" else table.integrator,
     )
+
+
+def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
+    """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
+    return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:

@@ -20,6 +20,7 @@ from graspfx.loop.parts import Held, Moved, Mover, Station
 from graspfx.loop.servo import Servo
 from graspfx.scene.making.bodies import fill, make_shape
 from graspfx.scene.making.holding import Holding, hold, holdings
+from graspfx.scene.making.meshes import scene_mesh
 from graspfx.scene.making.movers import make_movers
 from graspfx.scene.making.wiring import Wire, wires
 
@@ -116,7 +117,7 @@ def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple
         len(fingers),
         d,
         scene.period,
-        make_law(scene, fingers),
+        make_law(scene, fingers, index),
         Rules(
             attached=rules.contact == "attached",
             stick=rules.friction == "stick",
@@ -126,6 +127,7 @@ def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple
             fade=rules.fade if rules.absent == "fade" else None,
             at_contact=rules.reaction == "contact",
             blend=rules.blend,
+            axes=rules.axes,
         ),
         lambda state: fill(scene, table, state, folder),
         shape=make_shape(table, folder),
@@ -156,14 +158,17 @@ def _observers(
         )
 
 
-def make_law(scene: Scene, fingers: NDArray[np.intp]) -> Coupling:
-    """The gains of eq. (4) for the fingers of one object."""
+def make_law(scene: Scene, fingers: NDArray[np.intp], index: int) -> Coupling:
+    """Make the gains of eq. (4) for the fingers of one object; those in the object's axes stand in its body's."""
     external, internal = scene.coupling.external, scene.coupling.internal
-    return Coupling(
+    law = Coupling(
         external=Impedance(_own(external.stiffness, fingers), _own(external.damping, fingers)),
         internal=Impedance(_own(internal.stiffness, fingers), _own(internal.damping, fingers)),
         form=scene.coupling.form,
     )
+    # the body of a mesh has its principal axes, the file others
+    mesh = scene_mesh(scene.object[index], scene.source.folder) if scene.coupling.axes == "object" else None
+    return law if mesh is None else law.turned(mesh.unit.axes.T)
 
 
 def _own(gain: Gains, fingers: NDArray[np.intp]) -> float | FloatArray:

@@ -83,7 +83,7 @@ class World(Table):
 
 
 class Impedance(Table):
-    """Stiffness and damping of eq. (4), as a number, one per finger, or matrices."""
+    """Stiffness and damping of eq. (4), as a number, one per finger, or matrices in the axes of `coupling.axes`."""
 
     stiffness: Gain = Field(description="[N/m]")
     damping: Gain = Field(default=0.0, description="[N s/m]")
@@ -112,6 +112,12 @@ class Coupling(Table):
     external: Impedance
     internal: Impedance
     form: Literal["literal", "symmetric"] = "literal"
+    axes: Literal["object", "world", "contact"] = Field(
+        default="object",
+        description="in which gains that are matrices stand: those in which the object's shape is described, in which "
+        "springs create no energy; the world's; or each contact's, the normal first, as diag(k_n, k_t) or "
+        "diag(k_n, k_t, k_t)",
+    )
     reaction: Literal["fingertip", "contact"] = "fingertip"
     friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
         default=0.0, description="0 (slips freely), 'stick' (holds where it touched) or a coefficient of Coulomb's law"
