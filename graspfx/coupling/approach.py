@@ -249,7 +249,7 @@ def refactor(S: Any) -> None:
                 S[r + at.SPLIT_CONTACT + a] = S[r + at.CONTACT + a]
                 S[r + at.SPLIT_NORMAL + a] = S[r + at.NORMAL + a]
     if not known:
-        S[at.COUNT] = rigid_modes(
+        S[at.COUNT], S[at.BLENDED] = rigid_modes(
             S, at.ROW, at.STRIDE, at.CONTACT, at.WEIGHT, n, d,
             at.AXES, int(S[at.SHIFTS]), int(S[at.TURNS]), S[at.ARM_LOW], S[at.ARM_HIGH], at.modes(n),
             at.NORMAL, at.PATCH if soft else -1,

@@ -45,7 +45,10 @@ AXES_OF_GAINS = 40  # in which they stand: the object's, or none; the world's; t
 WHOLE = 41  # one flag for each of the four: (n d) x (n d), else n times d x d
 GAINS = 45  # offsets of the four
 SKEW = 49  # the largest sum of squares of K - K', then of D - D', so far
-AXES = 51  # free directions in the object's frame, 6 x 3
+BLENDED = 51  # rotations that are not in the split whole, though they have an arm
+IN_BAND = 52  # samples with such a rotation
+RELEASE = 53  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
+AXES = 54  # free directions in the object's frame, 6 x 3
 BODY = AXES + 18
 
 ROW = BODY + body.SIZE  # the first finger

@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.cones.friction import problem_size
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
+from graspfx.coupling.fade import FADE, release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
 from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
+from graspfx.grasp.kernels import NO_ARM
 from graspfx.objects import kernels as body
 from graspfx.surfaces import ball, tree, walk
 
@@ -58,7 +60,7 @@ class Rules:
         share: of each finger in the metric, its device's mass over the mean of all; equal if not given.
         fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
         at_contact: the reaction acts at the contact point, else at the fingertip.
-        blend: rms arms (l1, l2) [m] between which a rotation joins the external space.
+        blend: rms arms (l1, l2) [m] between which a rotation joins the external space; None: as soon as it has any.
         axes: in which gains that are matrices stand: "object", "world", or "contact", the normal first.
     """
 
@@ -67,9 +69,9 @@ class Rules:
     friction: float | Sequence[float] = 0.0
     patch: float | Sequence[float] = 0.0
     share: Sequence[float] | None = None
-    fade: tuple[float, float] | None = (0.002, 0.01)
+    fade: tuple[float, float] | None = FADE
     at_contact: bool = False
-    blend: tuple[float, float] = (0.00025, 0.001)
+    blend: tuple[float, float] | None = (0.00025, 0.001)
     axes: Literal["object", "world", "contact"] = "object"
 
 
@@ -139,6 +141,7 @@ class GraspedObject:
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
             self._place_gains(squares, rules.axes)
+            S[at.RELEASE] = release_compliance(law, n, d)
         else:
             S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = gains
             if not rules.attached and not (gains[0] and gains[2]):
@@ -150,7 +153,7 @@ class GraspedObject:
         if rules.fade is not None and not rules.attached:
             S[at.FADE] = 1.0
             S[at.NEAR], S[at.FAR] = rules.fade
-        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend
+        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend or (NO_ARM, NO_ARM)
         S[at.BODY : at.BODY + body.SIZE] = state
         S[at.IMPLICIT] = implicit
         self._free_directions()
@@ -175,7 +178,9 @@ class GraspedObject:
         if data is not None:
             S[at.WALKS], S[at.MESH] = end, end + n * ball.STATE
             self._walks = S[end : end + n * ball.STATE].reshape(n, ball.STATE)
-            self._walks[:, walk.REACH] = S[at.FAR] + rows[:, at.RADIUS] if S[at.FADE] else np.inf
+            self._walks[:, walk.REACH] = np.inf
+            if S[at.FADE]:
+                self.set_fade(*S[[at.NEAR, at.FAR]])
             S[end + n * ball.STATE :] = data
         self.body_state = S[at.BODY : at.BODY + body.SIZE]
         self.finger_position = rows[:, at.POSITION : at.POSITION + d]
@@ -222,6 +227,23 @@ class GraspedObject:
     def shortfall(self) -> float:
         """By how much the fade began too near the surface, at most so far [m]; 0 if it never did."""
         return float(self.block[at.SHORTFALL])
+
+    @property
+    def fade_needed(self) -> float:
+        """Where the fade would have had to begin for the forces so far [m]; 0 if it began there."""
+        return float(self.block[at.NEAR] + self.block[at.SHORTFALL]) if self.block[at.SHORTFALL] else 0.0
+
+    @property
+    def blended(self) -> int:
+        """Samples in which a rotation was in the split with a part of its weight."""
+        return int(self.block[at.IN_BAND])
+
+    def set_fade(self, low: float, high: float) -> None:
+        """Let a free finger leave the split between two gaps [m]."""
+        S = self.block
+        S[at.NEAR], S[at.FAR] = low, high
+        if self._walks is not None:
+            self._walks[:, walk.REACH] = high + self.rows[:, at.RADIUS]
 
     def inward(self) -> FloatArray:
         """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""

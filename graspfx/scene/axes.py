@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from graspfx.coupling import block as at
 from graspfx.coupling.closed_motion import CREATES, TURN, worst_turn
-from graspfx.scene.limits.mechanics import device_masses
-from graspfx.scene.making.build import grasped_object
+from graspfx.scene.grasps import grasps
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -34,19 +34,15 @@ def _has_axes(scene: Scene) -> bool:
 
 def _notes(scene: Scene) -> Iterator[str]:
     rules = scene.coupling
-    start = np.array([finger.start for finger in scene.finger], dtype=float)
-    masses = device_masses(scene) if rules.metric == "mass" else None
-    for index, thing in enumerate(scene.object):
-        if index not in scene.finger_objects or not scene.turns(thing):
+    for held in grasps(scene):
+        if not held.grasped.block[at.TURNS]:
             continue
-        grasped, fingers = grasped_object(scene, index, masses)
-        grasped.meet(start[fingers])
-        energy = worst_turn(grasped, start[fingers])
+        energy = worst_turn(held.grasped, held.grasped.finger_position.copy())
         if abs(energy.share) <= CREATES:
             continue
         where = f"in {rules.axes} axes" + (" with reaction = 'contact'" if rules.reaction == "contact" else "")
         yield (
-            f"gains that are matrices {where} create energy on {thing.name} as it turns: up to "
+            f"gains that are matrices {where} create energy on {held.name} as it turns: up to "
             f"{100.0 * abs(energy.share):.2g} % of the largest stored on a closed turn of +-{TURN:g} rad; "
             "axes = 'object' with reaction = 'fingertip' and form = 'symmetric' creates none"
         )

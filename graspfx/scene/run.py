@@ -66,7 +66,7 @@ def run(
             servo.run(ticks, recorder, stop)
             took, done = perf_counter() - began, servo.ticks == ticks
             recording = recorder.finish(
-                took if done else None, complete=done, engine=servo.engine.name, fade_shortfall=servo.fade_shortfall
+                took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
             )
     return recording if out is None else Recording.load(file)
 

@@ -287,12 +287,16 @@ def _stiff(scene: SceneTable, share: str) -> Iterator[Found]:
 
 
 def _fade(scene: SceneTable) -> Iterator[Found]:
+    if scene.coupling.fade == "auto":
+        return
     low, high = scene.coupling.fade
     if not 0.0 <= low < high:
         yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {shown([low, high])}"
 
 
 def _blend(scene: SceneTable) -> Iterator[Found]:
+    if scene.coupling.blend == "off":
+        return
     low, high = scene.coupling.blend
     if not 0.0 < low < high:
         yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {shown([low, high])}"

@@ -17,10 +17,12 @@ from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.matrix import Grasp
 from graspfx.grasp.split import Split
+from graspfx.loop.parts import Held
 from graspfx.objects import kernels as body
-from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics, still_hands
+from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics
 from graspfx.scene.limits.resting import Grip, settle
-from graspfx.scene.making.build import grasped_object, make_law
+from graspfx.scene.making.build import grasped_object, make_law, set_fade
+from graspfx.scene.making.still import still_hands
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -169,6 +171,7 @@ def _part(scene: Scene, index: int, where: str) -> _Part:
     assumed: list[str] = []
     inward = np.zeros_like(start)
     inward[fingers] = grasped.inward()
+    set_fade(scene, [Held(table.name, grasped, fingers)], start, inward)
     initial = grasped.block.copy()
     J = None
     if where == "squeezed":
