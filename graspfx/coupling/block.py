@@ -41,11 +41,14 @@ RAYS = 36  # without friction, and gains are numbers: forces along the normals
 OBSERVED = 37  # ELASTIC is wanted
 # Of gains that are matrices; the four are kep, ked, kip, kid.
 RULE = 38  # how stiffness, then damping are made of them: equal, literal, symmetric (`gains`)
-TURNED = 40  # the four stand in world axes, and the object turns against those
+AXES_OF_GAINS = 40  # in which they stand: the object's, or none; the world's; the contacts' (`gains`)
 WHOLE = 41  # one flag for each of the four: (n d) x (n d), else n times d x d
 GAINS = 45  # offsets of the four
 SKEW = 49  # the largest sum of squares of K - K', then of D - D', so far
-AXES = 51  # free directions in the object's frame, 6 x 3
+BLENDED = 51  # rotations that are not in the split whole, though they have an arm
+IN_BAND = 52  # samples with such a rotation
+RELEASE = 53  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
+AXES = 54  # free directions in the object's frame, 6 x 3
 BODY = AXES + 18
 
 ROW = BODY + body.SIZE  # the first finger
@@ -81,6 +84,7 @@ RADIUS = 74  # of a ball fingertip, 0 for a point [m]
 ELASTIC = 75  # LOCAL without damping, four entries, where it is wanted
 ROOT = 79  # of the weight, where there is a projection
 STRIDE = 80
+MADE = 7  # entries per finger that tell from what K and D were made: weight, contact point, normal
 
 
 def modes(n: int) -> int:
@@ -153,7 +157,7 @@ def made(n: int, c: int) -> int:
 
 def skewest(n: int, c: int) -> int:
     """Offset of the K, then the D with the largest skew part so far."""
-    return made(n, c) + 46 + 4 * n + 24 * n * c
+    return made(n, c) + 46 + MADE * n + 24 * n * c
 
 
 def gains(n: int, c: int) -> int:

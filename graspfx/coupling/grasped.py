@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.cones.friction import problem_size
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
-from graspfx.coupling.gains import ALONE, LITERAL, SYMMETRIC
+from graspfx.coupling.fade import FADE, release_compliance
+from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
 from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
+from graspfx.grasp.kernels import NO_ARM
 from graspfx.objects import kernels as body
 from graspfx.surfaces import ball, tree, walk
 
@@ -26,10 +28,11 @@ Index = NDArray[np.intp]
 STRUCTURE = (
     at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
     at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
-    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.TURNED, *range(at.WHOLE, at.WHOLE + 4),
+    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.AXES_OF_GAINS, *range(at.WHOLE, at.WHOLE + 4),
     *range(at.GAINS, at.GAINS + 4),
 )  # fmt: skip
 RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
+AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
 
 
 class Shape(Protocol):
@@ -57,7 +60,8 @@ class Rules:
         share: of each finger in the metric, its device's mass over the mean of all; equal if not given.
         fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
         at_contact: the reaction acts at the contact point, else at the fingertip.
-        blend: rms arms (l1, l2) [m] between which a rotation joins the external space.
+        blend: rms arms (l1, l2) [m] between which a rotation joins the external space; None: as soon as it has any.
+        axes: in which gains that are matrices stand: "object", "world", or "contact", the normal first.
     """
 
     attached: bool = False
@@ -65,9 +69,10 @@ class Rules:
     friction: float | Sequence[float] = 0.0
     patch: float | Sequence[float] = 0.0
     share: Sequence[float] | None = None
-    fade: tuple[float, float] | None = (0.002, 0.01)
+    fade: tuple[float, float] | None = FADE
     at_contact: bool = False
-    blend: tuple[float, float] = (0.00025, 0.001)
+    blend: tuple[float, float] | None = (0.00025, 0.001)
+    axes: Literal["object", "world", "contact"] = "object"
 
 
 class GraspedObject:
@@ -135,7 +140,8 @@ class GraspedObject:
         S[at.DAMPED] = bool(np.any(gains[1]) or np.any(gains[3]))
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
-            self._place_gains(squares)
+            self._place_gains(squares, rules.axes)
+            S[at.RELEASE] = release_compliance(law, n, d)
         else:
             S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = gains
             if not rules.attached and not (gains[0] and gains[2]):
@@ -147,7 +153,7 @@ class GraspedObject:
         if rules.fade is not None and not rules.attached:
             S[at.FADE] = 1.0
             S[at.NEAR], S[at.FAR] = rules.fade
-        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend
+        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend or (NO_ARM, NO_ARM)
         S[at.BODY : at.BODY + body.SIZE] = state
         S[at.IMPLICIT] = implicit
         self._free_directions()
@@ -172,7 +178,9 @@ class GraspedObject:
         if data is not None:
             S[at.WALKS], S[at.MESH] = end, end + n * ball.STATE
             self._walks = S[end : end + n * ball.STATE].reshape(n, ball.STATE)
-            self._walks[:, walk.REACH] = S[at.FAR] + rows[:, at.RADIUS] if S[at.FADE] else np.inf
+            self._walks[:, walk.REACH] = np.inf
+            if S[at.FADE]:
+                self.set_fade(*S[[at.NEAR, at.FAR]])
             S[end + n * ball.STATE :] = data
         self.body_state = S[at.BODY : at.BODY + body.SIZE]
         self.finger_position = rows[:, at.POSITION : at.POSITION + d]
@@ -219,6 +227,23 @@ class GraspedObject:
     def shortfall(self) -> float:
         """By how much the fade began too near the surface, at most so far [m]; 0 if it never did."""
         return float(self.block[at.SHORTFALL])
+
+    @property
+    def fade_needed(self) -> float:
+        """Where the fade would have had to begin for the forces so far [m]; 0 if it began there."""
+        return float(self.block[at.NEAR] + self.block[at.SHORTFALL]) if self.block[at.SHORTFALL] else 0.0
+
+    @property
+    def blended(self) -> int:
+        """Samples in which a rotation was in the split with a part of its weight."""
+        return int(self.block[at.IN_BAND])
+
+    def set_fade(self, low: float, high: float) -> None:
+        """Let a free finger leave the split between two gaps [m]."""
+        S = self.block
+        S[at.NEAR], S[at.FAR] = low, high
+        if self._walks is not None:
+            self._walks[:, walk.REACH] = high + self.rows[:, at.RADIUS]
 
     def inward(self) -> FloatArray:
         """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
@@ -308,8 +333,8 @@ class GraspedObject:
         # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
         S[at.MIXED] = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
 
-    def _place_gains(self, squares: Sequence[FloatArray]) -> None:
-        """kep, ked, kip and kid as matrices, for each finger or for all of them together."""
+    def _place_gains(self, squares: Sequence[FloatArray], axes: str) -> None:
+        """Place kep, ked, kip and kid as matrices, for each finger or for all of them together."""
         S, n, d, law = self.block, self.fingers, self.dimensions, self.law
         S[at.DENSE] = 1.0
         o = at.gains(n, d)
@@ -318,9 +343,10 @@ class GraspedObject:
             S[o : o + matrix.size] = matrix.ravel()
             o += matrix.size
         S[at.RULE], S[at.RULE + 1] = RULES[law.rule("stiffness")], RULES[law.rule("damping")]
-        S[at.TURNED] = d > 1 and any(
+        directed = any(
             np.ndim(part.stiffness) > 1 or np.ndim(part.damping) > 1 for part in (law.external, law.internal)
         )
+        S[at.AXES_OF_GAINS] = AXES[axes] if d > 1 and directed else OBJECT
 
 
 def _radii(given: ArrayLike, n: int) -> FloatArray:

@@ -148,9 +148,29 @@ def project(S: Any) -> int:
         # a sticking finger is released whole, which is no cone: where going back and forth does not end, only let go
         if unresolved == 0 or not stick:
             break
+    if S[at.DENSE] != 0.0 and not stick:
+        retain(S, q, e, state)
     settle(S, A, size, q, e, n, c, stick, state)
     out_of_frames(S, q, at.LOCAL)
     return UNRESOLVED * unresolved
+
+
+def retain(S: Any, q: int, e: int, state: int) -> None:
+    """Keep e + s of contacts that slip freely: s stands at q, but the normals of fingers that push have none."""
+    n = int(S[at.FINGERS])
+    c = int(S[at.COORDINATES])
+    for i in range(n):
+        for a in range(c):
+            p = i * c + a
+            if a > 0 or S[state + i] == 0.0:
+                S[e + p] += S[q + p]
+    out_of_frames(S, e, at.RETAINED)
+    into_frames(S, at.DISPLACEMENT, e)
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        if S[r + at.WEIGHT] == 0.0:
+            for a in range(4):
+                S[r + at.RETAINED + a] = 0.0
 
 
 def damp(S: Any) -> int:

@@ -39,6 +39,8 @@ def respond(S: Any, again: bool) -> int:
         fault = react(S)
         if S[at.FADE] != 0.0 and S[at.EQUAL] == 0.0:
             check_fade(S)
+        if S[at.TURNS] != 0.0 and S[at.EQUAL] == 0.0 and S[at.BLENDED] != 0.0:
+            S[at.IN_BAND] += 1.0
     return fault
 
 
@@ -113,11 +115,13 @@ def let_go(S: Any) -> None:
 
 
 def check_fade(S: Any) -> None:
-    """Keeps the largest shortfall of NEAR: below 1/2 |1/kep - 1/kip| sum |f| a fading finger can touch again."""
-    kep, kip = S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS]
-    if kep <= 0.0 or kip <= 0.0:
-        return
+    """Keep the largest shortfall of NEAR: below 1/2 |1/kep - 1/kip| sum |f| a fading finger can touch again."""
+    kep, kip, release = S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], S[at.RELEASE]
+    if S[at.DENSE] == 0.0:
+        if kep <= 0.0 or kip <= 0.0:
+            return
+        release = 0.5 * abs(1.0 / kep - 1.0 / kip)
     total = 0.0
     for i in range(int(S[at.FINGERS])):
         total += push(S, i, int(S[at.DIMENSIONS]))
-    S[at.SHORTFALL] = max(S[at.SHORTFALL], 0.5 * abs(1.0 / kep - 1.0 / kip) * total - S[at.NEAR])
+    S[at.SHORTFALL] = max(S[at.SHORTFALL], release * total - S[at.NEAR])

@@ -127,6 +127,8 @@ class FileSink:
             self._file.attrs.modify("complete", np.int8(outcome.complete))
             self._file.attrs.modify("engine", _fixed(outcome.engine))
             self._file.attrs.modify("fade_shortfall", np.float64(outcome.fade_shortfall))
+            self._file.attrs.modify("fade_needed", np.float64(outcome.fade_needed))
+            self._file.attrs.modify("blended", np.int64(outcome.blended))
             self._file.close()
         except (OSError, RuntimeError) as error:
             with suppress(OSError, RuntimeError):
@@ -228,7 +230,8 @@ def _attributes(layout: Layout, header: Header) -> dict[str, Any]:
     attributes["wall_time"] = np.float64(np.nan)
     attributes["complete"] = np.int8(0)
     attributes["engine"] = _fixed("")
-    attributes["fade_shortfall"] = np.float64(0.0)
+    attributes["fade_shortfall"] = attributes["fade_needed"] = np.float64(0.0)
+    attributes["blended"] = np.int64(0)
     return attributes
 
 
@@ -273,6 +276,8 @@ def _outcome(file: Any) -> Outcome:
         complete=bool(int(file.attrs["complete"])),
         engine=bytes(file.attrs.get("engine", b"")).decode(),  # came later than the format
         fade_shortfall=float(file.attrs["fade_shortfall"]),
+        fade_needed=float(file.attrs.get("fade_needed", 0.0)),
+        blended=int(file.attrs.get("blended", 0)),
     )
 
 

@@ -173,7 +173,7 @@ def load(S: Any, B: Any) -> None:
     if S[at.EQUAL] != 0.0:  # the law has no use for modes
         for k in range(18):
             B[AXES + k] = S[at.AXES + k]
-        B[COUNT] = rigid_modes(
+        B[COUNT], _ = rigid_modes(
             B, ROWS, STRIDE, CONTACT, WEIGHT, n, int(S[at.DIMENSIONS]), AXES, int(S[at.SHIFTS]), int(S[at.TURNS]),
             S[at.ARM_LOW], S[at.ARM_HIGH], modes(n), NORMAL, PATCH if width > 3 else -1,
         )  # fmt: skip

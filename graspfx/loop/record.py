@@ -91,7 +91,7 @@ class Recorder:
             self._write(block)
 
     def finish(
-        self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", fade_shortfall: float = 0.0
+        self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
     ) -> Recording:
         """Writes what is left, closes the sinks and gives the recording of the rows that were kept.
 
@@ -99,12 +99,12 @@ class Recorder:
             wall_time: that the run took [s].
             complete: False for a run that broke off.
             engine: that ran the ticks.
-            fade_shortfall: by how much free fingers began to fade too near the surface, at most [m].
+            coupling: what the objects' couplings tell, as `Outcome` has it.
         """
         self.drain()
         rest = self._block[: self.used]
         self._kept += [rest] if self._keep else []
-        self._outcome = Outcome(tuple(self.faults), wall_time, complete, fade_shortfall, engine)
+        self._outcome = Outcome(tuple(self.faults), wall_time, complete, engine=engine, **coupling)
         try:
             if self.used or len(self.faults) > self._told:
                 self._write(rest)
@@ -357,6 +357,7 @@ class Recording:
             wall_time=self.wall_time,
             engine=self.outcome.engine,
             fade_shortfall=self.outcome.fade_shortfall,
+            blended=self.outcome.blended,
             true_position=self.true_position,
             faults=len(self.faults),
             law=[motion.law for motion in self.objects.values() if motion.law is not None],

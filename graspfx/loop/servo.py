@@ -64,9 +64,14 @@ class Servo:
         self._told: list[str] = []  # faults of parts that are no kernels
 
     @property
-    def fade_shortfall(self) -> float:
-        """By how much free fingers began to fade too near the surface, at most so far [m]."""
-        return max(held.grasped.shortfall for held in self.objects)
+    def coupling(self) -> dict[str, Any]:
+        """What its objects' couplings tell of the run so far, as entries of an `Outcome`."""
+        grasps = [held.grasped for held in self.objects]
+        return {
+            "fade_shortfall": max(each.shortfall for each in grasps),
+            "fade_needed": max(each.fade_needed for each in grasps),
+            "blended": max(each.blended for each in grasps),
+        }
 
     @property
     def faulted(self) -> bool:

@@ -34,6 +34,7 @@ def summarise(
     engine: str = "",
     true_position: FloatArray | None = None,
     fade_shortfall: float = 0.0,
+    blended: int = 0,
     faults: int = 0,
     law: Sequence[NDArray[np.int8]] = (),
     residual: Sequence[FloatArray] = (),
@@ -54,6 +55,8 @@ def summarise(
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
         fade_shortfall: by how much `coupling.fade` began too near for the forces, at most [m]; None if it did not.
+        blended: share of samples in which a rotation of a grasp was in the band of `coupling.blend`, where forces are
+            not those of eq. (4); None if none was.
         associated: share of samples in which an object's forces satisfy the associated law instead of Coulomb's; None
             without a coefficient of friction.
         friction_residual: the largest of either law [N]; None without a coefficient.
@@ -77,7 +80,7 @@ def summarise(
         wall_time: that the run took [s].
         engine: that ran the ticks; empty if not known.
         true_position: (N, n, d), of simulated fingertips [m].
-        fade_shortfall: as in the recording's outcome [m].
+        fade_shortfall, blended: as in the recording's outcome [m], [samples].
         faults: how many there were.
         law, residual: (N,) per object with a coefficient of friction, as recorded.
         energy: per observed object, the columns of its ledger.
@@ -113,6 +116,7 @@ def summarise(
         "object_vibration": vibration(np.stack(object_position, axis=1), period),
         "port_energy": [float(device_energy[-1, i]) if N else None for i in range(n)],
         "fade_shortfall": fade_shortfall or None,
+        "blended": blended / N if blended and N else None,
         "associated": _mean(np.stack(law) == 1) if law else None,
         "friction_residual": _peak(np.stack(residual)) if residual else None,
         **_books(energy),

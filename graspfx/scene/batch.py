@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.coupling import block as at
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
@@ -21,7 +20,7 @@ from graspfx.loop.measures import STATISTICS, statistic
 from graspfx.loop.record import Recording
 from graspfx.processors import processors
 from graspfx.scene.overrides import overridden
-from graspfx.scene.run import header_of, require_memory, ticks_of
+from graspfx.scene.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.scene.variants import Group, Variants
 
 if TYPE_CHECKING:
@@ -159,6 +158,7 @@ def run_batch(
     with plugins.unchanged():
         variants = Variants(scene, lists, numbers)
         groups = variants.groups()
+    warn_of_axes(scene)
     count = threads or processors()
     done = Runs(scene, variants, len(numbers), duration, count)
     if keep == "measures":
@@ -253,14 +253,12 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
     """How a run went, by what its buffers hold at the end."""
     program = group.program
     servo, tick = program.servo, program.tick
-    shortfall = 0.0
-    for name, array in tick.script.arrays.items():
-        if any(array is held.grasped.block for held in servo.objects):
-            shortfall = max(shortfall, float(ended.arena[program.places[name]][at.SHORTFALL]))
+    program.fill(ended.arena)
+    coupling = servo.coupling
     if ended.fault < 0:
-        return Outcome(engine="compiled", fade_shortfall=shortfall)
+        return Outcome(engine="compiled", **coupling)
     program.fill(ended.told)  # the figures in a fault's words are those in its parts' buffers
-    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", fade_shortfall=shortfall)
+    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
 
 
 def _grid(

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from graspfx.coupling import block as at
+from graspfx.scene.grasps import grasps
 from graspfx.scene.making.holding import descriptions, holdings
 from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.making.surroundings import meeting
@@ -161,6 +163,11 @@ def _weights(scene: Scene) -> Row:
         return "fade", True, f"equal gains have no split to leave, but {reader} fingers by their gap all the same"
     if coupling.absent == "follow":
         return "fade", False, "absent = 'follow': a free finger stays in the split"
+    if coupling.fade == "auto":
+        gaps = {held.name: 1e3 * held.grasped.block[[at.NEAR, at.FAR]] for held in grasps(scene)}
+        between = {f"{low:.3g} and {high:.3g} mm": name for name, (low, high) in gaps.items()}
+        said = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
+        return "fade", True, f"auto: a free finger leaves the split between {said} from the surface"
     low, high = (1e3 * gap for gap in coupling.fade)
     return "fade", True, f"a free finger leaves the split between {low:g} and {high:g} mm from the surface"
 
@@ -196,6 +203,9 @@ def _split(scene: Scene) -> Iterator[Row]:
     yield "split", True, f"eq. (3), {_resplit(scene)}"
     turning = [thing for thing in scene.object if scene.turns(thing)]
     if turning:
+        if scene.coupling.blend == "off":
+            yield "split: rotation", True, "joins the external space as soon as contacts have an arm: blend = 'off'"
+            return
         low, high = (1e3 * arm for arm in scene.coupling.blend)
         yield "split: rotation", True, f"joins the external space between {low:g} and {high:g} mm of arm"
     else:

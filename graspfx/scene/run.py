@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sys
+import warnings
 from collections.abc import Callable
 from os import PathLike
 from time import perf_counter
@@ -48,6 +49,7 @@ def run(
     """
     if not isinstance(scene, Readable):
         raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    warn_of_axes(scene)
     size = 8 * make_layout(scene, simulated=True).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     with build(scene) as servo:
@@ -64,9 +66,20 @@ def run(
             servo.run(ticks, recorder, stop)
             took, done = perf_counter() - began, servo.ticks == ticks
             recording = recorder.finish(
-                took if done else None, complete=done, engine=servo.engine.name, fade_shortfall=servo.fade_shortfall
+                took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
             )
     return recording if out is None else Recording.load(file)
+
+
+def warn_of_axes(scene: Scene) -> None:
+    """Warn of gains that are matrices in axes in which they create energy on a turning object."""
+    if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
+        return
+    from graspfx.grasp.impedance import ActiveCouplingWarning
+    from graspfx.scene.axes import axes_notes
+
+    for text in axes_notes(scene):
+        warnings.warn(text, ActiveCouplingWarning, stacklevel=3)
 
 
 def _ticks(scene: Scene, duration: float | None, size: int) -> int:

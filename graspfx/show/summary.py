@@ -33,6 +33,7 @@ ROWS: tuple[Row, ...] = (
     ("gap of the energy's ledger", "ledger_gap", "", 1.0),
     ("share of time in touch, per finger", "touching", "%", 100.0),
     ("coupling.fade too short by", "fade_shortfall", "mm", 1e3),
+    ("samples in the blend's band", "blended", "%", 100.0),
     ("samples with the associated law", "associated", "%", 100.0),
     ("friction law's largest residual", "friction_residual", "N", 1.0),
     ("ticks", "ticks", "", 1.0),

@@ -12,14 +12,17 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
 from graspfx.analysis.pushing import condensed
 from graspfx.coupling import block as at
+from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.matrix import Grasp
 from graspfx.grasp.split import Split
+from graspfx.loop.parts import Held
 from graspfx.objects import kernels as body
-from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics, still_hands
+from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics
 from graspfx.scene.limits.resting import Grip, settle
-from graspfx.scene.making.build import grasped_object, make_law
+from graspfx.scene.making.build import grasped_object, make_law, set_fade
+from graspfx.scene.making.still import still_hands
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -168,6 +171,7 @@ def _part(scene: Scene, index: int, where: str) -> _Part:
     assumed: list[str] = []
     inward = np.zeros_like(start)
     inward[fingers] = grasped.inward()
+    set_fade(scene, [Held(table.name, grasped, fingers)], start, inward)
     initial = grasped.block.copy()
     J = None
     if where == "squeezed":
@@ -242,7 +246,9 @@ def _matrices(
         assumed.append("contacts stick")
     if rules.contact != "attached":
         assumed.append("no finger lets go")
-    law = make_law(scene, fingers)
+    law = make_law(scene, fingers, index)
+    if rules.axes != "world":
+        law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
     gains = _Gains(law, split, n, normals)
     D = gains.held(law.damping(split))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
@@ -281,6 +287,12 @@ def _matrices(
         viscosity=viscosity,
         integrator="bullet" if table.dynamics == "bullet" else table.integrator,
     )
+
+
+def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
+    """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
+    return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
