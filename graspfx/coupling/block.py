@@ -46,7 +46,11 @@ WHOLE = 41  # one flag for each of the four: (n d) x (n d), else n times d x d
 GAINS = 45  # offsets of the four
 SKEW = 49  # the largest sum of squares of K - K', then of D - D', so far
 AXES = 51  # free directions in the object's frame, 6 x 3
-BODY = AXES + 18
+# Damping that grows with depth (`depth`).
+GRADUAL = AXES + 18
+DEPTH = GRADUAL + 1  # over which it grows [m]
+STIFFEST = GRADUAL + 2  # of gains that are matrices: the largest eigenvalues of kip, ked and kid
+BODY = GRADUAL + 5
 
 ROW = BODY + body.SIZE  # the first finger
 # A finger's row, offsets from its start. Vectors have three entries; frame O is the object's, W the world's.

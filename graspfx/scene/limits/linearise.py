@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
 from graspfx.analysis.pushing import condensed
+from graspfx.analysis.series import in_series
 from graspfx.coupling import block as at
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.impedance import Coupling, Impedance
@@ -45,6 +46,7 @@ class Linearised:
         splits: of each object's grasp.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
+        compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
     """
 
     linear: Linearisation
@@ -57,6 +59,7 @@ class Linearised:
     splits: tuple[Split, ...] = field(repr=False)
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
+    compliance: FloatArray = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +75,7 @@ class _Part:
     split: Split
     gains: _Gains
     damping: FloatArray
+    compliance: FloatArray
     G: FloatArray
     G_e: FloatArray
     N: FloatArray
@@ -244,7 +248,10 @@ def _matrices(
         assumed.append("no finger lets go")
     law = make_law(scene, fingers)
     gains = _Gains(law, split, n, normals)
-    D = gains.held(law.damping(split))
+    compliance = np.repeat(g.damper_compliance(squeezed=J is not None), d)
+    if np.isinf(compliance).any():
+        assumed.append("no damping where nothing presses yet: it grows with depth")
+    D = gains.held(in_series(law.damping(split), compliance))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
     if J is None:
@@ -274,6 +281,7 @@ def _matrices(
         split=split,
         gains=gains,
         damping=D,
+        compliance=compliance,
         G=G,
         G_e=G_e,
         N=N,
@@ -359,6 +367,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         splits=tuple(part.split for part in parts),
         stiffness=stiffness,
         conventional=conventional,
+        compliance=np.concatenate([part.compliance for part in parts]),
     )
 
 

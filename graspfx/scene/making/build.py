@@ -126,6 +126,7 @@ def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple
             fade=rules.fade if rules.absent == "fade" else None,
             at_contact=rules.reaction == "contact",
             blend=rules.blend,
+            damping_depth=rules.damping_depth,
         ),
         lambda state: fill(scene, table, state, folder),
         shape=make_shape(table, folder),
