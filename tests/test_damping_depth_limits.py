@@ -156,7 +156,7 @@ def test_a_singular_damping_has_its_limit_in_series() -> None:
 
 
 def limit_of_damping(depth: float) -> float:
-    """Find the kid at which the spectral radius is 1: more damping a period late is more than the devices' masses take."""
+    """Find the kid at which the spectral radius is 1: more of it, a period late, than the devices' masses take."""
 
     def excess(kid: float) -> float:
         return gx.stability.spectral_radius(scene(depth, coupling__internal__damping=kid)) - 1.0
