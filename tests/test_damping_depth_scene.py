@@ -1,4 +1,4 @@
-"""`coupling.damping_depth` in scenes: every solver, both engines, batches, books; what is said where it does nothing."""
+"""`coupling.damping_depth` in scenes: every solver, both engines, batches, books; what is said where it is idle."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ def test_a_batch_over_depths_is_the_single_runs() -> None:
 
 @pytest.mark.parametrize("friction", ["stick", 0.6])
 def test_the_books_close(friction: Any) -> None:
-    """With the energies observed the gap is rounding, and damping takes energy in every sample of a hold and a touch."""
+    """With the energies observed the gap is rounding, and damping has taken energy in the end."""
     rec = gx.run(closing(coupling__passivity="observe", coupling__friction=friction))
     books = rec.energy["object"]
     assert np.abs(books["gap"]).max() < 1e-14 * np.abs(books["fingers"]).max() * len(rec)
