@@ -19,10 +19,11 @@ DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
 
 def doubts(scene: Scene) -> list[str]:
     """What is no fault of a scene and yet may not be meant."""
+    from graspfx.scene.damping import depth_notes
     from graspfx.scene.settling import unsettled
     from graspfx.scene.units import unit_notes
 
-    return [*unit_notes(scene), *unsettled(scene)]
+    return [*unit_notes(scene), *depth_notes(scene), *unsettled(scene)]
 
 
 def note(notes: Iterable[str]) -> None:

@@ -65,12 +65,15 @@ def turn_back(S: Any, o: int, n: int, d: int, i: int, theta: float) -> tuple[int
 
 
 def equations_of_modes(
-    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, theta: float
+    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, theta: float, series: int = -1
 ) -> tuple[float, float, float, float]:
     """Trial, force and g for scalar gains; returns the convex function, the sizes of forces, g and residual.
 
     kappa < k_i: g = h z + Q'(f0 - y), h = kappa / (k_i - kappa). kappa > k_i: the same equation as
     g = h z + Q'(k_i e + y - t), h = k_i / (kappa - k_i). Both are gradients of strictly convex functions.
+
+    With compliances in series finger i has 1/a_i = r_i k_i instead of k_i: t = f0 + r_i (k_i e - Q z), and for
+    kappa > k_i g = h z + Q'(r_i k_i e + (1 - r_i) Q z + y - t).
     """
     m = n * d
     e, f0, f, t, z = o + 3 * n, o + 3 * n + m, o + 3 * n + 2 * m, o + 3 * n + 4 * m, o + 3 * n + 5 * m
@@ -82,12 +85,15 @@ def equations_of_modes(
         S[g + k] = 0.0
     for i in range(n):
         root = math.sqrt(S[o + i])
+        part = compliant_share(S, series, i, internal)
         for p in range(i * d, i * d + d):
             trial = 0.0
             if root > 0.0:
                 trial = internal * root * S[e + p] + S[f0 + p] / root
                 for k in range(count):
                     trial -= S[Q + k * (m + 1) + p] * S[z + k]
+                if series >= 0:
+                    trial = S[f0 + p] / root + part * (trial - S[f0 + p] / root)
             S[t + p] = trial
         turn_back(S, o, n, d, i, theta)
         if root == 0.0:
@@ -99,7 +105,13 @@ def equations_of_modes(
                 known, y = S[f0 + p] / root, -y
             else:
                 known, y = internal * root * S[e + p], y - trial
-            value += 0.5 * y * y
+            value += 0.5 * y * y / part if series >= 0 else 0.5 * y * y
+            if series >= 0 and not soft:
+                turn = 0.0
+                for k in range(count):
+                    turn += S[Q + k * (m + 1) + p] * S[z + k]
+                known = part * known + (1.0 - part) * turn
+                value -= 0.5 * (1.0 - part) * turn * turn
             for k in range(count):
                 q = S[Q + k * (m + 1) + p]
                 S[g + k] += q * (known + y)
@@ -115,6 +127,11 @@ def equations_of_modes(
     return value, math.sqrt(forces), worst, math.sqrt(residual)
 
 
+def compliant_share(S: Any, series: int, i: int, internal: float) -> float:
+    """r_i = 1 / (1 + k_i C_i): what the compliance in series leaves of finger i's gain; 1 without any."""
+    return 1.0 / (1.0 + internal * S[series + i]) if series >= 0 else 1.0
+
+
 def stiffening(beta: float, external: float, internal: float) -> tuple[float, float]:
     """h of a mode, and |kappa / k_i - 1|."""
     gap = max(abs(external - internal) * beta, NIL * internal)
@@ -123,9 +140,12 @@ def stiffening(beta: float, external: float, internal: float) -> tuple[float, fl
 
 
 def jacobian_of_modes(
-    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, theta: float
+    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, theta: float, series: int = -1
 ) -> None:
-    """h + Q'R' Q, or h + Q'(I - R') Q, of the last equations; R' = u v' + bend b b' where a finger slides."""
+    """h + Q'R' Q, or h + Q'(I - R') Q, of the last equations; R' = u v' + bend b b' where a finger slides.
+
+    With compliances in series r_i R' stands for the R' of finger i.
+    """
     z = o + 3 * n + 5 * n * d
     u, v, b, H = z + 5 * count, z + 6 * count, z + 7 * count, z + 8 * count
     lead = n * d + 1
@@ -141,12 +161,15 @@ def jacobian_of_modes(
             continue
         status, c1, c2, c3, bend = turn_back(S, o, n, d, i, theta)
         r = Q + i * d
-        if (status == STICK) == soft:
+        part = compliant_share(S, series, i, internal)
+        if (status == STICK) == soft or (series >= 0 and status == STICK):
             for k in range(count):
                 for j in range(k + 1):
                     more = 0.0
                     for a in range(d):
                         more += S[r + k * lead + a] * S[r + j * lead + a]
+                    if series >= 0 and status == STICK:
+                        more *= part if soft else 1.0 - part
                     S[H + k * count + j] += more
                     if j < k:
                         S[H + j * count + k] += more
@@ -167,12 +190,16 @@ def jacobian_of_modes(
                 S[u + k], S[v + k], S[b + k] = S[q] + mu * along, share * (S[q] + theta * mu * along), across
             for k in range(count):
                 left, bent = sign * S[u + k], sign * bend * S[b + k]
+                if series >= 0:
+                    left, bent = part * left, part * bent
                 if d > 3:  # two directions across: all tangents less the one along
                     bent = -bent
                     for j in range(count):
                         more = 0.0
                         for a in range(1, d):
                             more += S[r + k * lead + a] * S[r + j * lead + a]
+                        if series >= 0:
+                            more *= part
                         S[H + k * count + j] += sign * bend * more
                 for j in range(count):
                     S[H + k * count + j] += left * S[v + j] + bent * S[b + j]

@@ -31,6 +31,7 @@ from typing import Any
 
 from graspfx.cones.cone import (
     STICK,
+    compliant_share,
     eliminate,
     equations_of_modes,
     equations_of_square,
@@ -77,14 +78,18 @@ def turn_modes(
 
 
 def friction_force(
-    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, coulomb: bool, restarts: int
-) -> tuple[int, float, int]:
+    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, coulomb: bool, restarts: int,
+    series: int = -1,
+) -> tuple[int, float, int]:  # fmt: skip
     """Scalar gains: K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4), q_k orthonormal.
 
     f = sqrt(W) y, y = R(t), t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k: at most six unknowns,
     kappa_k z_k = (k_i - kappa_k) q_k'(y - f0 / sqrt(W)) with kappa_k = k_i + (k_e - k_i) beta_k. A finger of weight 0
     has no force; a gain below 1e-6 of the other one counts as that. Coulomb's law is sought from the unknowns as they
     are, then from the associated answer, then `restarts` times from around that.
+
+    `series` >= 0 is where one compliance C_i per finger stands: then (K^-1 + C)^-1 is in the place of K, C_i / w_i on
+    each of finger i's coordinates.
 
     Returns the law of the answer, its residual |f - f0 - K (e + s)| [N] (f and s fulfil the law exactly), evaluations.
     """
@@ -94,7 +99,7 @@ def friction_force(
         return COULOMB if coulomb else ASSOCIATED, 0.0, 0
     used = count if external != internal else 0  # equal gains: no finger knows of another
     ke, ki = max(external, LEAST * high), max(internal, LEAST * high)
-    return solve(S, o, n, d, used, ke, ki, -1, 0, True, coulomb, restarts)
+    return solve(S, o, n, d, used, ke, ki, -1, 0, True, coulomb, restarts, series)
 
 
 def friction_force_square(
@@ -114,12 +119,12 @@ def friction_force_square(
     if c <= 0.0:
         add_nothing(S, o, n, d)
         return COULOMB if coulomb else ASSOCIATED, 0.0, 0
-    return solve(S, o, n, d, m, c, c, square, lead, symmetric, coulomb, restarts)
+    return solve(S, o, n, d, m, c, c, square, lead, symmetric, coulomb, restarts, -1)
 
 
 def solve(
     S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, square: int, lead: int,
-    symmetric: bool, coulomb: bool, restarts: int,
+    symmetric: bool, coulomb: bool, restarts: int, series: int,
 ) -> tuple[int, float, int]:  # fmt: skip
     """Coulomb from the unknowns as they are, from the associated answer, from around it; else the associated answer."""
     z = o + 3 * n + 5 * n * d
@@ -132,14 +137,14 @@ def solve(
             S[z + k] = 0.0
     taken = 0
     if coulomb:
-        found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False)
+        found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False, series)
         taken += steps
         if found:
-            finish(S, o, n, d, internal, square)
+            finish(S, o, n, d, internal, square, series)
             return COULOMB, residual, taken
         for k in range(count):
             S[z + k] = 0.0
-    found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric)
+    found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric, series)
     taken += steps
     if not found:
         clear(S, o, n, d)
@@ -158,16 +163,16 @@ def solve(
                     S[z + k] = far * (2.0 * (turn - math.floor(turn)) - 1.0)
                     if start % 2:
                         S[z + k] += S[kept + k]
-            found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False)
+            found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False, series)
             taken += steps
             if found:
-                finish(S, o, n, d, internal, square)
+                finish(S, o, n, d, internal, square, series)
                 return COULOMB, residual, taken
         for k in range(count):
             S[z + k] = S[kept + k]
-        _, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric)
+        _, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric, series)
         taken += steps
-    finish(S, o, n, d, internal, square)
+    finish(S, o, n, d, internal, square, series)
     return ASSOCIATED, residual, taken
 
 
@@ -190,19 +195,21 @@ def add_nothing(S: Any, o: int, n: int, d: int) -> None:
                 S[p + n * d] = S[p]
 
 
-def finish(S: Any, o: int, n: int, d: int, c: float, square: int) -> None:
-    """From y = R(t) to f = sqrt(W) y and s = (y - t) / (c sqrt(W))."""
+def finish(S: Any, o: int, n: int, d: int, c: float, square: int, series: int) -> None:
+    """From y = R(t) to f = sqrt(W) y and s = (y - t) / (c sqrt(W)), r_i c with compliances in series."""
     f, s, t = o + 3 * n + 2 * n * d, o + 3 * n + 3 * n * d, o + 3 * n + 4 * n * d
     for i in range(n):
         root = 1.0 if square >= 0 else math.sqrt(S[o + i])
         for p in range(i * d, i * d + d):
             S[s + p] = (S[f + p] - S[t + p]) / (c * root) if root > 0.0 else 0.0
+            if series >= 0:
+                S[s + p] /= compliant_share(S, series, i, c)
             S[f + p] *= root
 
 
 def newton(
     S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, square: int, lead: int,
-    theta: float, convex: bool,
+    theta: float, convex: bool, series: int,
 ) -> tuple[bool, float, int]:  # fmt: skip
     """Semismooth Newton on g = 0 with a line search; returns whether it got there, the residual and the evaluations.
 
@@ -216,7 +223,7 @@ def newton(
     limit = DESCENT if convex else STEPS
     for step in range(limit):
         if square < 0:
-            value, size, worst, residual = equations_of_modes(S, o, n, d, count, external, internal, theta)
+            value, size, worst, residual = equations_of_modes(S, o, n, d, count, external, internal, theta, series)
         else:
             value, size, worst, residual = equations_of_square(S, o, n, d, internal, square, lead, theta)
         if worst <= ROUNDING * size or 0.5 * best < worst <= CLOSE * size:
@@ -239,7 +246,7 @@ def newton(
             S[dz + k] = -S[g + k]
             S[start + k] = S[z + k]
         if square < 0:
-            jacobian_of_modes(S, o, n, d, count, external, internal, theta)
+            jacobian_of_modes(S, o, n, d, count, external, internal, theta, series)
         else:
             jacobian_of_square(S, o, n, d, internal, square, lead, theta)
         if not eliminate(S, H, dz, count):

@@ -49,7 +49,11 @@ BLENDED = 51  # rotations that are not in the split whole, though they have an a
 IN_BAND = 52  # samples with such a rotation
 RELEASE = 53  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
 AXES = 54  # free directions in the object's frame, 6 x 3
-BODY = AXES + 18
+# Damping that grows with depth (`depth`).
+GRADUAL = AXES + 18
+DEPTH = GRADUAL + 1  # over which it grows [m]
+STIFFEST = GRADUAL + 2  # of gains that are matrices: the largest eigenvalues of kip, ked and kid
+BODY = GRADUAL + 5
 
 ROW = BODY + body.SIZE  # the first finger
 # A finger's row, offsets from its start. Vectors have three entries; frame O is the object's, W the world's.

@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.cones.friction import problem_size
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
+from graspfx.coupling.depth import compliance
 from graspfx.coupling.fade import FADE, release_compliance
-from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
+from graspfx.coupling.gains import ALONE, CONTACT, KED, KID, KIP, LITERAL, OBJECT, SYMMETRIC, WORLD
+from graspfx.coupling.law import push
 from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
@@ -28,7 +30,7 @@ Index = NDArray[np.intp]
 STRUCTURE = (
     at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
     at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
-    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.AXES_OF_GAINS, *range(at.WHOLE, at.WHOLE + 4),
+    at.PROBLEM, at.BRAKE, at.GRADUAL, at.RULE, at.RULE + 1, at.AXES_OF_GAINS, *range(at.WHOLE, at.WHOLE + 4),
     *range(at.GAINS, at.GAINS + 4),
 )  # fmt: skip
 RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
@@ -62,6 +64,7 @@ class Rules:
         at_contact: the reaction acts at the contact point, else at the fingertip.
         blend: rms arms (l1, l2) [m] between which a rotation joins the external space; None: as soon as it has any.
         axes: in which gains that are matrices stand: "object", "world", or "contact", the normal first.
+        damping_depth: over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once.
     """
 
     attached: bool = False
@@ -73,6 +76,7 @@ class Rules:
     at_contact: bool = False
     blend: tuple[float, float] | None = (0.00025, 0.001)
     axes: Literal["object", "world", "contact"] = "object"
+    damping_depth: float = 0.0
 
 
 class GraspedObject:
@@ -127,7 +131,11 @@ class GraspedObject:
         problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
         squares = [per_finger(gain, n, d) for gain in gains] if self.matrices else []
         entries = sum(matrix.size for matrix in squares)
-        end = at.size(n, c, entries, problem)
+        if not 0.0 <= rules.damping_depth < np.inf:
+            raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
+        gradual = rules.damping_depth > 0.0 and not rules.attached and bool(np.any(gains[1]) or np.any(gains[3]))
+        before = n if gradual else 0  # one compliance for each finger, before the problem of the damping
+        end = at.size(n, c, entries, problem) + before
         data = None if shape is None else shape.data
         self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
@@ -135,13 +143,15 @@ class GraspedObject:
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
         S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
         S[at.PROBLEM] = at.problems(n, c, entries)
-        S[at.BRAKE] = S[at.PROBLEM] + problem
+        S[at.BRAKE] = S[at.PROBLEM] + problem + before
+        S[at.GRADUAL], S[at.DEPTH] = gradual, rules.damping_depth
         S[at.EQUAL] = law.equal
         S[at.DAMPED] = bool(np.any(gains[1]) or np.any(gains[3]))
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
             self._place_gains(squares, rules.axes)
             S[at.RELEASE] = release_compliance(law, n, d)
+            S[at.STIFFEST : at.STIFFEST + 3] = [np.linalg.eigvalsh(squares[k]).max() for k in (KIP, KED, KID)]
         else:
             S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = gains
             if not rules.attached and not (gains[0] and gains[2]):
@@ -273,6 +283,20 @@ class GraspedObject:
     def sample(self) -> int:
         """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
         return sample(self._S)
+
+    def damper_compliance(self, *, squeezed: bool = True) -> FloatArray:
+        """Compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
+
+        Args:
+            squeezed: at the forces of the last sample, which had no rates; else at none, where they are infinite.
+        """
+        S, n = self._S, self.fingers
+        if not S[at.GRADUAL]:
+            return np.zeros(n)
+        if not squeezed:
+            return np.full(n, np.inf)
+        forces = [push(S, i, self.dimensions) for i in range(n)]
+        return np.array([compliance(S, i, f) for i, f in enumerate(forces)]) / self.rows[:, at.WEIGHT]
 
     def check_activity(self) -> None:
         """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.

@@ -8,8 +8,9 @@ from graspfx.cones.complement import complement, release, settle
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
+from graspfx.coupling.depth import damping_share, soften
 from graspfx.coupling.implicit import LEAST, assemble_implicitly, is_held
-from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.law import bilateral, keep_elastic, push
 
 
 def attached(S: Any) -> int:
@@ -71,15 +72,6 @@ def unilateral(S: Any, again: bool) -> int:
     return fault
 
 
-def push(S: Any, i: int, d: int) -> float:
-    """The normal force of finger i on the object [N]."""
-    r = at.ROW + i * at.STRIDE
-    total = 0.0
-    for a in range(d):
-        total += S[r + at.NORMAL + a] * S[r + at.LOCAL + a]
-    return total
-
-
 def separate(S: Any) -> None:
     """Equal gains (the conventional method, eqs. 1 and 7-8): every finger by itself, no projector and no square."""
     d = int(S[at.DIMENSIONS])
@@ -106,6 +98,8 @@ def damp_alone(S: Any) -> None:
         if S[r + at.TOUCHING] == 0.0:
             continue
         b = S[r + at.WEIGHT] * S[at.INTERNAL_DAMPING]
+        if S[at.GRADUAL] != 0.0:
+            b *= damping_share(S, i, push(S, i, d))
         speed = 0.0
         for a in range(d):
             speed += S[r + at.NORMAL + a] * S[r + at.RATE + a]
@@ -188,6 +182,7 @@ def damp(S: Any) -> int:
         into_frames(S, at.LOCAL, f0)
         size = assemble(S, False)
         make_regular(S, n, c)
+        soften(S, A, size, q, 1.0, f0)
         for p in range(n * c):
             S[marks + p] = 0.0 if is_held(S, p, c) else 1.0
         release(S, A, size, q, size, n * c, marks, diagonal)

@@ -9,6 +9,7 @@ from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.friction import friction_force, turn_modes
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import UNRESOLVED
+from graspfx.coupling.depth import pose_compliances
 from graspfx.coupling.law import bilateral, keep_elastic
 from graspfx.coupling.slip import brake, grip, pose_problem
 
@@ -61,7 +62,8 @@ def along_normals(S: Any, o: int, elastic: bool) -> int:
         S[o + 3 * n + i] = x
         S[o + 4 * n + i] = 0.0 if elastic else f0
     turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, 1, at.modes(n), count, modes_offset(o, n, 1, count))
-    law, _, _ = friction_force(S, o, n, 1, count, external, internal, False, 0)
+    series = -1 if elastic else pose_compliances(S, o, 1)
+    law, _, _ = friction_force(S, o, n, 1, count, external, internal, False, 0, series)
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         f = S[o + 5 * n + i]

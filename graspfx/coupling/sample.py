@@ -7,7 +7,8 @@ from typing import Any
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, LARGEST, LOST, approach, pose, refactor, turn_axes
 from graspfx.coupling.gains import fill_gains
-from graspfx.coupling.projection import attached, push, unilateral
+from graspfx.coupling.law import push
+from graspfx.coupling.projection import attached, unilateral
 from graspfx.coupling.rays import press
 from graspfx.coupling.slip import rub
 from graspfx.objects import kernels as body

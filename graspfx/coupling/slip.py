@@ -11,6 +11,7 @@ from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import UNRESOLVED, set_anchor
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
+from graspfx.coupling.depth import is_whole, pose_compliances, soften
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic
 
@@ -62,7 +63,7 @@ def grip(S: Any) -> int:
         even = made_symmetric(S, at.square(n), size, n * c)
         law, residual, _ = friction_force_square(S, o, n, c, at.square(n), size, even, True, RESTARTS)
     else:
-        law, residual, _ = friction_force_modes(S, o, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], True)
+        law, residual, _ = friction_force_modes(S, o, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], True, -1)
     S[at.LAW], S[at.RESIDUAL] = law, residual
     out_of_frames(S, force, at.LOCAL)
     for p in range(n * c):
@@ -105,14 +106,16 @@ def brake(S: Any) -> int:
         into_frames(S, at.LOCAL, start)
         into_frames(S, at.RATE, known)
         law = 0
-        if not (S[at.RAYS] == 0.0 and all_touch(S) and stays(S, start, force)):
+        if not (S[at.RAYS] == 0.0 and all_touch(S) and is_whole(S) and stays(S, start, force)):
             if S[at.DENSE] != 0.0:
                 assemble(S, False)
                 raise_least(S, at.square(n), m)
+                soften(S, at.square(n), m, -1, 1.0, start)
                 even = made_symmetric(S, at.square(n), m, m)
                 law, _, _ = friction_force_square(S, o, n, c, at.square(n), m, even, False, 0)
             else:
-                law, _, _ = friction_force_modes(S, o, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], False)
+                series = pose_compliances(S, o, c)
+                law, _, _ = friction_force_modes(S, o, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], False, series)
     out_of_frames(S, force, at.LOCAL)
     return UNRESOLVED if law == NONE else 0
 
@@ -126,13 +129,15 @@ def stays(S: Any, start: int, force: int) -> bool:
     return sticks(S, force)
 
 
-def friction_force_modes(S: Any, o: int, external: float, internal: float, coulomb: bool) -> tuple[int, float, int]:
+def friction_force_modes(
+    S: Any, o: int, external: float, internal: float, coulomb: bool, series: int
+) -> tuple[int, float, int]:
     """`friction_force` for the modes that stand in the block."""
     n = int(S[at.FINGERS])
     c = int(S[at.COORDINATES])
     count = 0 if external == internal else int(S[at.COUNT])
     turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, c, at.modes(n), count, modes_offset(o, n, c, count))
-    return friction_force(S, o, n, c, count, external, internal, coulomb, RESTARTS)
+    return friction_force(S, o, n, c, count, external, internal, coulomb, RESTARTS, series)
 
 
 def pose_problem(S: Any, o: int, touching: bool) -> None:

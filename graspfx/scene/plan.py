@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from graspfx.coupling import block as at
+from graspfx.scene.damping import is_damped, why_not_gradual
 from graspfx.scene.grasps import grasps
 from graspfx.scene.making.holding import descriptions, holdings
 from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
@@ -44,6 +43,7 @@ KERNELS = {
     "fade": "fade",
     "split": "refactor",
     "torsion": "twist",
+    "damping by depth": "damping_share",
     "energy": "watch",
 }
 NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # of objects that are no others' to move
@@ -69,6 +69,7 @@ def _rows(scene: Scene) -> Iterator[Row]:
     yield _metric(scene)
     yield _impedance(scene)
     yield _projection(scene)
+    yield _gradual(scene)
     yield _torsion(scene)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
@@ -109,7 +110,7 @@ def _listing(names: list[str]) -> str:
 
 
 def _velocity(scene: Scene) -> Row:
-    damped = _damped(scene)
+    damped = is_damped(scene)
     return (
         "rate of displacement",
         damped,
@@ -239,6 +240,14 @@ def _projection(scene: Scene) -> Row:
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
 
 
+def _gradual(scene: Scene) -> Row:
+    why = why_not_gradual(scene)
+    if why:
+        return "damping by depth", False, why
+    depth = 1e3 * scene.coupling.damping_depth
+    return "damping by depth", True, f"it grows up to its value over {depth:g} mm of depth: no step at a touch"
+
+
 def _metric(scene: Scene) -> Row:
     if scene.coupling.metric == "equal":
         return "metric", False, "equal: every finger counts the same in the split"
@@ -296,7 +305,3 @@ def equal_gains(scene: Scene) -> bool:
     """kep = kip and ked = kid: the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
     return external.stiffness == internal.stiffness and external.damping == internal.damping
-
-
-def _damped(scene: Scene) -> bool:
-    return any(np.any(np.asarray(each.damping)) for each in (scene.coupling.external, scene.coupling.internal))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
 from graspfx.analysis.pushing import condensed
+from graspfx.analysis.series import in_series
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
@@ -48,6 +49,7 @@ class Linearised:
         splits: of each object's grasp.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
+        compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
     """
 
     linear: Linearisation
@@ -60,6 +62,7 @@ class Linearised:
     splits: tuple[Split, ...] = field(repr=False)
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
+    compliance: FloatArray = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +78,7 @@ class _Part:
     split: Split
     gains: _Gains
     damping: FloatArray
+    compliance: FloatArray
     G: FloatArray
     G_e: FloatArray
     N: FloatArray
@@ -250,7 +254,10 @@ def _matrices(
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
     gains = _Gains(law, split, n, normals)
-    D = gains.held(law.damping(split))
+    compliance = np.repeat(g.damper_compliance(squeezed=J is not None), d)
+    if np.isinf(compliance).any():
+        assumed.append("no damping where nothing presses yet: it grows with depth")
+    D = gains.held(in_series(law.damping(split), compliance))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
     if J is None:
@@ -280,6 +287,7 @@ def _matrices(
         split=split,
         gains=gains,
         damping=D,
+        compliance=compliance,
         G=G,
         G_e=G_e,
         N=N,
@@ -371,6 +379,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         splits=tuple(part.split for part in parts),
         stiffness=stiffness,
         conventional=conventional,
+        compliance=np.concatenate([part.compliance for part in parts]),
     )
 
 

@@ -131,6 +131,7 @@ def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple
             at_contact=rules.reaction == "contact",
             blend=None if rules.blend == "off" else rules.blend,
             axes=rules.axes,
+            damping_depth=rules.damping_depth,
         ),
         lambda state: fill(scene, table, state, folder),
         shape=make_shape(table, folder),

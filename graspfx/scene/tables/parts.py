@@ -139,6 +139,10 @@ class Coupling(Table):
     passivity: Literal["off", "observe", "control"] = Field(
         default="off", description="energies by mode: none, booked and recorded, or also damped where they are made"
     )
+    damping_depth: NotNegative = Field(
+        default=0.0,
+        description="over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once",
+    )
     blend: PairOrOff = Field(
         default=(0.00025, 0.001),
         description="rms arms between which a rotation joins the external space [m]; 'off': as soon as it has an arm, "
