@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -258,3 +259,32 @@ def test_the_books_close(friction: Any) -> None:
     books = rec.energy["object"]
     assert np.abs(books["gap"]).max() < 1e-14 * np.abs(books["fingers"]).max() * len(rec)
     assert books["damped"].sum(axis=1)[-1] > 0.0
+
+
+def touches(rec: gx.Recording) -> list[tuple[float, float]]:
+    """Force [N], and force over the way against the object [mN/um], of each sample in which a finger touches."""
+    places = [rec.objects[rec.layout.objects[k]].position for k in rec.layout.finger_objects]
+    way = np.linalg.norm(np.diff(rec.finger_position - np.stack(places, axis=1), axis=0), axis=2)
+    force = np.linalg.norm(rec.finger_force, axis=2)[1:]
+    touched = rec.touching[1:] & ~rec.touching[:-1]
+    return [(f, f / x / 1e3) for f, x in zip(force[touched].tolist(), way[touched].tolist(), strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("name", "until"),
+    [("pick-and-place", 0.3), ("two-objects", 0.262), ("carry-bar", 0.22), ("knob", 0.26), ("twenty-fingers", 0.02)],
+)
+def test_the_gallery_tells_the_steps_of_its_touches(name: str, until: float) -> None:
+    """The table in docs/scenes.md, from recordings: with the key, and without; all but one below kip, that one near."""
+    if name == "two-objects":
+        pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
+    page = (Path(__file__).parent.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
+    [line] = [each for each in page.splitlines() if each.startswith(f"| `{name}` | ")]
+    force, step, softer, less, kip = (float(cell.split()[0]) for cell in line.split("|")[2:7])
+    scene = gx.load(name)
+    assert scene.coupling.damping_depth == 1e-3
+    assert scene.coupling.internal.stiffness == 1e3 * kip
+    for given, told in ((scene, (softer, less)), (scene.replace({"coupling.damping_depth": 0.0}), (force, step))):
+        most = max(touches(gx.run(given, until)), key=lambda touch: touch[1])
+        assert most == pytest.approx(told, abs=0.006) and most[0] == pytest.approx(told[0], abs=6e-4)
+    assert less < 0.6 * step and less < 1.5 * kip < 1.5 * step

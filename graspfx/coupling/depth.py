@@ -86,15 +86,13 @@ def add_compliance(S: Any, square: int, m: int, vector: int, g: float, p: int) -
     for j in range(m):
         factor = S[square + j * m + p]
         if j != p and factor != 0.0:
+            scaled = factor * inverse
             for k in range(m):
-                if k != p:
-                    S[square + j * m + k] -= factor * S[square + p * m + k] * inverse
+                S[square + j * m + k] -= scaled * S[square + p * m + k]
             S[square + j * m + p] = left * factor
             if vector >= 0:
-                S[vector + j] -= factor * S[vector + p] * inverse
+                S[vector + j] -= scaled * S[vector + p]
     for k in range(m):
-        if k != p:
-            S[square + p * m + k] *= left
-    S[square + p * m + p] = left * own
+        S[square + p * m + k] *= left
     if vector >= 0:
         S[vector + p] *= left
