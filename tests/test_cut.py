@@ -155,7 +155,7 @@ def test_limits_that_do_not_bite_leave_every_bit(coulomb: bool) -> None:
 @pytest.mark.parametrize("ratio", [0.1, 10.0])
 @pytest.mark.parametrize("mu", [NO_CONE, 0.0, 0.5])
 def test_the_cut_force_is_a_gradient(mu: float, ratio: float) -> None:
-    """Around 3 random triangles of displacements: 2e-7 of what a side's work is, the integration's error at 2000 steps a side.
+    """Around 3 random triangles of displacements: 1e-6 of a side's work, the integration's error at 2000 steps.
 
     Clamping the finished force leaves 4 to 30 %: that is no gradient.
     """

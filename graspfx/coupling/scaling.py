@@ -77,7 +77,8 @@ def carried(S: Any, r: int) -> int:
 def carried_modes(S: Any) -> int:
     """Orthonormal directions of contact forces that have a wrench, over what is carried; returns how many.
 
-    They span G' of the free freedoms, G with the arms of the points where forces act.
+    They span G' of the free freedoms, G with the arms of the points where forces act. What is carried along the normal
+    alone has one coordinate, the first of the contact's four.
     """
     n = int(S[at.FINGERS])
     shifts, turns = int(S[at.SHIFTS]), int(S[at.TURNS])
@@ -100,7 +101,7 @@ def carried_modes(S: Any) -> int:
             if kind == 1:
                 m = r + at.NORMAL
                 along = S[m] * x + S[m + 1] * y + S[m + 2] * z
-                x, y, z, t = along * S[m], along * S[m + 1], along * S[m + 2], 0.0
+                x, y, z, t = along, 0.0, 0.0, 0.0  # one coordinate: small directions have no rounding across it
             if kind == 0:
                 x, y, z, t = 0.0, 0.0, 0.0, 0.0
             S[to], S[to + 1], S[to + 2], S[to + 3] = x, y, z, t
@@ -143,11 +144,22 @@ def project(S: Any, what: int, count: int) -> None:
             o = q + k * size + 1
             along = 0.0
             for i in range(n):
-                f = at.ROW + i * at.STRIDE + what
-                for b in range(4):
-                    along += S[o + 4 * i + b] * (S[f + b] - S[a + 4 * i + b])
+                r = at.ROW + i * at.STRIDE
+                f, m = r + what, r + at.NORMAL
+                if carried(S, r) == 1:
+                    pushed = S[m] * S[f] + S[m + 1] * S[f + 1] + S[m + 2] * S[f + 2]
+                    along += S[o + 4 * i] * (pushed - S[a + 4 * i])
+                else:
+                    for b in range(4):
+                        along += S[o + 4 * i + b] * (S[f + b] - S[a + 4 * i + b])
             for p in range(4 * n):
                 S[a + p] += along * S[o + p]
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        if carried(S, r) == 1:
+            m, pushed = r + at.NORMAL, S[a + 4 * i]
+            for b in range(3):
+                S[a + 4 * i + b] = pushed * S[m + b]
 
 
 def depth_in_cone(S: Any, i: int, squeeze: float) -> float:
