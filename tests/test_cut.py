@@ -21,7 +21,7 @@ RATIOS = [0.01, 0.1, 2.0, 100.0]  # kip/kep
 NO_CONE = -1.0  # as a coefficient
 
 
-def returned(t: np.ndarray, mu: float, limit: float, theta: float) -> tuple[np.ndarray, np.ndarray]:
+def return_map(t: np.ndarray, mu: float, limit: float, theta: float) -> tuple[np.ndarray, np.ndarray]:
     """The force of a trial force in its cone, and the one that the limit leaves of it."""
     y = t.copy()
     if mu >= 0.0:
@@ -46,12 +46,12 @@ def violation(problem: Problem, f: np.ndarray, K: np.ndarray, c: float, limits: 
     for i in range(problem.n):
         mine = slice(i * problem.d, (i + 1) * problem.d)
         w = problem.root[i * problem.d] ** 2
-        _, cut = returned(f[mine] - c * w * s[mine], problem.mu[i], limits[i], float(law == ASSOCIATED))
+        _, cut = return_map(f[mine] - c * w * s[mine], problem.mu[i], limits[i], float(law == ASSOCIATED))
         worst = max(worst, float(np.abs(f[mine] - cut).max()))
     return worst
 
 
-def limited(rng: np.random.Generator, ratio: float, mu: float) -> tuple[Problem, np.ndarray]:
+def random_problem(rng: np.random.Generator, ratio: float, mu: float) -> tuple[Problem, np.ndarray]:
     """A random problem of two to six fingers with unequal weights, and limits that cut about half of the forces."""
     n, d = int(rng.integers(2, 7)), int(rng.integers(1, 4))
     problem = Problem(rng, n, d, ratio, mu, rng.uniform(0.5, 2.0, n))
@@ -84,7 +84,7 @@ def test_the_force_is_the_nearest_one_in_the_cut_cones(ratio: float, mu: float) 
     rng = np.random.default_rng(int(100 * ratio + 10 * mu) + 50)
     hits = 0
     for _ in range(40):
-        problem, limits = limited(rng, ratio, mu)
+        problem, limits = random_problem(rng, ratio, mu)
         for coulomb in (False, True):
             law = answer(problem, coulomb)
             assert law in (ASSOCIATED, COULOMB)
@@ -101,7 +101,7 @@ def test_a_square_gives_the_same_as_the_modes(mu: float) -> None:
     """1e-11 of the largest force, by the associated law, which has one answer."""
     rng = np.random.default_rng(7)
     for _ in range(40):
-        problem, limits = limited(rng, 2.5, mu)
+        problem, limits = random_problem(rng, 2.5, mu)
         problem.S[: problem.n], problem.root = 1.0, np.ones(problem.m)
         assert answer(problem, False) == ASSOCIATED
         n, d, m = problem.n, problem.d, problem.m
@@ -142,7 +142,7 @@ def test_limits_that_do_not_bite_leave_every_bit(coulomb: bool) -> None:
     """Infinite limits, 100 problems: force, slip and unknowns are those without."""
     rng = np.random.default_rng(3)
     for _ in range(100):
-        problem, _ = limited(rng, float(rng.choice(RATIOS)), float(rng.choice([0.0, 0.5, 1.5])))
+        problem, _ = random_problem(rng, float(rng.choice(RATIOS)), float(rng.choice([0.0, 0.5, 1.5])))
         problem.S[-problem.n :] = np.inf
         start = problem.S.copy()
         assert answer(problem, coulomb, cut=False) != UNRESOLVED

@@ -17,7 +17,7 @@ from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.coupling.react import react
 from graspfx.coupling.sample import sample
 from graspfx.coupling.scaling import scale
-from graspfx.errors import InputError
+
 from graspfx.objects import kernels as body
 from graspfx.objects.body import fill_body
 from graspfx.surfaces.shape import Box
@@ -36,7 +36,7 @@ KINDS = {  # of contacts, and in how many dimensions
 }
 
 
-def posed(rng: np.random.Generator, n: int, d: int, rules: Rules) -> GraspedObject:
+def random_grasp(rng: np.random.Generator, n: int, d: int, rules: Rules) -> GraspedObject:
     """An object with n contacts at random places, along random normals, some of which do not touch."""
 
     def fill(state: np.ndarray) -> None:
@@ -115,7 +115,7 @@ def test_scaling_keeps_cones_limits_and_the_wrench(kind: str) -> None:
     whole = less = 0
     worst = np.zeros(3)
     for _ in range(210):
-        g = posed(rng, int(rng.integers(1, 6)), int(rng.choice(dimensions)), rules)
+        g = random_grasp(rng, int(rng.integers(1, 6)), int(rng.choice(dimensions)), rules)
         limits = g.limit
         assert limits is not None
         G = wrench_rows(g, rules)
@@ -161,7 +161,7 @@ def line(state: np.ndarray) -> None:
 # Inside the projection --------------------------------------------------------------------------------------------
 
 
-def attached(rng: np.random.Generator, n: int, gains: Any, limit: Any) -> tuple[GraspedObject, np.ndarray]:
+def attached_grasp(rng: np.random.Generator, n: int, gains: Any, limit: Any) -> tuple[GraspedObject, np.ndarray]:
     start = rng.uniform(-0.03, 0.03, (n, 3))
 
     def fill(state: np.ndarray) -> None:
@@ -181,7 +181,7 @@ def program(kernel: Any, g: GraspedObject) -> Callable[[], int]:
     return run
 
 
-@pytest.mark.parametrize("kep, kip", [(40.0, 160.0), (160.0, 40.0), (90.0, 90.0)])
+@pytest.mark.parametrize(("kep", "kip"), [(40.0, 160.0), (160.0, 40.0), (90.0, 90.0)])
 def test_saturated_closed_motions_make_no_energy(kep: float, kip: float) -> None:
     """Object and four fingers in space, at their limits in most samples: 1e-5 of the peak, the integration's error.
 
@@ -189,17 +189,17 @@ def test_saturated_closed_motions_make_no_energy(kep: float, kip: float) -> None
     force, which the object receives too, leaves more than 1e-2.
     """
     limit, cut, count = 0.08, 0, 0
-    g, start = attached(np.random.default_rng(3), 4, law(kep, kip), limit)
-    free, _ = attached(np.random.default_rng(3), 4, law(kep, kip), None)
+    g, start = attached_grasp(np.random.default_rng(3), 4, law(kep, kip), limit)
+    free, _ = attached_grasp(np.random.default_rng(3), 4, law(kep, kip), None)
     run, run_free, again = program(sample, g), program(sample, free), program(react, free)
 
     def inside(g: GraspedObject) -> int:
         nonlocal cut, count
         fault = run()
-        cut, count = cut + int(g.block[at.saturated(g.block) :][:4].sum()), count + 4
+        cut, count = cut + int(g.block[at.saturation(g.block) :][:4].sum()), count + 4
         return fault
 
-    def clamped(g: GraspedObject) -> int:
+    def clamp(g: GraspedObject) -> int:
         run_free()
         f = g.rows[:, at.LOCAL : at.LOCAL + 3]
         f *= np.minimum(1.0, limit / np.linalg.norm(f, axis=1).clip(1e-300))[:, None]
@@ -208,4 +208,4 @@ def test_saturated_closed_motions_make_no_energy(kep: float, kip: float) -> None
     assert max(abs(gain_per_loop(g, start, seed, steps=2048, ask=inside)) for seed in range(2)) < 1e-5
     assert cut > 0.5 * count
     if kep != kip:
-        assert abs(gain_per_loop(free, start, 0, ask=clamped)) > 1e-2
+        assert abs(gain_per_loop(free, start, 0, ask=clamp)) > 1e-2

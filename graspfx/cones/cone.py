@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.cones.cut import flattened, force_size, limited_width, shorten, turned
+from graspfx.cones.cut import ball_slope, cone_slope, force_size, limit_width, shorten
 
 FREE, STICK, SLIDE = 0, 1, 2
 NIL = 1e-30  # of the internal gain: a mode that differs by less is like all others
@@ -105,7 +105,7 @@ def equations_of_modes(
         if root == 0.0:
             continue
         if limits > 0:
-            share = shorten(S, f + i * d, limited_width(S, o + n + i, d), S[limits + i] / root)
+            share = shorten(S, f + i * d, limit_width(S, o + n + i, d), S[limits + i] / root)
             if soft and share < 1.0:
                 value += cut_value(S, f + i * d, t + i * d, d)
         for p in range(i * d, i * d + d):
@@ -147,18 +147,18 @@ def cut_value(S: Any, y: int, t: int, d: int) -> float:
     return total
 
 
-def is_cut(S: Any, o: int, n: int, d: int, i: int, limit: float) -> bool:
+def is_longer(S: Any, o: int, n: int, d: int, i: int, limit: float) -> bool:
     """Whether the force y_i that `turn_back` gave is longer than its limit."""
-    return force_size(S, o + 3 * n + 2 * n * d + i * d, limited_width(S, o + n + i, d)) > limit
+    return force_size(S, o + 3 * n + 2 * n * d + i * d, limit_width(S, o + n + i, d)) > limit
 
 
-def slope(
+def cut_slope(
     S: Any, o: int, n: int, d: int, i: int, theta: float, limit: float,
     status: int, c1: float, c2: float, c3: float, bend: float, x0: float, x1: float, x2: float, x3: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """R'x for a finger whose force, as `turn_back` gave it, its limit cuts."""
-    x0, x1, x2, x3 = turned(status, S[o + n + i], theta, c1, c2, c3, bend, x0, x1, x2, x3)
-    return flattened(S, o + 3 * n + 2 * n * d + i * d, limited_width(S, o + n + i, d), limit, x0, x1, x2, x3)
+    x0, x1, x2, x3 = cone_slope(status, S[o + n + i], theta, c1, c2, c3, bend, x0, x1, x2, x3)
+    return ball_slope(S, o + 3 * n + 2 * n * d + i * d, limit_width(S, o + n + i, d), limit, x0, x1, x2, x3)
 
 
 def stiffening(beta: float, external: float, internal: float) -> tuple[float, float]:
@@ -187,11 +187,11 @@ def jacobian_of_modes(
             continue
         status, c1, c2, c3, bend = turn_back(S, o, n, d, i, theta, limits)
         r = Q + i * d
-        if limits > 0 and is_cut(S, o, n, d, i, S[limits + i] / math.sqrt(S[o + i])):
+        if limits > 0 and is_longer(S, o, n, d, i, S[limits + i] / math.sqrt(S[o + i])):
             limit = S[limits + i] / math.sqrt(S[o + i])
             for j in range(count):
                 x0, x1, x2, x3 = entries(S, r + j * lead, d)
-                y0, y1, y2, y3 = slope(S, o, n, d, i, theta, limit, status, c1, c2, c3, bend, x0, x1, x2, x3)
+                y0, y1, y2, y3 = cut_slope(S, o, n, d, i, theta, limit, status, c1, c2, c3, bend, x0, x1, x2, x3)
                 if not soft:
                     y0, y1, y2, y3 = x0 - y0, x1 - y1, x2 - y2, x3 - y3
                 for k in range(count):
@@ -253,7 +253,7 @@ def equations_of_square(
         forces += c * c * (S[w + p] * S[w + p] + S[e + p] * S[e + p]) + S[f0 + p] * S[f0 + p]
     for i in range(n):
         turn_back(S, o, n, d, i, theta, limits)
-        if limits > 0 and shorten(S, f + i * d, limited_width(S, o + n + i, d), S[limits + i]) < 1.0:
+        if limits > 0 and shorten(S, f + i * d, limit_width(S, o + n + i, d), S[limits + i]) < 1.0:
             value += cut_value(S, f + i * d, t + i * d, d)
     for p in range(m):
         S[g + p] -= S[f + p]
@@ -271,7 +271,7 @@ def jacobian_of_square(
     for i in range(n):
         status, c1, c2, c3, bend = turn_back(S, o, n, d, i, theta, limits)
         r = i * d
-        if limits > 0 and is_cut(S, o, n, d, i, S[limits + i]):
+        if limits > 0 and is_longer(S, o, n, d, i, S[limits + i]):
             add_cut_rows(S, o, n, d, i, c, square, lead, theta, S[limits + i], status, c1, c2, c3, bend)
             continue
         for a in range(r, r + d):
@@ -322,7 +322,7 @@ def add_cut_rows(
             x2 = S[square + (r + 2) * lead + j] - (c if j == r + 2 else 0.0)
         if d > 3:
             x3 = S[square + (r + 3) * lead + j] - (c if j == r + 3 else 0.0)
-        x0, x1, x2, x3 = slope(S, o, n, d, i, theta, limit, status, c1, c2, c3, bend, x0, x1, x2, x3)
+        x0, x1, x2, x3 = cut_slope(S, o, n, d, i, theta, limit, status, c1, c2, c3, bend, x0, x1, x2, x3)
         S[H + r * m + j] = S[square + r * lead + j] - x0
         if d > 1:
             S[H + (r + 1) * m + j] = S[square + (r + 1) * lead + j] - x1

@@ -19,7 +19,7 @@ def force_size(S: Any, y: int, width: int) -> float:
     return math.sqrt(total)
 
 
-def limited_width(S: Any, mu: int, d: int) -> int:
+def limit_width(S: Any, mu: int, d: int) -> int:
     """How many coordinates of a finger the limit counts: all in a cone, the force alone without one (mu < 0)."""
     return d if S[mu] >= 0.0 else min(d, 3)
 
@@ -34,7 +34,7 @@ def shorten(S: Any, y: int, width: int, limit: float) -> float:
     return limit / size
 
 
-def turned(
+def cone_slope(
     status: int, mu: float, theta: float, c1: float, c2: float, c3: float, bend: float,
     x0: float, x1: float, x2: float, x3: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
@@ -53,7 +53,7 @@ def turned(
     )
 
 
-def flattened(
+def ball_slope(
     S: Any, y: int, width: int, limit: float, x0: float, x1: float, x2: float, x3: float
 ) -> tuple[float, float, float, float]:
     """The slope of `shorten` at the force at y, longer than the limit, times x: limit/|y| (x - y y'x/|y|^2)."""

@@ -43,7 +43,7 @@ from graspfx.cones.cone import (
     modes_offset,
     turn_back,
 )
-from graspfx.cones.cut import limited_width, shorten
+from graspfx.cones.cut import limit_width, shorten
 
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # which law the answer satisfies; unresolved: all forces are zero
 ROUNDING = 1e-15  # where Newton stops, relative to the forces at hand
@@ -209,7 +209,7 @@ def finish(S: Any, o: int, n: int, d: int, c: float, square: int, theta: float, 
             S[s + p] = (S[f + p] - S[t + p]) / (c * root) if root > 0.0 else 0.0
             S[f + p] *= root
         if limits > 0:
-            shorten(S, f + i * d, limited_width(S, o + n + i, d), S[limits + i])
+            shorten(S, f + i * d, limit_width(S, o + n + i, d), S[limits + i])
 
 
 def newton(

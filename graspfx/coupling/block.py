@@ -186,7 +186,7 @@ def device_limits(S: Any) -> int:
     return int(S[LIMITS]) + int(S[FINGERS])
 
 
-def saturated(S: Any) -> int:
+def saturation(S: Any) -> int:
     return int(S[LIMITS]) + 2 * int(S[FINGERS])
 
 

@@ -284,7 +284,7 @@ class GraspedObject:
         limits: dict[str, Index] = {}
         if self.limit is not None:
             law = at.law_force(self.block)
-            limits["saturated"] = np.arange(n) + at.saturated(self.block)
+            limits["saturated"] = np.arange(n) + at.saturation(self.block)
             limits["law_force"] = (law + np.arange(3 * n).reshape(n, 3))[:, :d]
         return limits | {
             "finger_position": rows[:, at.POSITION : at.POSITION + d],

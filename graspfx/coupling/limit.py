@@ -57,7 +57,7 @@ def forget_limits(S: Any) -> None:
     """No law's force, and nobody at a limit."""
     n = int(S[at.FINGERS])
     for k in range(4 * n):
-        S[at.saturated(S) + k] = 0.0
+        S[at.saturation(S) + k] = 0.0
 
 
 def keep_law(S: Any) -> None:
@@ -65,7 +65,7 @@ def keep_law(S: Any) -> None:
     react(S)
     n = int(S[at.FINGERS])
     for i in range(n):
-        S[at.saturated(S) + i] = 0.0
+        S[at.saturation(S) + i] = 0.0
         for a in range(3):
             S[at.law_force(S) + 3 * i + a] = S[at.ROW + i * at.STRIDE + at.FORCE + a]
 
@@ -90,9 +90,9 @@ def mark(S: Any, inside: bool) -> None:
     for i in range(int(S[at.FINGERS])):
         r, least = at.ROW + i * at.STRIDE, NEARLY * at.LIMIT_MARGIN * S[at.device_limits(S) + i]
         if force_size(S, r + at.LOCAL, width(S)) >= least:
-            S[at.saturated(S) + i] = 1.0
+            S[at.saturation(S) + i] = 1.0
         if inside and force_size(S, r + at.ELASTIC, width(S)) >= least:
-            S[at.saturated(S) + i] = 1.0
+            S[at.saturation(S) + i] = 1.0
 
 
 def is_inside(S: Any) -> bool:

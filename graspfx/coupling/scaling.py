@@ -27,7 +27,7 @@ def scale(S: Any, elastic: bool) -> None:
     """Scale the forces in LOCAL into the limits, and with `elastic` those in ELASTIC by the same two numbers."""
     if not overload(S, 1.0, -1) > TOUCHING:
         return
-    count = carried_modes(S)
+    count = wrench_modes(S)
     project(S, at.LOCAL, count)
     low = least_squeeze(S)
     best = lightest(S, low)
@@ -65,7 +65,7 @@ def overload(S: Any, squeeze: float, a: int) -> float:
     return most
 
 
-def carried(S: Any, r: int) -> int:
+def capacity(S: Any, r: int) -> int:
     """What the contact in row r carries: 0 nothing, 1 along the normal, 2 in all directions."""
     if S[at.ATTACHED] != 0.0:
         return 2
@@ -74,7 +74,7 @@ def carried(S: Any, r: int) -> int:
     return 2 if S[at.STICK] != 0.0 or S[r + at.COEFFICIENT] > 0.0 else 1
 
 
-def carried_modes(S: Any) -> int:
+def wrench_modes(S: Any) -> int:
     """Orthonormal directions of contact forces that have a wrench, over what is carried; returns how many.
 
     They span G' of the free freedoms, G with the arms of the points where forces act. What is carried along the normal
@@ -87,7 +87,7 @@ def carried_modes(S: Any) -> int:
         u = at.AXES + 3 * k
         for i in range(n):
             r, to = at.ROW + i * at.STRIDE, q + k * size + 1 + 4 * i
-            kind = carried(S, r)
+            kind = capacity(S, r)
             x, y, z, t = S[u], S[u + 1], S[u + 2], 0.0
             if k >= shifts:
                 px, py, pz = S[r + at.CONTACT], S[r + at.CONTACT + 1], S[r + at.CONTACT + 2]
@@ -146,7 +146,7 @@ def project(S: Any, what: int, count: int) -> None:
             for i in range(n):
                 r = at.ROW + i * at.STRIDE
                 f, m = r + what, r + at.NORMAL
-                if carried(S, r) == 1:
+                if capacity(S, r) == 1:
                     pushed = S[m] * S[f] + S[m + 1] * S[f + 1] + S[m + 2] * S[f + 2]
                     along += S[o + 4 * i] * (pushed - S[a + 4 * i])
                 else:
@@ -156,7 +156,7 @@ def project(S: Any, what: int, count: int) -> None:
                 S[a + p] += along * S[o + p]
     for i in range(n):
         r = at.ROW + i * at.STRIDE
-        if carried(S, r) == 1:
+        if capacity(S, r) == 1:
             m, pushed = r + at.NORMAL, S[a + 4 * i]
             for b in range(3):
                 S[a + 4 * i + b] = pushed * S[m + b]
@@ -185,7 +185,7 @@ def least_squeeze(S: Any) -> float:
     if S[at.ATTACHED] != 0.0:
         return least
     for i in range(int(S[at.FINGERS])):
-        if carried(S, at.ROW + i * at.STRIDE) != 0 and depth_in_cone(S, i, least) < 0.0:
+        if capacity(S, at.ROW + i * at.STRIDE) != 0 and depth_in_cone(S, i, least) < 0.0:
             low, high = least, 1.0
             for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)

@@ -39,7 +39,7 @@ class Layout:
         simulated: whether true positions are known.
         observed: whether the energy of each grasp is booked.
         controlled: whether what leaks is damped.
-        limited: whether some device tells a largest force.
+        limits: whether some device tells a largest force.
     """
 
     dimensions: int
@@ -52,7 +52,7 @@ class Layout:
     simulated: bool = True
     observed: bool = False
     controlled: bool = False
-    limited: bool = False
+    limits: bool = False
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
@@ -81,11 +81,11 @@ class Layout:
         yield "finger_force", (n, axis), "N", "of the finger on the object"
         if self.moments:
             yield "finger_moment", (n, turn), "N m", "of the finger on the object"
-        if self.limited:
+        if self.limits:
             yield "displayed_force", (n, axis), "N", "on the operator, after every limit, before output delay"
             yield "law_force", (n, axis), "N", "of the finger on the object by eq. (4), before limits"
         yield "touching", (n,), "1", "whether the finger exerts a force"
-        if self.limited:
+        if self.limits:
             yield "saturated", (n,), "1", "whether the finger's force stands at its limit"
         if self.slips:
             yield "status", (n,), "1", "0 free, 1 stick, 2 slide"

@@ -70,7 +70,7 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
         layout = make_layout(
             scene,
             simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired),
-            limited=limits is not None,
+            limits=limits is not None,
         )
         observers = list(_observers(scene, wired, objects, movers))
         yield Servo(
@@ -78,7 +78,7 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
         )
 
 
-def make_layout(scene: Scene, *, simulated: bool, limited: bool) -> Layout:
+def make_layout(scene: Scene, *, simulated: bool, limits: bool) -> Layout:
     """The columns of a recording of the scene; simulated devices also tell their true positions."""
     return Layout(
         dimensions=scene.dimensions,
@@ -91,7 +91,7 @@ def make_layout(scene: Scene, *, simulated: bool, limited: bool) -> Layout:
         simulated=simulated,
         observed=scene.coupling.passivity != "off",
         controlled=scene.coupling.passivity == "control",
-        limited=limited,
+        limits=limits,
     )
 
 
