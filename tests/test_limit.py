@@ -1,4 +1,4 @@
-"""Limits on force: what comes out of the law stays conservative inside the projection, and a wrench's direction else."""
+"""Limits on force: conservative inside the projection; scaling keeps cones, limits and the wrench's direction."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.coupling.react import react
 from graspfx.coupling.sample import sample
 from graspfx.coupling.scaling import scale
-
 from graspfx.objects import kernels as body
 from graspfx.objects.body import fill_body
 from graspfx.surfaces.shape import Box
@@ -77,11 +76,8 @@ def push(rng: np.random.Generator, g: GraspedObject, rules: Rules) -> None:
 
 def wrench_rows(g: GraspedObject, rules: Rules) -> np.ndarray:
     """G of the free freedoms on the forces' four entries, moments over 30 mm, by numpy."""
-    n, d = g.fingers, g.dimensions
-    r = (
-        g.rows[:, at.CONTACT : at.CONTACT + 3]
-        + (0.0 if rules.at_contact else 1.0) * g.rows[:, at.DISPLACEMENT :][:, :3]
-    )
+    n, e = g.fingers, g.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 3]
+    r = g.rows[:, at.CONTACT : at.CONTACT + 3] + (0.0 if rules.at_contact else 1.0) * e
     G = np.zeros((6, n, 4))
     for i in range(n):
         G[:3, i, :3] = np.eye(3)

@@ -48,7 +48,10 @@ def limit(S: Any, fault: int) -> int:
 
 
 def limit_again(S: Any) -> None:
-    """Scale what was added to the forces since `limit`."""
+    """Scale what was added to the forces since `limit` and the reaction to them; it counts as the law's."""
+    add_to_law(S, -1.0)
+    react(S)
+    add_to_law(S, 1.0)
     scale(S, False)
     mark(S, False)
 
@@ -68,6 +71,13 @@ def keep_law(S: Any) -> None:
         S[at.saturation(S) + i] = 0.0
         for a in range(3):
             S[at.law_force(S) + 3 * i + a] = S[at.ROW + i * at.STRIDE + at.FORCE + a]
+
+
+def add_to_law(S: Any, sign: float) -> None:
+    """Add the forces in world axes to the law's, or take them off."""
+    for i in range(int(S[at.FINGERS])):
+        for a in range(3):
+            S[at.law_force(S) + 3 * i + a] += sign * S[at.ROW + i * at.STRIDE + at.FORCE + a]
 
 
 def exceeds(S: Any) -> bool:

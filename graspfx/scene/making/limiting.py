@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 from graspfx.loop.device import LimitedDevice, fused
-from graspfx.scene.making.wiring import Wire
+from graspfx.scene.making.wiring import Wire, table_at
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
@@ -48,3 +52,23 @@ def changes(wire: Wire) -> bool:
 def may_hide(wire: Wire) -> bool:
     """Whether a device tells no largest force, but writes by code of its own, in which there may be one."""
     return math.isinf(peak_force(wire)) and not changes(wire) and fused(wire.device) is None
+
+
+def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """The devices that tell a largest force, with it and whose they are."""
+    return "; ".join(_told(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
+
+
+def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """The devices in whose own code there may be a limit that they do not tell."""
+    return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired if may_hide(wire))
+
+
+def _told(scene: Scene, wire: Wire) -> str:
+    what = "what its motors reach where it stands" if changes(wire) else f"{peak_force(wire):g} N"
+    first = next(int(f) for f in wire.fingers if f >= 0)
+    return f"{_fingers(scene, wire)} {what} ({table_at(scene, first)[1].name})"
+
+
+def _fingers(scene: Scene, wire: Wire) -> str:
+    return ", ".join(scene.finger_names[f] for f in wire.fingers if f >= 0)
