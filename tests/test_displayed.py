@@ -71,55 +71,72 @@ COUPLINGS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def require_consistent(rec: Recording, limits: np.ndarray) -> None:
+def require_consistent(rec: Recording, limits: np.ndarray, moment_error: float = 1e-15) -> None:
     """What a recording promises of forces, to the last bit where it is the same number."""
     assert rec.law_force is not None
     assert rec.saturated is not None
     assert np.array_equal(rec.displayed_force, -rec.finger_force)
     size = np.linalg.norm(rec.displayed_force, axis=2)
     assert (size <= limits).all()
-    np.testing.assert_array_equal(
-        rec.law_force[~rec.saturated.any(axis=1)], rec.finger_force[~rec.saturated.any(axis=1)]
-    )
-    np.testing.assert_allclose(
-        rec.wrench[:, : rec.layout.dimensions], rec.finger_force.sum(axis=1), rtol=0.0, atol=1e-14
-    )
+    free = ~rec.saturated.any(axis=1)
+    np.testing.assert_array_equal(rec.law_force[free], rec.finger_force[free])
+    d = rec.layout.dimensions
+    np.testing.assert_allclose(rec.wrench[:, :d], rec.finger_force.sum(axis=1), rtol=0.0, atol=1e-14)
+    if d > 1 and rec.finger_moment is None:
+        arm, force = rec.finger_position - rec.object_position[:, None], rec.finger_force
+        if d == 2:
+            moment = (arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0]).sum(axis=1, keepdims=True)
+        else:
+            moment = np.cross(arm, force).sum(axis=1)
+        np.testing.assert_allclose(rec.wrench[:, d:], moment, rtol=0.0, atol=moment_error)
     work = (rec.displayed_force[:-1] * np.diff(rec.true_position, axis=0)).sum(axis=2).cumsum(axis=0)
     np.testing.assert_allclose(rec.device_energy[1:], work, rtol=0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("kind", COUPLINGS)
-def test_what_is_displayed_is_recorded_in_every_engine(kind: str) -> None:
-    """One finger of three at 0.2 N: within it, the same bits interpreted and compiled, wrench and work of what it got."""
-    scene = pinch(**LIMIT, **COUPLINGS[kind])
-    rec = recorded(scene, "compiled", ticks=300)
-    assert same(rec, recorded(scene, "interpreted", ticks=300))
+def test_what_is_displayed_is_recorded(kind: str) -> None:
+    """One finger of three at 0.2 N: within it, wrench and work of what it got, and of nothing else.
+
+    The implicit integrator's moment has the arms at the end of the sample, up to 1 mm on.
+    """
+    rec = recorded(pinch(**LIMIT, **COUPLINGS[kind]), "interpreted", ticks=200)
     assert not rec.faults
-    require_consistent(rec, np.array([0.2, np.inf, np.inf]))
+    require_consistent(rec, np.array([0.2, np.inf, np.inf]), 1e-3 if kind == "implicit" else 1e-15)
     assert rec.saturated is not None
-    assert 0.2 < rec.saturated[:, 0].mean() < 1.0
+    assert 0.1 < rec.saturated[:, 0].mean() < 1.0
     assert not rec.saturated[:, 1:].any()
     assert rec.law_force is not None
     assert np.linalg.norm(rec.law_force[:, 0], axis=1).max() > 0.25
     assert np.linalg.norm(rec.finger_force[:, 0], axis=1).max() == pytest.approx(0.2, rel=1e-12)
 
 
-@pytest.mark.parametrize("d", [1, 3])
-def test_on_a_line_and_in_space(d: int) -> None:
-    for friction in (0, 0.6, "stick"):
-        scene = pinch(d, coupling__friction=friction, **LIMIT)
-        rec = recorded(scene, "compiled", ticks=200)
-        assert same(rec, recorded(scene, "interpreted", ticks=200))
-        require_consistent(rec, np.array([0.2] + [np.inf] * (len(scene.finger) - 1)))
-        assert rec.saturated is not None
-        assert rec.saturated[:, 0].any()
+SOFT = {f"finger__{i}__{key}": value for i in range(3) for key, value in (("model", "soft"), ("patch", 0.008))}
+ENGINES: dict[str, tuple[int, dict[str, Any]]] = {
+    "line": (1, COUPLINGS["controlled"] | {"coupling__friction": 0}),
+    "line, attached": (1, COUPLINGS["attached"]),
+    "line, stick": (1, COUPLINGS["stick"]),
+    "plane": (2, COUPLINGS["frictionless"]),
+    "space, soft": (3, {"coupling__friction": 0.6} | SOFT),
+}
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+def test_limits_are_the_same_in_every_engine(kind: str) -> None:
+    """To the last bit, interpreted and compiled; on a line, in the plane and in space."""
+    d, changes = ENGINES[kind]
+    scene = pinch(d, **changes, **LIMIT)
+    rec = recorded(scene, "compiled", ticks=160)
+    assert same(rec, recorded(scene, "interpreted", ticks=160))
+    require_consistent(rec, np.array([0.2] + [np.inf] * (len(scene.finger) - 1)))
+    assert rec.saturated is not None
+    assert rec.saturated[:, 0].any()
 
 
 def test_a_limit_that_does_not_bite_changes_no_bit() -> None:
     """At 50 N: all columns of a run without one, besides those that say so."""
     for changes in COUPLINGS.values():
-        free = recorded(pinch(**changes), "interpreted", ticks=150)
-        far = recorded(pinch(**changes, finger__0__device__force_limit=50.0), "interpreted", ticks=150)
+        free = recorded(pinch(**changes), "interpreted", ticks=60)
+        far = recorded(pinch(**changes, finger__0__device__force_limit=50.0), "interpreted", ticks=60)
         assert free.law_force is None
         assert free.saturated is None
         assert far.saturated is not None
@@ -243,16 +260,15 @@ def test_torque_limits_are_the_frameworks_too(drive: str) -> None:
     assert rec.saturated is not None
     assert rec.saturated.mean() > 0.2
     device = two_link.connect(base=[-0.04, -0.18], drive=drive, torque_limit=TORQUE)
-    for p, f, held in zip(
-        rec.true_position[::25, 0], rec.displayed_force[::25, 0], rec.saturated[::25, 0], strict=True
-    ):
+    positions, forces, limits = rec.true_position[::25, 0], rec.displayed_force[::25, 0], rec.saturated[::25, 0]
+    for p, f, at_limit in zip(positions, forces, limits, strict=True):
         J = device.arm.jacobian(*device.arm.angles(*p))
         if drive == "elbow":
             J[:, 0] += J[:, 1]
         largest = TORQUE * 15.0 / np.linalg.norm(J, axis=0).max()
         assert np.abs(J.T @ f).max() / 15.0 <= TORQUE
         assert np.linalg.norm(f) <= largest * (1.0 + 1e-3)  # encoders: the device knows where it stands to 13 um
-        if held:
+        if at_limit:
             assert np.linalg.norm(f) == pytest.approx(largest, rel=1e-3)
 
 
