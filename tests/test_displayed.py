@@ -132,6 +132,35 @@ def test_limits_are_the_same_in_every_engine(kind: str) -> None:
     assert rec.saturated[:, 0].any()
 
 
+@pytest.mark.parametrize("kind", ["friction", "attached", "stick", "implicit"])
+def test_the_ledger_closes_at_limits(kind: str) -> None:
+    """Inside the projection and scaled: the gap is rounding, and damping takes energy, as without limits."""
+    rec = recorded(pinch(**COUPLINGS[kind], **LIMIT, coupling__passivity="observe"), "interpreted", ticks=150)
+    assert rec.saturated is not None
+    assert rec.saturated.any()
+    assert rec.summary()["ledger_gap"] < 1e-14
+    [energy] = rec.energy.values()
+    assert (energy["damped"][-1] > -1e-12).all()
+
+
+def test_batches_are_single_runs() -> None:
+    """The reference scene at limits from 20 mN to 50 N and three gains, some saturated, to the last bit."""
+    scene = gx.load("reference-1dof")
+    values = {
+        "finger.0.device.force_limit": [0.02, 0.05, 0.1, 50.0],
+        "coupling.internal.stiffness": [40.0, 60.0, 90.0],
+    }
+    batch = gx.run_batch(scene, values, duration=0.2, keep="recordings")
+    assert batch.recordings is not None
+    hits = 0
+    for index in np.ndindex(batch.shape):
+        alone = gx.run(scene.replace({key: float(v[index]) for key, v in batch.values.items()}), duration=0.2)
+        assert alone.rows.tobytes() == batch.recordings[index].rows.tobytes()
+        assert alone.saturated is not None
+        hits += bool(alone.saturated.any())
+    assert 6 <= hits < 12
+
+
 def test_a_limit_that_does_not_bite_changes_no_bit() -> None:
     """At 50 N: all columns of a run without one, besides those that say so."""
     for changes in COUPLINGS.values():
@@ -332,7 +361,7 @@ def test_after_a_fault_nothing_is_displayed_and_nothing_saturates(tmp_path: Path
 
 
 def rows(scene: gx.Scene) -> list[tuple[bool, str]]:
-    return [(row.runs, row.why) for row in plan(scene) if row.step == "limit"]
+    return [(row.runs, row.why) for row in plan(scene) if row.step.endswith("limit")]
 
 
 def test_the_plan_says_where_limits_come_from(tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ class Layout:
         yield at + "work", mode, "J", "of the held forces on the fingers' motion against the object"
         yield at + "stored", mode, "J", "in the springs of eq. (4)"
         yield at + "damped", mode, "J", "taken by the damping of eq. (4)"
-        yield at + "slipped", mode, "J", "taken where contacts slide or let go"
+        yield at + "slipped", mode, "J", "taken where contacts slide or let go, or beyond a limit"
         yield at + "reshaped", mode, "J", "taken where the split, a weight or a skew stiffness changes what is stored"
         yield at + "leaked", mode, "J", "made by holding the springs' forces over samples"
         yield at + "balance", mode, "J", "taken beyond what is stored, with frictions; below zero energy was made"

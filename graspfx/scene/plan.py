@@ -262,7 +262,7 @@ def _limits(scene: Scene) -> Iterator[Row]:
         yield "limit", False, "no device tells a largest force"
     if hidden:
         why = "what its `write` itself cuts off is neither recorded nor kept from the object"
-        yield "limit", False, f"not visible: {hidden} tells no largest force (features.peak_force); {why}"
+        yield "private limit", False, f"not visible: {hidden} tells no largest force (features.peak_force); {why}"
 
 
 def limits_inside(scene: Scene, thing: Object) -> bool:
