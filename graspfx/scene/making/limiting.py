@@ -65,7 +65,9 @@ def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
 
 
 def _told(scene: Scene, wire: Wire) -> str:
-    what = "what its motors reach where it stands" if changes(wire) else f"{peak_force(wire):g} N"
+    peak = peak_force(wire)
+    what = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
+    what += " as it tells in every sample" if changes(wire) else ""
     first = next(int(f) for f in wire.fingers if f >= 0)
     return f"{_fingers(scene, wire)} {what} ({table_at(scene, first)[1].name})"
 
