@@ -330,6 +330,59 @@ def test_a_real_board_tells_its_largest_force_in_every_sample() -> None:
     assert seen
 
 
+WEAKER = """from graspfx.devices import simulated
+import numpy as np
+
+
+class Weaker(simulated.PointDevice):
+    ticks = 0
+
+    @property
+    def largest_force(self):
+        return np.array([{largest}])
+
+    def {method}(self, *given):
+        self.ticks += 1
+        return super().{method}(*given)
+
+
+def connect(*, mass, dimensions, friction=0.0):
+    return Weaker(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0,
+                  velocity_window=1, delay=0, force_limit=None, workspace=None)
+"""
+
+
+def test_a_limit_may_change_from_sample_to_sample(tmp_path: Path) -> None:
+    """A driver in Python that grows weaker: each sample keeps what it told at that sample's reading."""
+    driver = tmp_path / "weaker.py"
+    driver.write_text(WEAKER.format(largest="0.3 if self.ticks < 120 else 0.1", method="read"))
+    scene = pinch(finger__0__device={"name": str(driver), "mass": 0.1, "friction": 0.2})
+    rec = recorded(scene, "interpreted", ticks=200)
+    assert same(rec, recorded(scene, "compiled", ticks=200))
+    limit = np.where(np.arange(1, 201) < 120, 0.3, 0.1)
+    require_consistent(rec, np.column_stack([limit, np.full((200, 2), np.inf)]))
+    assert rec.saturated is not None
+    assert rec.saturated[119:, 0].all()
+    assert "in every sample" in rows(scene)[0][1]
+
+
+def test_a_largest_force_that_is_none_is_a_fault(tmp_path: Path) -> None:
+    driver = tmp_path / "weaker.py"
+    driver.write_text(WEAKER.format(largest="0.3 if self.ticks < 50 else float('nan')", method="read"))
+    rec = recorded(pinch(finger__0__device={"name": str(driver), "mass": 0.1}), "interpreted", ticks=60)
+    [fault] = rec.faults
+    assert fault.tick == 49
+    assert fault.message == "a device's largest force is nan N; expected above zero: all forces are zero"
+    assert not rec.displayed_force[49:].any()
+
+
+def test_a_kernels_largest_force_stands_in_its_block(tmp_path: Path) -> None:
+    driver = tmp_path / "weaker.py"
+    driver.write_text(WEAKER.format(largest="0.3", method="close"))
+    with pytest.raises(InputError, match=r"largest_force: .*Weaker.*a piece of the device's own block"):
+        gx.run(pinch(finger__0__device={"name": str(driver), "mass": 0.1}), duration=0.01)
+
+
 @pytest.mark.parametrize("peak", [0.0, -1.0, float("nan"), True])
 def test_a_peak_force_that_is_none_is_refused(tmp_path: Path, peak: object) -> None:
     driver = tmp_path / "odd.py"
