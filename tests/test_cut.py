@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from graspfx.compile.machine import compiled
+from graspfx.cones.cut import HALF_SPACE, NO_CONE
 from graspfx.cones.friction import (
     ASSOCIATED,
     COULOMB,
@@ -18,13 +19,14 @@ from graspfx.cones.friction import (
 from tests.test_friction import Problem
 
 RATIOS = [0.01, 0.1, 2.0, 100.0]  # kip/kep
-NO_CONE = -1.0  # as a coefficient
 
 
 def return_map(t: np.ndarray, mu: float, limit: float, theta: float) -> tuple[np.ndarray, np.ndarray]:
     """The force of a trial force in its cone, and the one that the limit leaves of it."""
     y = t.copy()
-    if mu >= 0.0:
+    if mu == HALF_SPACE:
+        y[0] = max(t[0], 0.0)
+    elif mu >= 0.0:
         length = np.linalg.norm(t[1:])
         if t[0] + theta * mu * length <= 0.0:
             y[:] = 0.0
@@ -77,7 +79,7 @@ def answer(problem: Problem, coulomb: bool, *, cut: bool = True) -> int:
     return int(law)
 
 
-@pytest.mark.parametrize("mu", [NO_CONE, 0.0, 0.5, 1.5])
+@pytest.mark.parametrize("mu", [NO_CONE, HALF_SPACE, 0.0, 0.5, 1.5])
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_the_force_is_the_nearest_one_in_the_cut_cones(ratio: float, mu: float) -> None:
     """f = R(f - c s) to 1e-12 of the largest force per ratio of gains, either law; limits are kept to rounding."""
@@ -96,7 +98,7 @@ def test_the_force_is_the_nearest_one_in_the_cut_cones(ratio: float, mu: float) 
     assert hits > 40
 
 
-@pytest.mark.parametrize("mu", [NO_CONE, 0.0, 0.5])
+@pytest.mark.parametrize("mu", [NO_CONE, HALF_SPACE, 0.0, 0.5])
 def test_a_square_gives_the_same_as_the_modes(mu: float) -> None:
     """1e-11 of the largest force, by the associated law, which has one answer."""
     rng = np.random.default_rng(7)
@@ -153,7 +155,7 @@ def test_limits_that_do_not_bite_leave_every_bit(coulomb: bool) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.1, 10.0])
-@pytest.mark.parametrize("mu", [NO_CONE, 0.0, 0.5])
+@pytest.mark.parametrize("mu", [NO_CONE, HALF_SPACE, 0.0, 0.5])
 def test_the_cut_force_is_a_gradient(mu: float, ratio: float) -> None:
     """Around 3 random triangles of displacements: 1e-6 of a side's work, the integration's error at 2000 steps.
 
@@ -185,7 +187,7 @@ def test_the_cut_force_is_a_gradient(mu: float, ratio: float) -> None:
         problem.S = np.concatenate([problem.S, limits])
         corners = 0.01 * rng.normal(size=(3, problem.m))
         left.append(round_trip(problem, limits, corners, cut=True))
-        if mu != NO_CONE:
+        if mu >= 0.0:
             clamped.append(round_trip(problem, limits, corners, cut=False))
     assert max(left) < 1e-6
     assert not clamped or max(clamped) > 1e-2

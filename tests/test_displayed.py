@@ -429,7 +429,7 @@ def test_the_plan_says_where_limits_come_from(tmp_path: Path) -> None:
             [held] = servo.objects
             assert limits_inside(scene, scene.object[0]) == is_inside(memoryview(held.grasped.block))
     assert "inside the projection" in why
-    assert "scaled" in rows(pinch(**LIMIT, coupling__friction="stick"))[0][1]
+    assert "scaled" in rows(pinch(**LIMIT, object__integrator="implicit"))[0][1]
     assert "in every sample" in rows(arms(drive="elbow"))[0][1]
     files = foreign_parts.write(tmp_path)
     hidden = rows(pinch(finger__1__device=foreign_parts.device(files, "device", mass=0.1)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.cones.cut import ball_slope, cone_slope, force_size, limit_width, shorten
+from graspfx.cones.cut import HALF_SPACE, LIFT, ball_slope, cone_slope, force_size, limit_width, shorten
 
 FREE, STICK, SLIDE = 0, 1, 2
 NIL = 1e-30  # of the internal gain: a mode that differs by less is like all others
@@ -37,7 +37,8 @@ def turn_back(
 ) -> tuple[int, float, float, float, float]:
     """y_i = R(t_i) with its status; where it slides, the tangential direction and |y_t| / |t_t| for the Jacobian.
 
-    The limit is not applied here. Only where there are `limits` a coefficient below zero means a bilateral contact.
+    The limit is not applied here. Only where there are `limits` a coefficient below zero means another cone than that
+    of friction: none, or a half-space (`graspfx.cones.cut`).
     """
     m = n * d
     y, t = o + 3 * n + 2 * m + i * d, o + 3 * n + 4 * m + i * d
@@ -52,6 +53,9 @@ def turn_back(
         for a in range(d):
             S[y + a] = S[t + a]
         S[o + 2 * n + i] = STICK
+        if mu == HALF_SPACE and normal < 0.0:
+            S[y] = 0.0
+            return LIFT, 0.0, 0.0, 0.0, 0.0
         return STICK, 0.0, 0.0, 0.0, 0.0
     if held or normal + theta * mu * tangent <= 0.0:
         for a in range(d):
@@ -147,16 +151,16 @@ def cut_value(S: Any, y: int, t: int, d: int) -> float:
     return total
 
 
-def is_longer(S: Any, o: int, n: int, d: int, i: int, limit: float) -> bool:
-    """Whether the force y_i that `turn_back` gave is longer than its limit."""
-    return force_size(S, o + 3 * n + 2 * n * d + i * d, limit_width(S, o + n + i, d)) > limit
+def is_plain(S: Any, o: int, n: int, d: int, i: int, limit: float, status: int) -> bool:
+    """Whether the force y_i that `turn_back` gave is neither longer than its limit nor one of a half-space's edge."""
+    return status != LIFT and not force_size(S, o + 3 * n + 2 * n * d + i * d, limit_width(S, o + n + i, d)) > limit
 
 
 def cut_slope(
     S: Any, o: int, n: int, d: int, i: int, theta: float, limit: float,
     status: int, c1: float, c2: float, c3: float, bend: float, x0: float, x1: float, x2: float, x3: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
-    """R'x for a finger whose force, as `turn_back` gave it, its limit cuts."""
+    """R'x for a finger of any status, its limit applied."""
     x0, x1, x2, x3 = cone_slope(status, S[o + n + i], theta, c1, c2, c3, bend, x0, x1, x2, x3)
     return ball_slope(S, o + 3 * n + 2 * n * d + i * d, limit_width(S, o + n + i, d), limit, x0, x1, x2, x3)
 
@@ -187,7 +191,7 @@ def jacobian_of_modes(
             continue
         status, c1, c2, c3, bend = turn_back(S, o, n, d, i, theta, limits)
         r = Q + i * d
-        if limits > 0 and is_longer(S, o, n, d, i, S[limits + i] / math.sqrt(S[o + i])):
+        if limits > 0 and not is_plain(S, o, n, d, i, S[limits + i] / math.sqrt(S[o + i]), status):
             limit = S[limits + i] / math.sqrt(S[o + i])
             for j in range(count):
                 x0, x1, x2, x3 = entries(S, r + j * lead, d)
@@ -271,7 +275,7 @@ def jacobian_of_square(
     for i in range(n):
         status, c1, c2, c3, bend = turn_back(S, o, n, d, i, theta, limits)
         r = i * d
-        if limits > 0 and is_longer(S, o, n, d, i, S[limits + i]):
+        if limits > 0 and not is_plain(S, o, n, d, i, S[limits + i], status):
             add_cut_rows(S, o, n, d, i, c, square, lead, theta, S[limits + i], status, c1, c2, c3, bend)
             continue
         for a in range(r, r + d):

@@ -2,13 +2,17 @@
 
 The cone is one about the origin and so is the ball, so that the nearest force in both is the nearest one in the cone,
 shortened to the limit. A soft finger's torsion counts with its force, in units of the patch length, where friction
-bounds both; without a cone only the force is shortened.
+bounds both; where it bounds nothing only the force is shortened.
 """
 
 from __future__ import annotations
 
 import math
 from typing import Any
+
+NO_CONE = -1.0  # as a coefficient: a bilateral contact
+HALF_SPACE = -2.0  # as a coefficient: a contact that holds sideways whatever it takes, and only pushes
+LIFT = 3  # status of a contact of the half-space whose normal force is zero
 
 
 def force_size(S: Any, y: int, width: int) -> float:
@@ -20,7 +24,7 @@ def force_size(S: Any, y: int, width: int) -> float:
 
 
 def limit_width(S: Any, mu: int, d: int) -> int:
-    """How many coordinates of a finger the limit counts: all in a cone, the force alone without one (mu < 0)."""
+    """How many coordinates of a finger the limit counts: all in a friction cone, else (mu < 0) the force alone."""
     return d if S[mu] >= 0.0 else min(d, 3)
 
 
@@ -39,6 +43,8 @@ def cone_slope(
     x0: float, x1: float, x2: float, x3: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """R'x of the return map without a limit, from what `turn_back` gives: x where the finger sticks (status 1)."""
+    if status == LIFT:
+        return 0.0, x1, x2, x3
     if status == 1:
         return x0, x1, x2, x3
     if status == 0:
@@ -56,8 +62,10 @@ def cone_slope(
 def ball_slope(
     S: Any, y: int, width: int, limit: float, x0: float, x1: float, x2: float, x3: float
 ) -> tuple[float, float, float, float]:
-    """The slope of `shorten` at the force at y, longer than the limit, times x: limit/|y| (x - y y'x/|y|^2)."""
+    """The slope of `shorten` at the force at y times x: limit/|y| (x - y y'x/|y|^2), or x where y is short enough."""
     size = force_size(S, y, width)
+    if not size > limit:
+        return x0, x1, x2, x3
     share = limit / size
     y0, y1, y2, y3 = S[y] / size, 0.0, 0.0, 0.0
     if width > 1:

@@ -10,7 +10,8 @@ A finger has d coordinates: its normal, up to two tangents, and as the fourth th
 its patch length, for which the cone is the elliptic limit surface (Howe and Cutkosky 1996).
 
 Where `limits` (0: none) says from where on n limits [N] stand, each cone is cut off at |f_i| <= L_i (`cones.cut`): the
-associated force still minimises the same function. There a coefficient below zero means a contact without a cone.
+associated force still minimises the same function. There a coefficient below zero means another cone (NO_CONE,
+HALF_SPACE), which is no matter of friction.
 The slip s that comes out is then the cone's alone, so that what sticks at its limit stays where it holds.
 
 A problem stands in one piece of the buffer from `o` on, m = n d, vectors contact by contact, the normal first:

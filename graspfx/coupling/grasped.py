@@ -121,7 +121,8 @@ class GraspedObject:
         square = self.matrices or bool(implicit)
         # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
         rays = not (slips or rules.attached or rules.stick or square or law.equal)
-        balls = limit is not None and rules.attached and not (square or law.equal)  # cut where there is no cone
+        holds = rules.attached or (rules.stick and not slips)
+        balls = limit is not None and holds and not (square or law.equal)  # limits where there is no friction cone
         problem = problem_size(n, c, n * c if square else 6, square) if slips or rays or balls else 0
         squares = [per_finger(gain, n, d) for gain in gains] if self.matrices else []
         entries = sum(matrix.size for matrix in squares)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.cones.cut import force_size, shorten
+from graspfx.cones.cut import HALF_SPACE, NO_CONE, force_size, shorten
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import UNRESOLVED
@@ -106,12 +106,11 @@ def mark(S: Any, inside: bool) -> None:
 
 
 def is_inside(S: Any) -> bool:
-    """Whether the projection itself can be asked for forces within limits: not implicitly, nor where fingers stick."""
-    if S[at.IMPLICIT] != 0.0:
-        return False
-    if S[at.FRICTION] != 0.0 or S[at.RAYS] != 0.0:
-        return True
-    return bool(S[at.DENSE] == 0.0 and (S[at.ATTACHED] != 0.0 or S[at.EQUAL] != 0.0))
+    """Whether the projection itself can be asked for forces within limits.
+
+    Not with the implicit integrator, nor where gains are matrices and there is no coefficient of friction.
+    """
+    return bool(S[at.IMPLICIT] == 0.0 and (S[at.FRICTION] != 0.0 or S[at.DENSE] == 0.0))
 
 
 def within(S: Any) -> int:
@@ -123,7 +122,7 @@ def within(S: Any) -> int:
     if S[at.EQUAL] != 0.0:
         within_alone(S)
         return 0
-    return within_attached(S)
+    return within_balls(S)
 
 
 def within_alone(S: Any) -> None:
@@ -153,8 +152,11 @@ def shorten_all(S: Any) -> None:
         shorten(S, at.ROW + i * at.STRIDE + at.LOCAL, width(S), S[int(S[at.LIMITS]) + i])
 
 
-def within_attached(S: Any) -> int:
-    """Bilateral contacts: the forces nearest to the law's, by K^-1 and then by D^-1, with |f_i| <= L_i."""
+def within_balls(S: Any) -> int:
+    """Attached and sticking contacts: the forces nearest to the law's, by K^-1 and then by D^-1, with |f_i| <= L_i.
+
+    Fingers that the law has let go of stay free, and those that it holds only push.
+    """
     fault = ball_force(S, int(S[at.PROBLEM]), at.DISPLACEMENT, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS])
     keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
@@ -166,9 +168,9 @@ def ball_force(S: Any, o: int, what: int, external: float, internal: float) -> i
     """The elastic force into LOCAL, or damping by what is a RATE added to the one that is there."""
     n, c = int(S[at.FINGERS]), int(S[at.COORDINATES])
     m = n * c
-    pose_problem(S, o, False)
+    pose_problem(S, o, True)
     for i in range(n):
-        S[o + n + i] = -1.0
+        S[o + n + i] = NO_CONE if S[at.ATTACHED] != 0.0 else HALF_SPACE
     into_frames(S, what, o + 3 * n)
     if what == at.RATE:
         into_frames(S, at.LOCAL, o + 3 * n + m)

@@ -273,7 +273,7 @@ def limits_inside(scene: Scene, thing: Object) -> bool:
     fingers = [i for i, k in enumerate(scene.finger_objects) if scene.object[k] is thing]
     if not attached and any(scene.coefficients[i] for i in fingers):
         return True
-    return _scalar(scene) and (attached or equal_gains(scene) or scene.coupling.friction != "stick")
+    return _scalar(scene)
 
 
 def _energy(scene: Scene) -> Row:
