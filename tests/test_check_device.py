@@ -105,6 +105,12 @@ class FlatPositions(PointDevice):
         return p.ravel(), v, time
 
 
+class NoForceLeft(PointDevice):
+    @property
+    def largest_force(self):
+        return np.array([1.0, 0.0])
+
+
 class NoVelocity(PointDevice):
     def read(self):
         p, v, time = super().read()
@@ -239,6 +245,7 @@ class Noisy(PointDevice):
         (WorkspaceUpsideDown, "features", "lower and a higher corner"),
         (FeaturesAfterOpen, "features are told before `open`", "DeviceError: .*not open"),
         (FlatPositions, "`read` gives", r"positions of shape \(4,\), not \(2, 2\)"),
+        (NoForceLeft, "`largest_force` is a force above zero", r"\[1.0, 0.0\] N"),
         (NoVelocity, "`read` gives", "velocities that are not finite"),
         (TrueMotion, "arrays of the device's own", "true motion"),
         (FailedReadIsZero, "read to the resolution", "m off"),

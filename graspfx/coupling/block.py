@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from graspfx.objects import kernels as body
 
 # The object, its coupling and its shape. Switches are 0.0 or 1.0.
@@ -48,7 +50,8 @@ SKEW = 49  # the largest sum of squares of K - K', then of D - D', so far
 BLENDED = 51  # rotations that are not in the split whole, though they have an arm
 IN_BAND = 52  # samples with such a rotation
 RELEASE = 53  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
-AXES = 54  # free directions in the object's frame, 6 x 3
+LIMITS = 54  # offset of what limits on forces need (`limit`), 0 without any
+AXES = 55  # free directions in the object's frame, 6 x 3
 # Damping that grows with depth (`depth`).
 GRADUAL = AXES + 18
 DEPTH = GRADUAL + 1  # over which it grows [m]
@@ -180,3 +183,35 @@ def problems(n: int, c: int, matrices: int) -> int:
 def size(n: int, c: int, matrices: int, problem: int) -> int:
     """Entries of the block; `problem` is the size of a friction problem."""
     return problems(n, c, matrices) + 2 * problem
+
+
+# What limits on forces need, from LIMITS on: the limits that the cones are cut off at, n entries, infinite but while
+# they are; those that the devices give; who stands at a limit; the law's forces W, n x 3; then scratch.
+LIMIT_MARGIN = 1.0 - 1e-14  # of a limit is used: then a device's own, which acts last, shortens nothing by rounding
+
+
+def device_limits(S: Any) -> int:
+    return int(S[LIMITS]) + int(S[FINGERS])
+
+
+def saturation(S: Any) -> int:
+    return int(S[LIMITS]) + 2 * int(S[FINGERS])
+
+
+def law_force(S: Any) -> int:
+    return int(S[LIMITS]) + 3 * int(S[FINGERS])
+
+
+def scratch_limits(S: Any) -> int:
+    """Offset of a force, n x 4."""
+    return int(S[LIMITS]) + 6 * int(S[FINGERS])
+
+
+def limit_modes(S: Any) -> int:
+    """Offset of up to six directions, 1 + 4 n entries each."""
+    return int(S[LIMITS]) + 10 * int(S[FINGERS])
+
+
+def limits_size(n: int) -> int:
+    """Entries that limits take."""
+    return 10 * n + 6 * (1 + 4 * n)

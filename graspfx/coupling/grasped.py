@@ -30,7 +30,8 @@ Index = NDArray[np.intp]
 STRUCTURE = (
     at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
     at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
-    at.PROBLEM, at.BRAKE, at.GRADUAL, at.RULE, at.RULE + 1, at.AXES_OF_GAINS, *range(at.WHOLE, at.WHOLE + 4),
+    at.PROBLEM, at.BRAKE, at.GRADUAL, at.LIMITS, at.RULE, at.RULE + 1, at.AXES_OF_GAINS,
+    *range(at.WHOLE, at.WHOLE + 4),
     *range(at.GAINS, at.GAINS + 4),
 )  # fmt: skip
 RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
@@ -94,6 +95,7 @@ class GraspedObject:
         shape: None only with attached contacts, which then are at the object's centre.
         fill_body: writes the object's parameters and initial state into its part of the block.
         radius: of the balls that the fingertips are, one or (n,) [m]; zero is a point.
+        limit: largest force of each finger, one or (n,) [N], infinite where there is none; None for none at all.
 
     Raises:
         InputError: unilateral contact without a shape or with a stiffness of zero; a radius that is no length; soft
@@ -111,6 +113,7 @@ class GraspedObject:
         *,
         shape: Shape | None = None,
         radius: ArrayLike = 0.0,
+        limit: ArrayLike | None = None,
     ) -> None:
         n, d = fingers, dimensions
         self.fingers, self.dimensions, self.law = n, d, law
@@ -128,14 +131,17 @@ class GraspedObject:
         square = self.matrices or bool(implicit)
         # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
         rays = not (slips or rules.attached or rules.stick or square or law.equal)
-        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
+        holds = rules.attached or (rules.stick and not slips)
+        balls = limit is not None and holds and not (square or law.equal)  # limits where there is no friction cone
+        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays or balls else 0
         squares = [per_finger(gain, n, d) for gain in gains] if self.matrices else []
         entries = sum(matrix.size for matrix in squares)
         if not 0.0 <= rules.damping_depth < np.inf:
             raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
         gradual = rules.damping_depth > 0.0 and not rules.attached and bool(np.any(gains[1]) or np.any(gains[3]))
         before = n if gradual else 0  # one compliance for each finger, before the problem of the damping
-        end = at.size(n, c, entries, problem) + before
+        limits = at.size(n, c, entries, problem) + before
+        end = limits + (at.limits_size(n) if limit is not None else 0)
         data = None if shape is None else shape.data
         self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
@@ -145,6 +151,12 @@ class GraspedObject:
         S[at.PROBLEM] = at.problems(n, c, entries)
         S[at.BRAKE] = S[at.PROBLEM] + problem + before
         S[at.GRADUAL], S[at.DEPTH] = gradual, rules.damping_depth
+        self.limit: FloatArray | None = None
+        if limit is not None:
+            S[at.LIMITS] = limits
+            S[limits : limits + n] = np.inf
+            self.limit = S[limits + n : limits + 2 * n]
+            self.limit[:] = _limits(limit, n)
         S[at.EQUAL] = law.equal
         S[at.DAMPED] = bool(np.any(gains[1]) or np.any(gains[3]))
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
@@ -320,7 +332,12 @@ class GraspedObject:
         o = at.BODY
         turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
         angle = {1: [], 2: [body.ANGLE], 3: [body.QUATERNION + a for a in range(4)]}[d]
-        return {
+        limits: dict[str, Index] = {}
+        if self.limit is not None:
+            law = at.law_force(self.block)
+            limits["saturated"] = np.arange(n) + at.saturation(self.block)
+            limits["law_force"] = (law + np.arange(3 * n).reshape(n, 3))[:, :d]
+        return limits | {
             "finger_position": rows[:, at.POSITION : at.POSITION + d],
             "finger_velocity": rows[:, at.VELOCITY : at.VELOCITY + d],
             "contact_position": rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d],
@@ -378,6 +395,13 @@ def _radii(given: ArrayLike, n: int) -> FloatArray:
     if radii.shape not in ((), (n,)) or not (np.isfinite(radii) & (radii >= 0.0)).all():
         raise InputError("radius", given, f"a finite length, zero or more, or {n} of them [m]")
     return np.broadcast_to(radii, (n,))
+
+
+def _limits(given: ArrayLike, n: int) -> FloatArray:
+    limits = np.asarray(given, dtype=float)
+    if limits.shape not in ((), (n,)) or not (limits > 0.0).all():
+        raise InputError("limit", given, f"a force above zero, or {n} of them [N]", "inf where there is no limit")
+    return np.broadcast_to(limits, (n,))
 
 
 def _least(gain: float | FloatArray) -> float:

@@ -17,10 +17,11 @@ def attached(S: Any) -> int:
     """Bilateral contact: eq. (4) as it stands, for the object's new state under the implicit integrator."""
     n = int(S[at.FINGERS])
     damped = S[at.DAMPED] != 0.0
-    if S[at.OBSERVED] != 0.0:
+    apart = S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0
+    if apart:
         attach(S, n, False)
         keep_elastic(S)
-    if damped or S[at.OBSERVED] == 0.0:
+    if damped or not apart:
         attach(S, n, damped)
     return 0
 
@@ -62,7 +63,7 @@ def unilateral(S: Any, again: bool) -> int:
             anew = True
     if fault == 0 and anew:
         return AGAIN
-    if S[at.OBSERVED] != 0.0:
+    if S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0:
         keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         if alone:

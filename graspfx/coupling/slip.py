@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from graspfx.cones.cone import FREE, STICK, modes_offset
+from graspfx.cones.cut import force_size
 from graspfx.cones.friction import COULOMB, LEAST, friction_force, friction_force_square, turn_modes
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.coupling import block as at
@@ -27,7 +28,7 @@ def rub(S: Any) -> int:
     it sticks; RETAINED tells the next sample where the contact of one that slips or is free has to be.
     """
     fault = grip(S)
-    if S[at.OBSERVED] != 0.0:
+    if S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0:
         keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         fault = brake(S)
@@ -61,7 +62,8 @@ def grip(S: Any) -> int:
     if square:
         size = assemble_implicitly(S, True, False, False) if S[at.IMPLICIT] != 0.0 else assemble(S, True)
         even = made_symmetric(S, at.square(n), size, n * c)
-        law, residual, _ = friction_force_square(S, o, n, c, at.square(n), size, even, True, RESTARTS)
+        cut = 0 if S[at.IMPLICIT] != 0.0 else int(S[at.LIMITS])
+        law, residual, _ = friction_force_square(S, o, n, c, at.square(n), size, even, True, RESTARTS, cut)
     else:
         law, residual, _ = friction_force_modes(S, o, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], True, -1)
     S[at.LAW], S[at.RESIDUAL] = law, residual
@@ -77,9 +79,16 @@ def grip(S: Any) -> int:
         if S[r + at.WEIGHT] == 0.0:
             for a in range(4):
                 S[r + at.RETAINED + a] = 0.0
-        if c > 3 and status != STICK:
-            set_anchor(S, r, S[r + at.RETAINED + 3])
     return UNRESOLVED if law == NONE else 0
+
+
+def move_anchors(S: Any) -> None:
+    """From here on the torsion of soft fingers that do not stick counts from the object's rotation now."""
+    if S[at.COORDINATES] > 3.0:
+        for i in range(int(S[at.FINGERS])):
+            r = at.ROW + i * at.STRIDE
+            if S[r + at.STATUS] != STICK:
+                set_anchor(S, r, S[r + at.RETAINED + 3])
 
 
 def brake(S: Any) -> int:
@@ -112,7 +121,7 @@ def brake(S: Any) -> int:
                 raise_least(S, at.square(n), m)
                 soften(S, at.square(n), m, -1, 1.0, start)
                 even = made_symmetric(S, at.square(n), m, m)
-                law, _, _ = friction_force_square(S, o, n, c, at.square(n), m, even, False, 0)
+                law, _, _ = friction_force_square(S, o, n, c, at.square(n), m, even, False, 0, int(S[at.LIMITS]))
             else:
                 series = pose_compliances(S, o, c)
                 law, _, _ = friction_force_modes(S, o, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], False, series)
@@ -137,7 +146,7 @@ def friction_force_modes(
     c = int(S[at.COORDINATES])
     count = 0 if external == internal else int(S[at.COUNT])
     turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, c, at.modes(n), count, modes_offset(o, n, c, count))
-    return friction_force(S, o, n, c, count, external, internal, coulomb, RESTARTS, series)
+    return friction_force(S, o, n, c, count, external, internal, coulomb, RESTARTS, int(S[at.LIMITS]), series)
 
 
 def pose_problem(S: Any, o: int, touching: bool) -> None:
@@ -152,7 +161,7 @@ def pose_problem(S: Any, o: int, touching: bool) -> None:
 
 
 def sticks(S: Any, q: int) -> bool:
-    """Whether all contact forces at q lie inside their cones."""
+    """Whether all contact forces at q lie inside their cones and limits."""
     n = int(S[at.FINGERS])
     c = int(S[at.COORDINATES])
     for i in range(n):
@@ -161,6 +170,8 @@ def sticks(S: Any, q: int) -> bool:
         for a in range(1, c):
             along += S[r + a] * S[r + a]
         if not S[r] > NOTHING or math.sqrt(along) > S[at.ROW + i * at.STRIDE + at.COEFFICIENT] * S[r]:
+            return False
+        if S[at.LIMITS] != 0.0 and force_size(S, r, c) > S[int(S[at.LIMITS]) + i]:
             return False
     return True
 

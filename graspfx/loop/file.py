@@ -29,7 +29,7 @@ LONGEST = 512  # bytes of a fault's message: of fixed length, as single-writer f
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
 # what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
 UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
-WHOLE = ("touching", "status", "law")  # columns of whole numbers
+WHOLE = ("touching", "saturated", "status", "law")  # columns of whole numbers
 SCALES = {
     "axis": ("x", "y", "z"),
     "turn": ("x", "y", "z"),
@@ -160,7 +160,7 @@ class FileSink:
             data.dims[i].attach_scale(scales[name])
         data.attrs["units"] = column.unit
         data.attrs["long_name"] = column.meaning
-        if column.name == "touching":
+        if column.name in ("touching", "saturated"):
             data.attrs["dtype"] = "bool"  # as xarray marks it
         return data
 

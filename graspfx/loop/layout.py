@@ -39,6 +39,7 @@ class Layout:
         simulated: whether true positions are known.
         observed: whether the energy of each grasp is booked.
         controlled: whether what leaks is damped.
+        limits: whether some device tells a largest force.
     """
 
     dimensions: int
@@ -51,6 +52,7 @@ class Layout:
     simulated: bool = True
     observed: bool = False
     controlled: bool = False
+    limits: bool = False
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
@@ -79,14 +81,19 @@ class Layout:
         yield "finger_force", (n, axis), "N", "of the finger on the object"
         if self.moments:
             yield "finger_moment", (n, turn), "N m", "of the finger on the object"
+        if self.limits:
+            yield "displayed_force", (n, axis), "N", "on the operator, after every limit, before output delay"
+            yield "law_force", (n, axis), "N", "of the finger on the object by eq. (4), before limits"
         yield "touching", (n,), "1", "whether the finger exerts a force"
+        if self.limits:
+            yield "saturated", (n,), "1", "whether the finger's force stands at its limit"
         if self.slips:
             yield "status", (n,), "1", "0 free, 1 stick, 2 slide"
         if self.gaps:
             yield "gap", (n,), "m", "distance to the surface, negative inside"
         if self.simulated:
             yield "true_position", (n, axis), "m", "of the simulated fingertip"
-        yield "device_energy", (n,), "J", "work done so far on the fingertip by the commanded force"
+        yield "device_energy", (n,), "J", "work done so far on the fingertip by the displayed force"
         for name in self.objects:
             at = f"objects/{name}/"
             yield at + "position", (axis,), "m", "of the object's centre"
@@ -110,7 +117,7 @@ class Layout:
         yield at + "work", mode, "J", "of the held forces on the fingers' motion against the object"
         yield at + "stored", mode, "J", "in the springs of eq. (4)"
         yield at + "damped", mode, "J", "taken by the damping of eq. (4)"
-        yield at + "slipped", mode, "J", "taken where contacts slide or let go"
+        yield at + "slipped", mode, "J", "taken where contacts slide or let go, or beyond a limit"
         yield at + "reshaped", mode, "J", "taken where the split, a weight or a skew stiffness changes what is stored"
         yield at + "leaked", mode, "J", "made by holding the springs' forces over samples"
         yield at + "balance", mode, "J", "taken beyond what is stored, with frictions; below zero energy was made"

@@ -6,7 +6,7 @@ against the object in its axes. With the displacement h that the springs hold, f
     stored      V_j = 1/2 a_j'h
     damped      fd_j'd
     braked      fb_j'd
-    slipped     a_j'(d - h+ + h)           taken by contacts that slide, slip or let go
+    slipped     a_j'(d - h+ + h)           taken by contacts that slide, slip or let go, or lies beyond a limit
     reshaped    1/2 (a_j'h+ - a_j+'h)      taken where the split, a weight or a skew stiffness changes what is stored
     leaked      1/2 (a_j+ - a_j)'(h+ - h)  made by holding the force: 1/2 Dh'K Dh where nothing changes
 

@@ -216,8 +216,31 @@ class Recording:
 
     @property
     def finger_force(self) -> FloatArray:
-        """On the object, (N, n, d) [N]; the devices display its negative."""
+        """On the object, (N, n, d) [N]: the wrench is G times it, always."""
         return self.array("finger_force")
+
+    @cached_property
+    def displayed_force(self) -> FloatArray:
+        """On the operator, after every limit that the framework knows, before output delay, (N, n, d) [N].
+
+        The negative of `finger_force`, since the object receives what was displayed.
+        """
+        found = self.optional("displayed_force")
+        return -self.finger_force if found is None else found
+
+    @property
+    def law_force(self) -> FloatArray | None:
+        """Of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
+        return self.optional("law_force")
+
+    @cached_property
+    def saturated(self) -> BoolArray | None:
+        """Whether a finger's force stands at its limit, (N, n); None where no device tells a largest force.
+
+        Others of the same object may differ from `law_force` too, for one law couples them.
+        """
+        found = self.optional("saturated")
+        return None if found is None else np.not_equal(found, 0.0)
 
     @property
     def finger_moment(self) -> FloatArray | None:
@@ -246,7 +269,7 @@ class Recording:
 
     @property
     def device_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by the force that its device is told to display, (N, n) [J]."""
+        """Work done so far on each fingertip by `displayed_force`, (N, n) [J]."""
         return self.array("device_energy")
 
     @cached_property
@@ -349,6 +372,8 @@ class Recording:
             finger_position=self.finger_position,
             contact_position=self.contact_position,
             finger_force=self.finger_force,
+            displayed_force=self.displayed_force,
+            saturated=self.saturated,
             touching=self.touching,
             gap=self.gap,
             device_energy=self.device_energy,

@@ -9,8 +9,10 @@ from graspfx.coupling import block as at
 from graspfx.scene.damping import is_damped, why_not_gradual
 from graspfx.scene.grasps import grasps
 from graspfx.scene.making.holding import descriptions, holdings
+from graspfx.scene.making.limiting import hidden_text, limit_text
 from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.making.surroundings import meeting
+from graspfx.scene.making.wiring import wires
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
 from graspfx.scene.tables.parts import Device, Object
@@ -45,6 +47,7 @@ KERNELS = {
     "torsion": "twist",
     "damping by depth": "damping_share",
     "energy": "watch",
+    "limit": "limit",
 }
 NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # of objects that are no others' to move
 
@@ -71,9 +74,10 @@ def _rows(scene: Scene) -> Iterator[Row]:
     yield _projection(scene)
     yield _gradual(scene)
     yield _torsion(scene)
+    yield from _limits(scene)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
-    yield "write", True, "the negative of each finger's force"
+    yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
     for thing in scene.object:
         yield _named(scene, thing, "move"), True, _body(scene, thing)
         yield _named(scene, thing, "turn"), *_turn(scene, thing)
@@ -261,6 +265,34 @@ def _torsion(scene: Scene) -> Row:
     limit = ", at most mu rho f_n" if any(scene.coefficients) else ""
     why = f"{count} soft of {len(scene.finger)} fingers: about the normal{limit}; it acts on the object"
     return "torsion", True, f"{why}, and devices that display forces do not display it"
+
+
+def _limits(scene: Scene) -> Iterator[Row]:
+    """The limits that devices tell, how forces are brought within them, and devices that may have one unseen."""
+    wired = wires(scene, scene.source.folder)
+    given, hidden = limit_text(scene, wired), hidden_text(scene, wired)
+    if given:
+        ways = {limits_inside(scene, thing) for thing in scene.object}
+        way = "inside the projection, on cones cut at the limit" if True in ways else ""
+        way += ", or " if len(ways) > 1 else ""
+        way += "scaled: squeezing first, in the cones, along the same wrench" if False in ways else ""
+        yield "limit", True, f"{given}; {way}; before the reaction, so that the object receives what is displayed"
+    else:
+        yield "limit", False, "no device tells a largest force"
+    if hidden:
+        why = "what its `write` itself cuts off is neither recorded nor kept from the object"
+        yield "private limit", False, f"not visible: {hidden} tells no largest force (features.peak_force); {why}"
+
+
+def limits_inside(scene: Scene, thing: Object) -> bool:
+    """Whether the projection itself keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
+    attached = scene.coupling.contact == "attached"
+    if thing.dynamics == "native" and thing.integrator == "implicit":
+        return False
+    fingers = [i for i, k in enumerate(scene.finger_objects) if scene.object[k] is thing]
+    if not attached and any(scene.coefficients[i] for i in fingers):
+        return True
+    return _scalar(scene)
 
 
 def _energy(scene: Scene) -> Row:

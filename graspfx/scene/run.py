@@ -50,7 +50,7 @@ def run(
     if not isinstance(scene, Readable):
         raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
     warn_of_axes(scene)
-    size = 8 * make_layout(scene, simulated=True).width  # bytes of a tick
+    size = 8 * make_layout(scene, simulated=True, limits=True).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     with build(scene) as servo:
         header = header_of(scene)

@@ -23,6 +23,8 @@ ROWS: tuple[Row, ...] = (
     ("distance of the fingers, least", "finger_distance_least", "mm", 1e3),
     ("tracking error, RMS", "tracking_error", "mm", 1e3),
     ("peak force per finger", "peak_force", "N", 1.0),
+    ("peak displayed force per finger", "peak_displayed_force", "N", 1.0),
+    ("samples at the limit, per finger", "saturated", "%", 100.0),
     ("force vibration above 5 Hz, RMS", "force_vibration", "mN", 1e3),
     ("finger vibration above 5 Hz, RMS", "finger_vibration", "um", 1e6),
     ("object vibration above 5 Hz, RMS", "object_vibration", "um", 1e6),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Device, Features, SimulatedDevice
+from graspfx.loop.device import Device, Features, LimitedDevice, SimulatedDevice
 from graspfx.loop.hand import Hand
 from graspfx.loop.plant import Plant
 from graspfx.testing.promise import Promise
@@ -168,6 +168,12 @@ def _check_reading(bench: _Bench) -> None:
             true = bench.plant.position, bench.plant.velocity
             shared = any(np.shares_memory(ours, its) for ours in reading[:2] for its in true)
             promise.holds(not shared, "the plant's true motion, which a caller could write to")
+
+    if isinstance(bench.device, LimitedDevice):
+        with Promise("`largest_force` is a force above zero for each finger, where it was read last") as promise:
+            largest = np.asarray(bench.device.largest_force, dtype=float)
+            promise.holds(largest.shape == bench.shape[:1], f"of shape {largest.shape}, not {bench.shape[:1]}")
+            promise.holds((largest > 0.0).all(), f"{largest.tolist()} N")
 
 
 def _check_ticks(bench: _Bench) -> None:

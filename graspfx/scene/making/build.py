@@ -21,6 +21,7 @@ from graspfx.loop.parts import Held, Moved, Mover, Station
 from graspfx.loop.servo import Servo
 from graspfx.scene.making.bodies import fill, make_shape
 from graspfx.scene.making.holding import Holding, hold, holdings
+from graspfx.scene.making.limiting import force_limits
 from graspfx.scene.making.meshes import scene_mesh
 from graspfx.scene.making.movers import make_movers
 from graspfx.scene.making.still import most_forces
@@ -52,7 +53,8 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
     with ExitStack() as stack:
         wired = wires(scene, scene.source.folder)
         masses = _masses(scene, wired)
-        objects = [_held(scene, i, masses) for i in range(len(scene.object))]
+        limits = force_limits(len(scene.finger), wired)
+        objects = [_held(scene, i, masses, limits) for i in range(len(scene.object))]
         movers = list(make_movers(scene, [held.grasped.body_state for held in objects], stack))
         for mover in movers:
             if any(objects[i].grasped.implicit for i in mover.objects):
@@ -69,14 +71,18 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
         stations = [Station(wire.device, wire.fingers) for wire in wired]
-        layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
+        layout = make_layout(
+            scene,
+            simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired),
+            limits=limits is not None,
+        )
         observers = list(_observers(scene, wired, objects, movers))
         yield Servo(
             scene.period, layout, stations, objects, movers, moved, observers, engine or scene.engine, record=record
         )
 
 
-def make_layout(scene: Scene, *, simulated: bool) -> Layout:
+def make_layout(scene: Scene, *, simulated: bool, limits: bool) -> Layout:
     """The columns of a recording of the scene; simulated devices also tell their true positions."""
     return Layout(
         dimensions=scene.dimensions,
@@ -89,6 +95,7 @@ def make_layout(scene: Scene, *, simulated: bool) -> Layout:
         simulated=simulated,
         observed=scene.coupling.passivity != "off",
         controlled=scene.coupling.passivity == "control",
+        limits=limits,
     )
 
 
@@ -105,13 +112,22 @@ def _masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray | None:
     return masses
 
 
-def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
-    grasped, fingers = grasped_object(scene, index, masses)
+def _held(scene: Scene, index: int, masses: FloatArray | None, limits: FloatArray | None) -> Held:
+    grasped, fingers = grasped_object(scene, index, masses, limits)
     return Held(scene.object[index].name, grasped, fingers)
 
 
-def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple[GraspedObject, NDArray[np.intp]]:
-    """An object as the coupling sees it, and the numbers of its fingers; `masses` of all devices, if weighed."""
+def grasped_object(
+    scene: Scene, index: int, masses: FloatArray | None, limits: FloatArray | None = None
+) -> tuple[GraspedObject, NDArray[np.intp]]:
+    """An object as the coupling sees it, and the numbers of its fingers.
+
+    Args:
+        scene: the scene.
+        index: of the object.
+        masses: of all fingers' devices [kg], if weighed.
+        limits: largest forces of all fingers [N], infinite where there is none; None where forces have no limit.
+    """
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     folder = scene.source.folder
@@ -136,6 +152,7 @@ def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple
         lambda state: fill(scene, table, state, folder),
         shape=make_shape(table, folder),
         radius=[scene.finger[f].radius for f in fingers],
+        limit=None if limits is None else limits[fingers],
     )
     return grasped, fingers
 
