@@ -16,7 +16,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.bench.run import bench
+    from graspfx.bench.threads import one_blas_thread
 
-    bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out)
+    with one_blas_thread():  # before numpy is loaded
+        from graspfx.bench.run import bench
+
+        bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out)
     return DONE

@@ -11,6 +11,7 @@ import numpy as np
 from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
 
 AXES = ("1 0 0", "0 1 0", "0 0 1")
+UNUSED = '<flag contact="disable" constraint="disable" sensor="disable" actuation="disable"/>'  # of MuJoCo's steps
 
 
 class MuJoCoSprings:
@@ -40,7 +41,7 @@ class MuJoCoSprings:
             for i in range(len(given.anchors))
         )
         self._model = self._mujoco.MjModel.from_xml_string(f"""
-            <mujoco><option timestep="{given.T!r}" gravity="0 0 0"/><worldbody>
+            <mujoco><option timestep="{given.T!r}" gravity="0 0 0">{UNUSED}</option><worldbody>
               <body>{_slides(d, given.viscosity, 0.0, np.zeros(d))}{turn}
                 <inertial pos="0 0 0" mass="{given.mass!r}" diaginertia="{moments}"/>{sites}</body>{fingers}
               </worldbody><tendon>{springs}</tendon></mujoco>""")
