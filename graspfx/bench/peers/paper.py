@@ -113,7 +113,8 @@ class PaperProgram:
             self._rotation[:] = (c, -s), (s, c)
         elif len(force) == 3:
             decay, push = 1.0 - T * g.rotational_viscosity / g.inertia, T / g.inertia
-            p, q, r = self._spin = tuple(decay * w + push * m for w, m in zip(self._spin, moment, strict=True))
+            p, q, r = (decay * w + push * m for w, m in zip(self._spin, moment, strict=True))
+            self._spin = p, q, r
             x, y, z, w = self._turn
             h = 0.5 * T
             x, y, z, w = (
