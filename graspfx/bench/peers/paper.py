@@ -132,6 +132,11 @@ class PaperProgram:
             )
             self._back[:] = self._rotation.T
 
+    @property
+    def forces(self) -> FloatArray:
+        """Forces (n, d) on the object in the last tick [N]."""
+        return self._world[: len(self.fingers)]
+
     def rotation(self) -> FloatArray:
         return self._rotation.copy()
 

@@ -53,12 +53,30 @@ class MuJoCoSprings:
     def tick(self) -> None:
         self._mujoco.mj_step(self._model, self._data, self._steps)
 
+    def rollout(self, ticks: int) -> FloatArray:
+        """Run from the start in one call that keeps every state, (ticks, 1 + positions + velocities)."""
+        rollout: Any = import_module("mujoco.rollout")
+        kind = self._mujoco.mjtState.mjSTATE_FULLPHYSICS
+        first = np.empty(self._mujoco.mj_stateSize(self._model, kind))
+        self.reset()
+        self._mujoco.mj_getState(self._model, self._data, first, kind)
+        states, _ = rollout.rollout(self._model, self._data, first, nstep=ticks, skip_checks=False)
+        return np.asarray(states[0])
+
+    def pose(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position (d,) and rotation (d, d) of the object in a state that `rollout` has kept."""
+        q = state[1 : 1 + self._model.nq]
+        return q[: self._given.dimensions].copy(), self._rotation_of(q)
+
     @property
     def position(self) -> FloatArray:
         return np.array(self._data.qpos[: self._given.dimensions])
 
     def rotation(self) -> FloatArray:
-        d, q = self._given.dimensions, self._data.qpos
+        return self._rotation_of(self._data.qpos)
+
+    def _rotation_of(self, q: FloatArray) -> FloatArray:
+        d = self._given.dimensions
         if d < 3:
             return rotation_matrix(d, float(q[d]) if d == 2 else 0.0, ())
         w, x, y, z = q[3:7].tolist()
