@@ -20,9 +20,10 @@ TITLE = "Maps of stability limits"
 LIMITS = """
 Times are per point of a map, of the call of `external_limit_map` or `wall_limit_map` with its engine. Up to two million
 points the default is numpy's; the compiled kernel runs on all processors, numpy on one. It is compiled once on a
-machine, which is not in the times (see Start-up for a first map). The peers know no closed form: they sample the plants and look for the gain at which the largest eigenvalue of the loop meets the unit circle, or
-its Nyquist curve the point -1; python-control finds all margins of any loop, of which one is used. They are timed on a
-few of the points. Errors are of those points, all with friction, without delay.
+machine, which is not in the times (see Start-up for a first map). The peers know no closed form: they sample the plants
+and look for the gain at which the largest eigenvalue of the loop meets the unit circle, or its Nyquist curve the point
+-1; python-control finds all margins of any loop, of which one is used. They are timed on a few of the points. Errors
+are of those points, all with friction, without delay.
 """
 
 T, SPRING, FRICTION, OBJECT = 0.005, 33.0, 0.2, 0.1

@@ -115,4 +115,4 @@ def _of_scene(start: Processes, scene: str) -> Iterator[Method]:
         yield start.code(f"first tick, compiled, {name}", TICK.format(scene=scene, engine="compiled"), cache)
     for name, cache in (("cold", start.empty), ("cached", start.full)):
         yield start.run(f"graspfx run --no-figure, {name}", scene, ["--no-figure"], cache)
-    yield start.run("graspfx run, cached", scene, [], start.full)
+    yield start.run("graspfx run with its figure, cached", scene, [], start.full)
