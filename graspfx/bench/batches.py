@@ -105,11 +105,11 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def _case(name: str, batched: Batched, lists: Values, more: Iterator[Method]) -> Case:
-    methods = [_whole(batched, lists), *more, _by_numpy(batched)]
+    methods = [whole_call(batched, lists), *more, by_numpy(batched)]
     return Case("batches", name, "relative", methods, BOUND)
 
 
-def _whole(batched: Batched, lists: Values) -> Method:
+def whole_call(batched: Batched, lists: Values) -> Method:
     """`run_batch` as a user calls it; with lists as long as the batch, point by point."""
     name, V = "GraspFX run_batch", len(batched)
     if not is_installed("llvmlite"):
@@ -167,7 +167,7 @@ def _measured_error(batched: Batched, measure: Callable[[], Any]) -> float:
     return batched.error(np.concatenate(parts, axis=1))
 
 
-def _by_numpy(batched: Batched) -> Method:
+def by_numpy(batched: Batched) -> Method:
     return Method(
         "numpy, arrays of variants", batched.arrays, lambda: batched.error(batched.arrays()), calls=len(batched)
     )  # fmt: skip
