@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
+from graspfx.bench.peers.rigid import UNUSED
 
 AXES = ("1 0 0", "0 1 0", "0 0 1")
-UNUSED = '<flag contact="disable" constraint="disable" sensor="disable" actuation="disable"/>'  # of MuJoCo's steps
 
 
 class MuJoCoSprings:
