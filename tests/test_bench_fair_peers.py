@@ -100,21 +100,21 @@ def test_fixed_contacts_give_the_same_forces_by_every_method() -> None:
 def test_arrays_of_numpy_are_single_runs() -> None:
     scene = gx.load("reference-1dof")
     stiffness, viscosity, mass = [20.0, 45.0], [0.7, 1.2], [0.08, 0.15]
-    found = last_positions(one_dof(scene), *(np.array(each) for each in (stiffness, viscosity, mass)), 300)
+    last = last_positions(one_dof(scene), *(np.array(each) for each in (stiffness, viscosity, mass)), 300)
     for k in range(2):
         changed = scene.replace(
             {batches.STIFFNESS: stiffness[k], batches.VISCOSITY: viscosity[k], batches.MASS: mass[k]}
         )
         run = gx.run(changed, 300 * scene.period)
         expected = [*run.finger_position[-1, :, 0], *run.object_position[-1]]
-        np.testing.assert_allclose(found[k], expected, rtol=1e-11)
+        np.testing.assert_allclose(last[k], expected, rtol=1e-11)
 
 
 def test_a_batch_is_timed_as_a_whole_call_and_gives_the_bits_of_single_runs() -> None:
     pytest.importorskip("llvmlite")
     rng = np.random.default_rng(2)
     values = {key: rng.uniform(*batches.RANGES[key], 18) for key in (batches.STIFFNESS, batches.VISCOSITY)}
-    random = batches.Batched(gx.load("reference-1dof"), values, ticks=60)
+    random = batches.BatchProblem(gx.load("reference-1dof"), values, ticks=60)
     whole, arrays = batches.whole_call(random, values), batches.by_numpy(random)
     assert (whole.once, whole.calls, arrays.calls) == (True, 18, 18)
     whole.call()
@@ -138,12 +138,12 @@ def test_eigenvalues_and_margins_meet_the_circle_where_30_digits_do() -> None:
 def test_solver_that_is_given_new_numbers_is_a_new_solver(mu: float) -> None:
     pytest.importorskip("clarabel")
     rng = np.random.default_rng(1)
-    kept = ByClarabel(6, mu, 1e-10)
+    solver = ByClarabel(6, mu, 1e-10)
     for _ in range(5):
         A = rng.normal(size=(6, 6))
         W, e = A @ A.T + np.eye(6), rng.normal(size=6)
         fresh = ByClarabel(6, mu, 1e-10)(W, e)
-        np.testing.assert_allclose(kept(W, e), fresh, atol=1e-7)
+        np.testing.assert_allclose(solver(W, e), fresh, atol=1e-7)
         if mu == 0.0:
             assert (fresh[[1, 2, 4, 5]] == 0.0).all() and (fresh > -1e-7).all()
 

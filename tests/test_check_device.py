@@ -120,7 +120,7 @@ def test_report_names_promises_that_it_cannot_see_in_hardware():
         "a force reaches its own finger, in its direction, in newtons",
     ):
         assert promise in unseen
-    assert not any(word in each for each in report.checked for word in ("zero force", "no force", "limit", "metres"))
+    assert not any(word in each for each in report.checks for word in ("zero force", "no force", "limit", "metres"))
     head, _, tail = str(report).partition("not visible:\n")
     assert head.startswith("checked:\n  - features are told")
     assert all(f"- {each.promise} ({each.reason})" in tail for each in report.not_visible)
@@ -128,14 +128,14 @@ def test_report_names_promises_that_it_cannot_see_in_hardware():
 
 def test_report_on_a_simulated_device_leaves_out_what_its_plant_shows():
     seen, unseen = (check_device(connect(mass=0.15, dimensions=1, **more)) for more in ({"force_limit": 3.0}, {}))
-    assert "the force limit is applied here, last" in seen.checked
+    assert "the force limit is applied here, last" in seen.checks
     assert "a force limit" in [each.promise for each in unseen.not_visible]
-    assert "`stop` is zero force, now, and may be called again" in seen.checked
+    assert "`stop` is zero force, now, and may be called again" in seen.checks
     for report in (seen, unseen):
         assert "two devices of a kind do not know each other" in [each.promise for each in report.not_visible]
         assert not any("metres" in each.promise for each in report.not_visible)
     both = check_device(partial(connect, mass=0.15, dimensions=1, force_limit=3.0))
-    assert "two devices of a kind in one process do not know each other" in both.checked
+    assert "two devices of a kind in one process do not know each other" in both.checks
     assert len(both.not_visible) == len(seen.not_visible) - 1
 
 

@@ -36,12 +36,12 @@ STIFFNESS, VISCOSITY, MASS = "coupling.external.stiffness", "object.viscosity", 
 RANGES = {STIFFNESS: (5.0, 60.0), VISCOSITY: (0.6, 1.5), MASS: (0.05, 0.2)}
 BOUND = 1e-12
 CHECKED = 12
-ALONE = 10  # variants that are run one by one
-MEASURED: Mapping[str, Any] = {"measure": ["finger_position", "object_position"], "statistics": ["last"]}
+SINGLES = 10  # variants that are run one by one
+QUANTITIES: Mapping[str, Any] = {"measure": ["finger_position", "object_position"], "statistics": ["last"]}
 
 
 @dataclass(frozen=True)
-class Batched:
+class BatchProblem:
     """Variants of the scene `reference-1dof`.
 
     Attributes:
@@ -62,17 +62,17 @@ class Batched:
         return self.ticks * self.scene.period
 
     @cached_property
-    def known(self) -> tuple[Any, FloatArray]:
+    def reference(self) -> tuple[Any, FloatArray]:
         """Numbers of a few variants, and their last positions by single runs, (CHECKED, 3) [m]."""
         numbers = np.random.default_rng(3).integers(0, len(self), CHECKED)
-        return numbers, np.stack([self.alone(k) for k in numbers])
+        return numbers, np.stack([self.single_run(k) for k in numbers])
 
     def error(self, last: FloatArray) -> float:
         """Compare last positions (V, 3) with those of single runs: the largest difference, relative."""
-        numbers, known = self.known
-        return float((np.abs(last[numbers] - known).max(axis=1) / np.abs(known).max(axis=1)).max())
+        numbers, expected = self.reference
+        return float((np.abs(last[numbers] - expected).max(axis=1) / np.abs(expected).max(axis=1)).max())
 
-    def alone(self, k: int, **more: Any) -> FloatArray:
+    def single_run(self, k: int, **more: Any) -> FloatArray:
         """Run one variant by itself; its last positions (3,) [m]."""
         run = gx.run(
             self.scene.replace({key: float(each[k]) for key, each in self.values.items()} | more), self.seconds
@@ -92,82 +92,82 @@ def cases(quick: bool) -> Iterator[Case]:
     """Compare whole calls for values of one key, for random points of two and three, and for a grid of two."""
     many, points, side, ticks = (200, 50, 20, 200) if quick else (10_000, 1000, 100, 1000)
     scene, rng = gx.load("reference-1dof"), np.random.default_rng(7)
-    one = Batched(scene, {STIFFNESS: np.linspace(*RANGES[STIFFNESS], many)}, ticks)
+    one = BatchProblem(scene, {STIFFNESS: np.linspace(*RANGES[STIFFNESS], many)}, ticks)
     yield _case(f"{many} values of one key, {ticks} ticks", one, one.values, _one_by_one(one))
     for count, word in ((2, "two"), (3, "three")):
         keys = list(RANGES)[:count]
-        random = Batched(scene, {key: rng.uniform(*RANGES[key], points) for key in keys}, ticks)
+        random = BatchProblem(scene, {key: rng.uniform(*RANGES[key], points) for key in keys}, ticks)
         yield _case(f"{points} random points of {word} keys, {ticks} ticks", random, random.values, _one_by_one(random))
     lists = {key: np.linspace(*RANGES[key], side) for key in (STIFFNESS, VISCOSITY)}
     grid = np.stack(np.meshgrid(*lists.values(), indexing="ij"), axis=-1).reshape(-1, 2)
-    all_of_them = Batched(scene, dict(zip(lists, grid.T, strict=True)), ticks)
-    yield _case(f"{side} by {side} values of two keys, {ticks} ticks", all_of_them, lists, _runs_alone(all_of_them))
+    product = BatchProblem(scene, dict(zip(lists, grid.T, strict=True)), ticks)
+    yield _case(f"{side} by {side} values of two keys, {ticks} ticks", product, lists, _runs_alone(product))
 
 
-def _case(name: str, batched: Batched, lists: Values, more: Iterator[Method]) -> Case:
-    methods = [whole_call(batched, lists), *more, by_numpy(batched)]
+def _case(name: str, problem: BatchProblem, lists: Values, more: Iterator[Method]) -> Case:
+    methods = [whole_call(problem, lists), *more, by_numpy(problem)]
     return Case("batches", name, "relative", methods, BOUND)
 
 
-def whole_call(batched: Batched, lists: Values) -> Method:
+def whole_call(problem: BatchProblem, lists: Values) -> Method:
     """`run_batch` as a user calls it; with lists as long as the batch, point by point."""
-    name, V = "GraspFX run_batch", len(batched)
+    name, V = "GraspFX run_batch", len(problem)
     if not is_installed("llvmlite"):
         return missing(name, "llvmlite")
     by_points = len(next(iter(lists.values()))) == V
     batches: list[Any] = []
 
     def call() -> None:
-        batches[:] = [gx.run_batch(batched.scene, lists, batched.seconds, zip=by_points, **MEASURED)]
+        batches[:] = [gx.run_batch(problem.scene, lists, problem.seconds, zip=by_points, **QUANTITIES)]
 
     def error() -> float:
         if not batches:
             call()
-        fingers, thing = (batches[0][quantity]["last"].reshape(V, -1) for quantity in MEASURED["measure"])
-        return batched.error(np.concatenate([fingers, thing], axis=1))
+        fingers, thing = (batches[0][quantity]["last"].reshape(V, -1) for quantity in QUANTITIES["measure"])
+        return problem.error(np.concatenate([fingers, thing], axis=1))
 
     return Method(name, call, error, calls=V, once=by_points)
 
 
-def _one_by_one(batched: Batched) -> Iterator[Method]:
+def _one_by_one(problem: BatchProblem) -> Iterator[Method]:
     """`gx.run` of a few variants, by its default engine and compiled."""
     for name, more in (("gx.run one by one", {}), ("gx.run one by one, compiled", {"engine": "compiled"})):
         if more and not is_installed("llvmlite"):
             yield missing(f"GraspFX {name}", "llvmlite")
             continue
-        yield Method(f"GraspFX {name}", partial(_several, batched, more), 0.0, "what is compared with", calls=ALONE)
+        yield Method(f"GraspFX {name}", partial(_several, problem, more), 0.0, "what is compared with", calls=SINGLES)
 
 
-def _several(batched: Batched, more: Mapping[str, Any]) -> None:
-    for k in range(ALONE):
-        batched.alone(k, **more)
+def _several(problem: BatchProblem, more: Mapping[str, Any]) -> None:
+    for k in range(SINGLES):
+        problem.single_run(k, **more)
 
 
-def _runs_alone(batched: Batched) -> Iterator[Method]:
+def _runs_alone(problem: BatchProblem) -> Iterator[Method]:
     """The runs of a batch whose variants are built and whose programs are known."""
     if not is_installed("llvmlite"):
         yield missing("GraspFX run_batch, its runs alone", "llvmlite")
         return
-    unique = {key: sorted(set(each.tolist())) for key, each in batched.values.items()}
-    columns = [np.searchsorted(unique[key], each) for key, each in batched.values.items()]
-    variants = Variants(batched.scene, unique, np.stack(columns, axis=1))
+    unique = {key: sorted(set(each.tolist())) for key, each in problem.values.items()}
+    columns = [np.searchsorted(unique[key], each) for key, each in problem.values.items()]
+    variants = Variants(problem.scene, unique, np.stack(columns, axis=1))
     groups = variants.groups()
     for threads, note in ((processors(), "every processor"), (1, "one processor")):
-        runs = Runs(batched.scene, variants, len(batched), batched.seconds, threads)
-        measure = partial(runs.measured, groups, MEASURED["measure"], MEASURED["statistics"])
+        runs = Runs(problem.scene, variants, len(problem), problem.seconds, threads)
+        measure = partial(runs.measured, groups, QUANTITIES["measure"], QUANTITIES["statistics"])
         yield Method(
-            f"GraspFX run_batch, its runs alone, {note}", measure, partial(_measured_error, batched, measure),
-            "not what a user waits for", calls=len(batched),
+            f"GraspFX run_batch, its runs alone, {note}", measure, partial(_error_of_measures, problem, measure),
+            "not what a user waits for", calls=len(problem),
         )  # fmt: skip
 
 
-def _measured_error(batched: Batched, measure: Callable[[], Any]) -> float:
+def _error_of_measures(problem: BatchProblem, measure: Callable[[], Any]) -> float:
     measures = measure()
-    parts = [measures[quantity]["last"].reshape(len(batched), -1) for quantity in MEASURED["measure"]]
-    return batched.error(np.concatenate(parts, axis=1))
+    parts = [measures[quantity]["last"].reshape(len(problem), -1) for quantity in QUANTITIES["measure"]]
+    return problem.error(np.concatenate(parts, axis=1))
 
 
-def by_numpy(batched: Batched) -> Method:
+def by_numpy(problem: BatchProblem) -> Method:
     return Method(
-        "numpy, arrays of variants", batched.arrays, lambda: batched.error(batched.arrays()), calls=len(batched)
+        "numpy, arrays of variants", problem.arrays, lambda: problem.error(problem.arrays()), calls=len(problem)
     )  # fmt: skip

@@ -39,16 +39,16 @@ def cases(quick: bool) -> Generator[Case]:
     number = QUICK if quick else TICKS
     for internal, gains in ((ticks.INTERNAL, "kep < kip"), (ticks.EXTERNAL, "kep = kip")):
         scene = ticks.make_scene(3, internal, "native")
-        given = ticks.springs(scene, internal)
-        truth = ticks.anchors_after(given)
+        system = ticks.springs(scene, internal)
+        truth = ticks.anchors_after(system)
         with TemporaryDirectory(prefix="graspfx-bench-") as folder:
-            methods = [*_ours(scene, number, truth, given, Path(folder)), _by_numpy(given, truth, number)]
+            methods = [*_ours(scene, number, truth, system, Path(folder)), _by_numpy(system, truth, number)]
             if internal == ticks.EXTERNAL:
-                methods.append(_by_mujoco(given, truth, number))
+                methods.append(_by_mujoco(system, truth, number))
             yield Case("runs", f"space, 5 fingers, {gains}, {number} ticks", "m", methods, bound=0.002)
 
 
-def _ours(scene: Scene, number: int, truth: FloatArray, given: Springs, folder: Path) -> list[Method]:
+def _ours(scene: Scene, number: int, truth: FloatArray, system: Springs, folder: Path) -> list[Method]:
     seconds, folders = number * scene.period, count()
 
     def to_disk() -> None:
@@ -56,7 +56,7 @@ def _ours(scene: Scene, number: int, truth: FloatArray, given: Springs, folder: 
 
     def error(engine: str) -> float:
         run = gx.run(scene.model_copy(update={"engine": engine}), ticks.SECONDS + scene.period)
-        return ticks.recorded_error(run, truth, given)
+        return ticks.recorded_error(run, truth, system)
 
     calls: dict[str, Callable[[], object]] = {
         "GraspFX gx.run": lambda: gx.run(scene, seconds),
@@ -70,9 +70,9 @@ def _ours(scene: Scene, number: int, truth: FloatArray, given: Springs, folder: 
     return [*methods, Method("GraspFX, ticks alone", alone, partial(error, "compiled"), calls=number)]
 
 
-def _by_numpy(given: Springs, truth: FloatArray, number: int) -> Method:
-    program = PaperProgram(given)
-    n, d = given.anchors.shape
+def _by_numpy(system: Springs, truth: FloatArray, number: int) -> Method:
+    program = PaperProgram(system)
+    n, d = system.anchors.shape
     positions, forces, place = np.empty((number, n, d)), np.empty((number, n, d)), np.empty((number, d))
 
     def run(rows: int) -> None:
@@ -83,18 +83,18 @@ def _by_numpy(given: Springs, truth: FloatArray, number: int) -> Method:
 
     def error() -> float:
         run(ticks.TICKS)
-        return ticks.anchor_error((program.position, program.rotation()), truth, given)
+        return ticks.anchor_error((program.position, program.rotation()), truth, system)
 
     return Method("numpy, K known", partial(run, number), error, calls=number)
 
 
-def _by_mujoco(given: Springs, truth: FloatArray, number: int) -> Method:
+def _by_mujoco(system: Springs, truth: FloatArray, number: int) -> Method:
     name = "MuJoCo with springs, rollout"
     if not is_installed("mujoco"):
         return missing(name, "mujoco")
-    peer = MuJoCoSprings(given)
+    peer = MuJoCoSprings(system)
 
     def error() -> float:
-        return ticks.anchor_error(peer.pose(peer.rollout(ticks.TICKS)[-1]), truth, given)
+        return ticks.anchor_error(peer.pose(peer.rollout(ticks.TICKS)[-1]), truth, system)
 
     return Method(name, partial(peer.rollout, number), error, calls=number)

@@ -180,7 +180,7 @@ def _where(stamps: Sequence[Stamp]) -> str:
     return f"Measured on {cpus}; load of the machine {min(loads):.1f} to {max(loads):.1f}; {days}."
 
 
-def missing(report: Report) -> list[str]:
+def lacking(report: Report) -> list[str]:
     """List the table's figures that a report does not have."""
     rows = {(row.benchmark, row.case, row.method) for row in report.rows if row.state == TIMED}
     wanted = [(line.benchmark, each.case, each.method) for line in LINES for each in (*line.ours, *line.beside)]
@@ -194,9 +194,9 @@ def write(report: Report, file: Path) -> None:
         InputError: the file has no such lines, or the report lacks figures of the table.
     """
     require_place(file)
-    lacking = missing(report)
-    if lacking:
-        raise InputError("--readme", str(file), f"a report with all of its figures; not there: {'; '.join(lacking)}")
+    names = lacking(report)
+    if names:
+        raise InputError("--readme", str(file), f"a report with all of its figures; not there: {'; '.join(names)}")
     text = file.read_text(encoding="utf-8")
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
@@ -213,10 +213,10 @@ def require_place(file: Path) -> None:
 def _text(line: Line, rows: dict[tuple[str, str, str], Row]) -> str | None:
     cells = []
     for figures in (line.ours, line.beside):
-        found = [rows.get((line.benchmark, each.case, each.method)) for each in figures]
-        if None in found:
+        measurements = [rows.get((line.benchmark, each.case, each.method)) for each in figures]
+        if None in measurements:
             return None
-        cells.append("; ".join(_figures(figures, [row for row in found if row is not None])))
+        cells.append("; ".join(_figures(figures, [row for row in measurements if row is not None])))
     return f"| {line.what} | {cells[0]} | {cells[1]} | `graspfx bench {line.benchmark}` |"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graspfx.testing.device import check_device
 from graspfx.testing.promise import ConformanceError
-from graspfx.testing.report import DeviceReport, NotVisible
+from graspfx.testing.report import BlindSpot, DeviceReport
 from graspfx.testing.scene import check_scene
 
-__all__ = ["ConformanceError", "DeviceReport", "NotVisible", "check_device", "check_scene"]
+__all__ = ["BlindSpot", "ConformanceError", "DeviceReport", "check_device", "check_scene"]

@@ -22,8 +22,8 @@ from graspfx.testing.report import (
     NO_LIMIT,
     NOT_NEWTONS,
     SIMULATED,
+    BlindSpot,
     DeviceReport,
-    NotVisible,
 )
 
 FloatArray = NDArray[np.float64]
@@ -69,10 +69,10 @@ def check_device(
         _check_two(device(), device(), promises, period, force, start)
     else:
         raise InputError("device", device, "a device, or a function that makes one")
-    return DeviceReport(tuple(promises.kept), tuple(_not_visible(bench, factory=not hasattr(device, "open"))))
+    return DeviceReport(tuple(promises.texts), tuple(_blind_spots(bench, factory=not hasattr(device, "open"))))
 
 
-def _not_visible(bench: _Bench, *, factory: bool) -> Iterator[NotVisible]:
+def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
     if bench.plant is None:
         yield from HARDWARE
     else:

@@ -21,11 +21,11 @@ class Promise:
     Args:
         text: what is promised.
         what: who promises it.
-        kept: texts of promises that were kept, to which this one is added when it was.
+        record: texts of promises that held, to which this one is added if it does.
     """
 
-    def __init__(self, text: str, what: str = "device", kept: list[str] | None = None) -> None:
-        self.text, self.what, self._kept = text, what, kept
+    def __init__(self, text: str, what: str = "device", record: list[str] | None = None) -> None:
+        self.text, self.what, self._record = text, what, record
 
     def __enter__(self) -> Promise:
         return self
@@ -33,8 +33,8 @@ class Promise:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         if isinstance(error, Exception) and not isinstance(error, ConformanceError):
             raise ConformanceError(self.text, f"{type(error).__name__}: {error}", self.what) from error
-        if error is None and self._kept is not None and self.text not in self._kept:
-            self._kept.append(self.text)
+        if error is None and self._record is not None and self.text not in self._record:
+            self._record.append(self.text)
 
     def holds(self, kept: object, found: str) -> None:
         if not kept:
@@ -42,16 +42,16 @@ class Promise:
 
 
 class Promises:
-    """Promises put to the test one after another, of which the kept ones are noted.
+    """Promises put to the test one after another, of which those that hold are noted.
 
     Attributes:
-        kept: texts of the promises that were kept, in their order.
+        texts: of the promises that held, in their order.
     """
 
     def __init__(self, what: str) -> None:
         self._what = what
-        self.kept: list[str] = []
+        self.texts: list[str] = []
 
     def __call__(self, text: str) -> Promise:
         """Put a promise to the test, in a `with` statement."""
-        return Promise(text, self._what, self.kept)
+        return Promise(text, self._what, self.texts)
