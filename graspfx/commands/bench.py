@@ -12,11 +12,15 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("names", metavar="NAME", nargs="*", help="of benchmarks (all of them)")
     parser.add_argument("--quick", action="store_true", help="a few seconds each, and rougher")
     parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
+    parser.add_argument("--readme", metavar="FILE", type=Path, help="file whose table of speeds is written anew")
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder of benchmarks.json, its page and pictures")
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.bench.run import bench
+    from graspfx.bench.threads import one_blas_thread
 
-    bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out)
+    with one_blas_thread():  # before numpy is loaded
+        from graspfx.bench.run import bench
+
+        bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out, readme=chosen.readme)
     return DONE

@@ -120,12 +120,14 @@ def run_batch(
     statistics: Sequence[str] = STATISTICS,
     threads: int | None = None,
 ) -> Batch:
-    """Simulate many variants of a scene at once, thousands in seconds; each is the scene with some values replaced.
+    """Simulate many variants of a scene at once; each is the scene with some values replaced.
 
-    The runs are those of `gx.run`, to the last bit but for the sign of a zero. Only a few variants are built as whole
-    scenes: one for every value of each key. All others are put together from what each value changes, and some of
-    these, with all combinations of extremes, are built to check that they are the same, bit by bit; where keys act on
-    one another their combinations are built too. Every value is thereby checked as the scene's own.
+    The runs are those of `gx.run`, to the last bit but for the sign of a zero. One variant for every value of each key
+    is built as a whole scene, which takes some milliseconds: a grid of a hundred values of two keys takes seconds, as
+    many different values as runs take no less than runs one by one. All others are put together from what each value
+    changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit by
+    bit; where keys act on one another their combinations are built too. Every value is thereby checked as the scene's
+    own.
 
     Variants whose ticks are all alike, with one law and no finger that lets go or slips, run side by side, some
     nanoseconds each tick. All others run one by one with the program that `gx.run` has for them.
