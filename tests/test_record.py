@@ -18,7 +18,7 @@ import xarray as xr
 from recordings import PERIOD, header, layout, put, recording, rows
 
 from graspfx.errors import RecordingError
-from graspfx.loop.file import FileSink
+from graspfx.loop.sink import FileSink
 from graspfx.loop.header import Outcome, RunFault, machine, versions
 from graspfx.loop.layout import Layout
 from graspfx.loop.record import Recorder, Recording
@@ -218,7 +218,7 @@ KILLED = """
 import sys, time
 sys.path[:0] = [{root!r}, {tests!r}]
 from recordings import header, layout, put, rows
-from graspfx.loop.file import FileSink
+from graspfx.loop.sink import FileSink
 from graspfx.loop.record import Recorder
 made = layout()
 values = rows(made, 1000)

@@ -71,7 +71,7 @@ def show(name: str, rows: Sequence[Row]) -> None:
 def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
     """The report as JSON, its page, and the figures of the benchmarks `drawn`."""
     from graspfx.bench.figures import figure
-    from graspfx.loop.file import make_folder
+    from graspfx.loop.places import make_folder
 
     make_folder(folder)
     report.save(folder / NAME)

@@ -30,7 +30,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.loop.file import make_folder
+    from graspfx.loop.places import make_folder
     from graspfx.show.portrait import picture
 
     recording, meshes, home = _recorded(chosen)
@@ -46,7 +46,7 @@ def execute(chosen: Namespace) -> int:
 
 def _recorded(chosen: Namespace) -> tuple[Recording, Path | None, Path]:
     """A recording, or a scene that is run for it; where paths of meshes start; and where its pictures go."""
-    from graspfx.loop.file import NAME, recording_file
+    from graspfx.loop.places import NAME, recording_file
     from graspfx.loop.record import Recording
 
     given = Path(chosen.recording)

@@ -16,7 +16,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.loop.file import make_folder, recording_file
+    from graspfx.loop.places import make_folder, recording_file
     from graspfx.loop.record import Recording
     from graspfx.show.summary import print_summary
 

@@ -36,7 +36,7 @@ def execute(chosen: Namespace) -> int:
         else:
             certify(scene)
         return DONE
-    from graspfx.loop.file import make_folder
+    from graspfx.loop.places import make_folder
     from graspfx.show.limits import limits_figure
 
     folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
