@@ -36,6 +36,11 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None)
         print(f"wrote {out / NAME}, {out / PAGE} and the pictures in {out / PICTURES}", file=sys.stderr)
 
 
+def files(names: Sequence[str], out: Path) -> list[Path]:
+    """Files that a report on benchmarks, on all if none is named, may write into a folder."""
+    return [out / NAME, out / PAGE, *(_picture(out, name) for name in chosen(names))]
+
+
 def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
     """One benchmark into the report; each case is printed when it is done, unless `quiet`."""
     module = benchmark(name)
@@ -79,4 +84,8 @@ def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
     for name in drawn:
         found = [row for row in report.rows if row.benchmark == name]
         if any(row.time_us is not None for row in found):
-            figure(found, report.stamps[name].title, folder / PICTURES / f"{name}.png")
+            figure(found, report.stamps[name].title, _picture(folder, name))
+
+
+def _picture(folder: Path, name: str) -> Path:
+    return folder / PICTURES / f"{name}.png"

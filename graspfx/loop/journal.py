@@ -1,7 +1,7 @@
 """The part of a recording that a run writes: rows and faults at the end of a file, each block with a digest.
 
-What was there is never changed, so that a run that is killed, or a disk that is full, leaves every block before the last
-as it was. Each block's digest is over the digest before it, too: none can be changed, moved or left out unnoticed.
+What was written is never changed, so that a run that is killed, or a disk that is full, leaves every block before the
+last as it was. Each block's digest is over the digest before it, too: none can be changed, moved or left out unnoticed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from graspfx.errors import RecordingError
 from graspfx.loop.attributes import conclusion, description, format_of, header_of, layout_of, outcome_of
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
-from graspfx.loop.lock import claim
+from graspfx.loop.lock import claim, release
 
 FloatArray = NDArray[np.float64]
 
@@ -70,9 +70,7 @@ class Journal:
             self._append([(HEADER, json.dumps(description(layout, header)).encode())])
             self.sync()
         except OSError as error:
-            with suppress(OSError):
-                self.file.truncate(0)
-            self.file.close()
+            release(self.file, path)
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:

@@ -1,6 +1,7 @@
 """The last line of a recording: a digest of all bytes before it, so that a change of any of them is an error.
 
-It stands behind what HDF5 calls the file's end, where HDF5 does not look. `head -c -80 recording.h5 | sha256sum` gives it too.
+It stands behind what HDF5 calls the file's end, where HDF5 does not look. `head -c -80 recording.h5 | sha256sum` gives
+it too.
 """
 
 from __future__ import annotations

@@ -82,7 +82,7 @@ class FileSink:
         try:
             self._convert(self._place, outcome)
         except OSError as error:
-            self._fail(f"{self._place}: cannot be written; {error.strerror}; the whole run can be read in {part}", error)
+            self._fail(f"{self._place}: cannot be written; {error.strerror}; the run is whole in {part}", error)
         release(self._journal.file, part)
 
     def _convert(self, place: Path, outcome: Outcome) -> None:
@@ -95,7 +95,7 @@ class FileSink:
         return f"the {rows} rows before that can be read there" if rows else "no row was written"
 
     def _rescue(self, outcome: Outcome) -> None:
-        """Save the rows of a part that was removed, which live as long as it is open, in the nearest folder there is."""
+        """Save the rows of a part that was removed, which live while it is open, in the nearest folder there is."""
         roots = [each for each in self._home.parents if each.is_dir() and os.access(each, os.W_OK)][:1]
         for root in (*roots, Path(gettempdir())):
             with suppress(OSError):
@@ -109,7 +109,10 @@ class FileSink:
 
     def _fail(self, text: str, error: OSError | None = None) -> None:
         self._failure = RecordingError(text)
-        self._journal.file.close()
+        if self._journal.rows:
+            self._journal.file.close()
+        else:
+            release(self._journal.file, self._journal.path)
         raise self._failure from error
 
 

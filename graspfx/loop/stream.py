@@ -1,4 +1,4 @@
-"""An open file for HDF5, which a failing write would leave in pieces: failures are noted here, and told to the caller."""
+"""An open file for HDF5, which must not see that a write fails: the failure is noted here, and told to the caller."""
 
 from __future__ import annotations
 
