@@ -124,7 +124,7 @@ def test_they_are_listed_with_their_owner(site: Path, tmp_path: Path) -> None:
     seen = {line[0]: " ".join(line[1:]) for line in lines}
     for name, module in (("rail", "rail"), ("acme-push", "push"), ("acme-row", "row"), ("syrup", "syrup")):
         assert seen[name].endswith(f"[acme-rig 1.2 (acme_rig.{module})]")
-    assert seen["syrup"].startswith("A body in syrup [acme-rig")
+    assert seen["syrup"].startswith("The native body in a fluid in which it does not move [")
 
 
 @pytest.mark.parametrize("scene", ["acme-push", "acme-row"])

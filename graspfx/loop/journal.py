@@ -50,7 +50,7 @@ class Journal:
     """Appends blocks to a part, under a lock that ends with the process.
 
     Args:
-        path: of the part, emptied.
+        path: of the part; one of a run that was killed is replaced.
         layout: the columns.
         header: of the recording.
 
@@ -61,14 +61,17 @@ class Journal:
     def __init__(self, path: Path, layout: Layout, header: Header) -> None:
         self.path, self._width, self.rows = path, layout.width, 0
         self._end, self._digest = 0, b""
+        self._sync_time = time.monotonic()
+        text = json.dumps(description(layout, header)).encode()
         try:
             self.file = claim(path)
+            while os.fstat(self.file.fileno()).st_size > 0:  # of a run that was killed: to empty it would take longer
+                release(self.file, path)
+                self.file = claim(path)
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
         try:
-            self.file.truncate(0)
-            self._append([(HEADER, json.dumps(description(layout, header)).encode())])
-            self.sync()
+            self._append([(HEADER, text)])
         except OSError as error:
             release(self.file, path)
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error

@@ -96,6 +96,7 @@ class FileSink:
 
     def _rescue(self, outcome: Outcome) -> None:
         """Save the rows of a part that was removed, which live while it is open, in the nearest folder there is."""
+        said = f"{self._home}: was removed or moved while a run wrote there"
         roots = [each for each in self._home.parents if each.is_dir() and os.access(each, os.W_OK)][:1]
         for root in (*roots, Path(gettempdir())):
             with suppress(OSError):
@@ -103,8 +104,7 @@ class FileSink:
                 self._convert(place, outcome)
                 break
         else:
-            self._fail(f"{self._home}: was removed while a run wrote there, and its rows fit nowhere else")
-        said = f"{self._home}: was removed while a run wrote there"
+            self._fail(f"{said}, and its rows fit nowhere else")
         self._fail(f"{said}; its {self._journal.rows} rows so far are in {place}")
 
     def _fail(self, text: str, error: OSError | None = None) -> None:
