@@ -114,9 +114,8 @@ def test_a_later_format_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         sink = FileSink(tmp_path / "s.h5", made, header())
         sink._journal.file.close()
     for name in ("r.h5", "s.h5.part"):
-        with pytest.raises(
-            RecordingError, match=rf"its format is {FORMAT + 1}, and this GraspFX reads formats 1 to {FORMAT}"
-        ):
+        said = f"its format is {FORMAT + 1}, and this GraspFX reads formats 1 to {FORMAT}"
+        with pytest.raises(RecordingError, match=said):
             Recording.load(tmp_path / name)
 
 
@@ -190,10 +189,7 @@ print(json.dumps(tally))
 @pytest.mark.parametrize("name", [NAME, f"{NAME}.part"])
 @efforts(short=400, full=20_000)
 def test_a_change_of_any_byte_is_an_error(name: str, cases: int, tmp_path: Path) -> None:
-    """Of a recording always; a part may also end before the block that was changed, as if the run had been killed there.
-
-    That is where a whole sector of zeros is at its end, as after a loss of power.
-    """
+    """One bit, up to 64 bytes at random, zeros, or bytes from elsewhere in the file."""
     made = layout(3, 2)
     sink = FileSink(tmp_path / NAME, made, header())
     for first in range(0, 600, 100):

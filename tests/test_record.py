@@ -275,7 +275,8 @@ from graspfx.loop.record import Recording
 for name in ("closed.h5", {first!r}):
     whole = Path(name).read_bytes()
     assert len(Recording.load(name)) > 0
-    for size in [*range(0, 1000, 100), *range(1000, len(whole) - 200, len(whole) // 150), *range(len(whole) - 200, len(whole))]:
+    near, end = range(0, 1000, 100), range(len(whole) - 200, len(whole))
+    for size in [*near, *range(1000, len(whole) - 200, len(whole) // 150), *end]:
         Path("cut.h5").write_bytes(whole[:size])
         try:
             Recording.load("cut.h5")
