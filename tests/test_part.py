@@ -39,7 +39,7 @@ def script(code: str, folder: Path, *arguments: str) -> Any:
     """What a program of its own prints as JSON; it must come to its end by itself."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
     command = [sys.executable, "-c", code, *arguments]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -325,6 +325,68 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_part(tmp_path: Path) -> None:
     assert found["rows"] == 1100
 
 
+INTERRUPTS = """
+import json, os, signal, sys
+from recordings import header, layout, rows
+from graspfx.loop.header import Outcome
+from graspfx.loop.record import Recording
+from graspfx.loop.sink import FileSink
+from graspfx.loop.stream import Stream
+signal.signal(signal.SIGINT, signal.default_int_handler)
+made = layout(3, 2)
+values = rows(made, 1100)
+push = Stream._push
+def interrupt(self, data):
+    global left
+    left -= 1
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGINT)
+    push(self, data)
+Stream._push = interrupt
+tally = []
+for step in range(1, 40, 3):
+    left = step
+    sink = FileSink("recording.h5", made, header(), overwrite=True)
+    sink.write(values, [])
+    try:
+        sink.close(Outcome())
+    except KeyboardInterrupt:
+        tally.append(sorted(os.listdir()))
+    assert Recording.load("recording.h5").rows.tobytes() == values.tobytes()
+    os.unlink("recording.h5")
+print(json.dumps(tally))
+"""
+
+
+@POSIX
+def test_ctrl_c_while_the_recording_is_written_waits_for_its_end(tmp_path: Path) -> None:
+    """An exception within HDF5's writes would leave it as a failing write does."""
+    seen = script(INTERRUPTS, tmp_path)
+    assert len(seen) == 13
+    assert seen == [["recording.h5"]] * 13
+
+
+def test_rows_after_an_interrupt_in_a_write_do_not_close_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A block that was lost must not be followed by the next one, as if no time had passed."""
+    sink = write_part(tmp_path / NAME, 400)
+    write = journals.Journal._append
+
+    def interrupt(self: journals.Journal, blocks: Any) -> None:
+        write(self, blocks)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as once:
+        once.setattr(journals.Journal, "_append", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            sink.write(values[400:600], [])
+    with pytest.raises(RecordingError, match="was interrupted in a write; the 400 rows before that can be read there"):
+        sink.write(values[600:700], [])
+    sink.close(Outcome())
+    rec = Recording.load(tmp_path)
+    assert rec.rows.tobytes() == values[: len(rec)].tobytes()
+    assert len(rec) >= 400 and not rec.outcome.complete
+
+
 def test_what_stays_in_memory_after_a_failure_is_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -393,6 +455,7 @@ def test_the_disk_is_told_to_keep_the_rows_about_once_a_second(tmp_path: Path, m
     clock, syncs = 0.0, []
     monkeypatch.setattr(journals.time, "monotonic", lambda: clock)
     monkeypatch.setattr(journals.os, "fsync", lambda _: syncs.append(clock))
+    monkeypatch.setattr(journals, "sync_folder", lambda _: None)
     sink = FileSink(tmp_path / NAME, made, header())
     for k in range(1, 17):
         clock = 0.3 * k

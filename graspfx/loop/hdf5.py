@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import h5py
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from graspfx.loop.attributes import conclusion, description
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import WRENCH, Column, Layout
+from graspfx.loop.places import sync_folder
 from graspfx.loop.seal import seal
 from graspfx.loop.stream import Stream
 
@@ -32,15 +34,44 @@ SCALES = {
 
 def write_hdf5(
     place: Path, blocks: Iterable[FloatArray], count: int, layout: Layout, header: Header, outcome: Outcome
-) -> None:
+) -> BaseException | None:
     """Write `count` rows, in blocks (r, width), and all that is known of them; a file that is there is replaced.
 
     A variable per column of the layout, with dimension scales `time`, `finger`, `axis` and units as attributes; objects
     are groups of their own under `objects`. Times are ticks x period. Each chunk has a checksum, and the file a digest.
 
+    An exception that a signal raises, as Ctrl-C does, must no more reach HDF5 than a failing write: they reach the main
+    thread only, and another one writes. Returned is what was raised meanwhile, for the caller to raise when it is done.
+
     Raises:
         OSError: the disk does not take it; nothing has changed then.
     """
+    done = Event()
+    failures: list[BaseException] = []
+    interrupts: list[BaseException] = []
+
+    def write() -> None:
+        try:
+            _write(place, blocks, count, layout, header, outcome)
+        except BaseException as error:  # noqa: BLE001 (raised again below, whatever it is)
+            failures.append(error)
+        finally:
+            done.set()
+
+    Thread(target=write, name="recording").start()
+    while not done.is_set():
+        try:
+            done.wait()
+        except BaseException as error:  # noqa: BLE001 (what a signal's handler raises, such as KeyboardInterrupt)
+            interrupts.append(error)
+    if failures:
+        raise failures[0]
+    return interrupts[0] if interrupts else None
+
+
+def _write(
+    place: Path, blocks: Iterable[FloatArray], count: int, layout: Layout, header: Header, outcome: Outcome
+) -> None:
     beside = place.with_name(place.name + ".tmp")
     stream = Stream(beside)
     try:
@@ -69,16 +100,6 @@ def write_hdf5(
         stream.close()
         with suppress(OSError):
             beside.unlink(missing_ok=True)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the disk keep the names in a folder, where the system can."""
-    with suppress(OSError):  # Windows opens no folder
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _pieces(blocks: Iterable[FloatArray], width: int) -> Iterator[FloatArray]:

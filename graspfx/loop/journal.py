@@ -26,6 +26,7 @@ from graspfx.loop.attributes import conclusion, description, format_of, header_o
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
 from graspfx.loop.lock import claim, release
+from graspfx.loop.places import sync_folder
 
 FloatArray = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ class Journal:
     def __init__(self, path: Path, layout: Layout, header: Header) -> None:
         self.path, self._width, self.rows = path, layout.width, 0
         self._end, self._digest = 0, b""
-        self._sync_time = time.monotonic()
+        self._new, self._sync_time = True, time.monotonic()  # new: the disk may not have its name yet
         text = json.dumps(description(layout, header)).encode()
         try:
             self.file = claim(path)
@@ -102,7 +103,9 @@ class Journal:
     def sync(self) -> None:
         """Make the disk keep what was written so far."""
         os.fsync(self.file.fileno())
-        self._sync_time = time.monotonic()
+        if self._new:
+            sync_folder(self.path.parent)
+        self._new, self._sync_time = False, time.monotonic()
 
     def blocks(self) -> Iterator[FloatArray]:
         """The rows written so far, block by block; also of a part that was removed meanwhile."""
@@ -121,7 +124,7 @@ class Journal:
             view = memoryview(text)
             while view:
                 view = view[self.file.write(view) :]
-        except OSError:
+        except BaseException:
             with suppress(OSError):
                 self.file.truncate(self._end)
             raise

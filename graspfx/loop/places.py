@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 
@@ -32,6 +34,16 @@ def obstacle(error: OSError) -> str:
     """Say why no folder can be made."""
     in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
     return "a file is in its way" if in_the_way else str(error.strerror)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the disk keep the names in a folder, where the system can."""
+    with suppress(OSError):  # Windows opens no folder
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def part_of(place: Path) -> Path:

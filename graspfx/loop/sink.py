@@ -59,6 +59,9 @@ class FileSink:
             self._journal.write(rows, faults)
         except OSError as error:
             self._fail(f"{self._journal.path}: cannot be written; {error.strerror}; {self._readable()}", error)
+        except BaseException:  # Ctrl-C in a program: whether these rows are there is not known, so none may follow
+            self._failure = RecordingError(f"{self._journal.path}: was interrupted in a write; {self._readable()}")
+            raise
         self._faults += faults
         if not stands_at(self._journal.file, self._journal.path):
             self._rescue(Outcome(tuple(self._faults), None, False))
@@ -80,15 +83,17 @@ class FileSink:
         if not stands_at(self._journal.file, part):
             self._rescue(outcome)
         try:
-            self._convert(self._place, outcome)
+            interrupt = self._convert(self._place, outcome)
         except OSError as error:
             self._fail(f"{self._place}: cannot be written; {error.strerror}; the run is whole in {part}", error)
         release(self._journal.file, part)
+        if interrupt is not None:
+            raise interrupt
 
-    def _convert(self, place: Path, outcome: Outcome) -> None:
+    def _convert(self, place: Path, outcome: Outcome) -> BaseException | None:
         from graspfx.loop.hdf5 import write_hdf5
 
-        write_hdf5(place, self._journal.blocks(), self._journal.rows, self._layout, self._header, outcome)
+        return write_hdf5(place, self._journal.blocks(), self._journal.rows, self._layout, self._header, outcome)
 
     def _readable(self) -> str:
         rows = self._journal.rows
@@ -134,8 +139,10 @@ def save(
     except OSError as error:
         raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
     try:
-        write_hdf5(place, [rows], len(rows), layout, header, outcome)
+        interrupt = write_hdf5(place, [rows], len(rows), layout, header, outcome)
     except OSError as error:
         raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
     finally:
         release(lock, part_of(place))
+    if interrupt is not None:
+        raise interrupt
