@@ -345,9 +345,10 @@ def interrupt(self, data):
 Stream._push = interrupt
 tally = []
 for step in range(1, 40, 3):
-    left = step
+    left = -1
     sink = FileSink("recording.h5", made, header(), overwrite=True)
     sink.write(values, [])
+    left = step
     try:
         sink.close(Outcome())
     except KeyboardInterrupt:
@@ -366,20 +367,33 @@ def test_ctrl_c_while_the_recording_is_written_waits_for_its_end(tmp_path: Path)
     assert seen == [["recording.h5"]] * 13
 
 
-def test_rows_after_an_interrupt_in_a_write_do_not_close_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_text_that_hdf5_does_not_take_leaves_the_part(tmp_path: Path) -> None:
+    sink = FileSink(tmp_path / NAME, made, header(title="nothing \0 here"))
+    sink.write(values, [])
+    said = r"recording\.h5: cannot be written; .*NULL.*; the run is whole in .*recording\.h5\.part"
+    with pytest.raises(RecordingError, match=said):
+        sink.close(Outcome())
+    rec = Recording.load(tmp_path)
+    assert len(rec) == 1500 and rec.outcome.complete
+    with pytest.raises(RecordingError, match=r"again\.h5: cannot be written; .*NULL"):
+        rec.save(tmp_path / "again.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["recording.h5.part"]
+
+
+def test_no_rows_follow_those_whose_write_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A block that was lost must not be followed by the next one, as if no time had passed."""
     sink = write_part(tmp_path / NAME, 400)
     write = journals.Journal._append
 
-    def interrupt(self: journals.Journal, blocks: Any) -> None:
+    def break_off(self: journals.Journal, blocks: Any) -> None:
         write(self, blocks)
-        raise KeyboardInterrupt
+        raise MemoryError
 
     with monkeypatch.context() as once:
-        once.setattr(journals.Journal, "_append", interrupt)
-        with pytest.raises(KeyboardInterrupt):
+        once.setattr(journals.Journal, "_append", break_off)
+        with pytest.raises(MemoryError):
             sink.write(values[400:600], [])
-    with pytest.raises(RecordingError, match="was interrupted in a write; the 400 rows before that can be read there"):
+    with pytest.raises(RecordingError, match="could not be written; the 400 rows before that can be read there"):
         sink.write(values[600:700], [])
     sink.close(Outcome())
     rec = Recording.load(tmp_path)

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import h5py
@@ -34,44 +33,17 @@ SCALES = {
 
 def write_hdf5(
     place: Path, blocks: Iterable[FloatArray], count: int, layout: Layout, header: Header, outcome: Outcome
-) -> BaseException | None:
+) -> None:
     """Write `count` rows, in blocks (r, width), and all that is known of them; a file that is there is replaced.
 
     A variable per column of the layout, with dimension scales `time`, `finger`, `axis` and units as attributes; objects
     are groups of their own under `objects`. Times are ticks x period. Each chunk has a checksum, and the file a digest.
 
-    An exception that a signal raises, as Ctrl-C does, must no more reach HDF5 than a failing write: they reach the main
-    thread only, and another one writes. Returned is what was raised meanwhile, for the caller to raise when it is done.
+    An exception that a signal raises must no more reach HDF5 than a failing write: `uninterrupted` is to keep it away.
 
     Raises:
         OSError: the disk does not take it; nothing has changed then.
     """
-    done = Event()
-    failures: list[BaseException] = []
-    interrupts: list[BaseException] = []
-
-    def write() -> None:
-        try:
-            _write(place, blocks, count, layout, header, outcome)
-        except BaseException as error:  # noqa: BLE001 (raised again below, whatever it is)
-            failures.append(error)
-        finally:
-            done.set()
-
-    Thread(target=write, name="recording").start()
-    while not done.is_set():
-        try:
-            done.wait()
-        except BaseException as error:  # noqa: BLE001 (what a signal's handler raises, such as KeyboardInterrupt)
-            interrupts.append(error)
-    if failures:
-        raise failures[0]
-    return interrupts[0] if interrupts else None
-
-
-def _write(
-    place: Path, blocks: Iterable[FloatArray], count: int, layout: Layout, header: Header, outcome: Outcome
-) -> None:
     beside = place.with_name(place.name + ".tmp")
     stream = Stream(beside)
     try:

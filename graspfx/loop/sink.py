@@ -18,8 +18,17 @@ from graspfx.loop.journal import Journal
 from graspfx.loop.layout import Layout
 from graspfx.loop.lock import claim, release, stands_at
 from graspfx.loop.places import NAME, part_of, recording_path, require_vacancy_of
+from graspfx.loop.signals import uninterrupted
 
 FloatArray = NDArray[np.float64]
+
+FAILURES = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    MemoryError,
+)  # of a disk, and of texts that HDF5 does not take
 
 
 class FileSink:
@@ -47,6 +56,7 @@ class FileSink:
         self._faults: list[RunFault] = []
         self._failure: RecordingError | None = None
 
+    @uninterrupted()
     def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
         """Add rows (r, width) and faults.
 
@@ -59,13 +69,14 @@ class FileSink:
             self._journal.write(rows, faults)
         except OSError as error:
             self._fail(f"{self._journal.path}: cannot be written; {error.strerror}; {self._readable()}", error)
-        except BaseException:  # Ctrl-C in a program: whether these rows are there is not known, so none may follow
-            self._failure = RecordingError(f"{self._journal.path}: was interrupted in a write; {self._readable()}")
+        except BaseException:  # whether these rows are there is not known, so none may follow
+            self._failure = RecordingError(f"{self._journal.path}: could not be written; {self._readable()}")
             raise
         self._faults += faults
         if not stands_at(self._journal.file, self._journal.path):
             self._rescue(Outcome(tuple(self._faults), None, False))
 
+    @uninterrupted()
     def close(self, outcome: Outcome) -> None:
         """Note how the run went, and give the recording its name; nothing after a failure, which `write` has told.
 
@@ -83,17 +94,15 @@ class FileSink:
         if not stands_at(self._journal.file, part):
             self._rescue(outcome)
         try:
-            interrupt = self._convert(self._place, outcome)
-        except OSError as error:
-            self._fail(f"{self._place}: cannot be written; {error.strerror}; the run is whole in {part}", error)
+            self._convert(self._place, outcome)
+        except FAILURES as error:
+            self._fail(f"{self._place}: cannot be written; {_why(error)}; the run is whole in {part}", error)
         release(self._journal.file, part)
-        if interrupt is not None:
-            raise interrupt
 
-    def _convert(self, place: Path, outcome: Outcome) -> BaseException | None:
+    def _convert(self, place: Path, outcome: Outcome) -> None:
         from graspfx.loop.hdf5 import write_hdf5
 
-        return write_hdf5(place, self._journal.blocks(), self._journal.rows, self._layout, self._header, outcome)
+        write_hdf5(place, self._journal.blocks(), self._journal.rows, self._layout, self._header, outcome)
 
     def _readable(self) -> str:
         rows = self._journal.rows
@@ -104,7 +113,7 @@ class FileSink:
         said = f"{self._home}: was removed or moved while a run wrote there"
         roots = [each for each in self._home.parents if each.is_dir() and os.access(each, os.W_OK)][:1]
         for root in (*roots, Path(gettempdir())):
-            with suppress(OSError):
+            with suppress(*FAILURES):
                 place = Path(mkdtemp(prefix=f"{self._home.name}-", dir=root)) / NAME
                 self._convert(place, outcome)
                 break
@@ -112,7 +121,7 @@ class FileSink:
             self._fail(f"{said}, and its rows fit nowhere else")
         self._fail(f"{said}; its {self._journal.rows} rows so far are in {place}")
 
-    def _fail(self, text: str, error: OSError | None = None) -> None:
+    def _fail(self, text: str, error: Exception | None = None) -> None:
         self._failure = RecordingError(text)
         if self._journal.rows:
             self._journal.file.close()
@@ -121,6 +130,12 @@ class FileSink:
         raise self._failure from error
 
 
+def _why(error: Exception) -> str:
+    """What the system says, or HDF5, on one line."""
+    return (isinstance(error, OSError) and error.strerror) or " ".join(str(error).split())
+
+
+@uninterrupted()
 def save(
     path: str | PathLike[str], rows: FloatArray, layout: Layout, header: Header, outcome: Outcome, *, overwrite: bool
 ) -> None:
@@ -139,10 +154,8 @@ def save(
     except OSError as error:
         raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
     try:
-        interrupt = write_hdf5(place, [rows], len(rows), layout, header, outcome)
-    except OSError as error:
-        raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
+        write_hdf5(place, [rows], len(rows), layout, header, outcome)
+    except FAILURES as error:
+        raise RecordingError(f"{place}: cannot be written; {_why(error)}") from error
     finally:
         release(lock, part_of(place))
-    if interrupt is not None:
-        raise interrupt
