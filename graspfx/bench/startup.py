@@ -32,7 +32,7 @@ def cases(quick: bool) -> Iterator[Case]:
             return root / f"cache-{next(numbers)}"
 
         kept = fresh()
-        run = ["-m", "graspfx", "run", "reference-1dof", "--no-figure", "--out", str(root / "out")]
+        run = ["-m", "graspfx", "run", "reference-1dof", "--no-figure", "--overwrite", "--out", str(root / "out")]
         methods = [
             _process("import numpy", ["-c", NUMPY], root, lambda: kept),
             _process("import graspfx", ["-c", "import graspfx"], root, lambda: kept),

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from tempfile import gettempdir, mkdtemp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +109,8 @@ class FileSink:
 
     def _rescue(self, outcome: Outcome) -> None:
         """Save the rows of a part that was removed, which live while it is open, in the nearest folder there is."""
+        from tempfile import gettempdir, mkdtemp
+
         said = f"{self._home}: was removed or moved while a run wrote there"
         roots = [each for each in self._home.parents if each.is_dir() and os.access(each, os.W_OK)][:1]
         for root in (*roots, Path(gettempdir())):
