@@ -11,18 +11,20 @@ SET = "--set"
 
 
 def add_scene(parser: ArgumentParser) -> None:
+    """Add SCENE and --set."""
     text = "a scene's name, or the path of a .toml or .py file"
     parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
 
 
 def add_overrides(parser: ArgumentParser) -> None:
+    """Add --set."""
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
 
 
 def scene(text: str) -> str:
-    """A scene's name or path; a recording is told apart, and what to do with it."""
+    """Take a scene's name or path, and say of a recording what it is for."""
     path = Path(text)
     if text.endswith((".h5", ".part")) or (path.name != text and path.is_dir()):
         drawn = f"`graspfx plot {text}` draws it over time, `graspfx picture {text}` one instant"
@@ -31,14 +33,14 @@ def scene(text: str) -> str:
 
 
 def separate(words: Sequence[str]) -> Iterator[str]:
-    """Words of a command with a --set before each value: the first one after a value that has no `=` ends the list."""
-    before, inside = "", False
+    """Put a --set before each value of a command: the first word without `=` after a value ends the list."""
+    last, in_list = "", False
     for word in words:
-        value = inside and "=" in word and not word.startswith("-")
-        if value and before != SET:
+        is_value = in_list and "=" in word and not word.startswith("-")
+        if is_value and last != SET:
             yield SET
         yield word
-        before, inside = word, value or word == SET
+        last, in_list = word, is_value or word == SET
 
 
 def override(text: str) -> tuple[str, Any]:

@@ -45,7 +45,7 @@ def require_room_of(chosen: Namespace, recording: Path) -> None:
 
 @contextmanager
 def destination(chosen: Namespace, name: str, *, latest: bool = False) -> Iterator[Path]:
-    """The folder of --out, or a new one: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
+    """Choose the folder of --out, or a new one: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
 
     A new folder that stays empty is removed again.
 
@@ -58,14 +58,14 @@ def destination(chosen: Namespace, name: str, *, latest: bool = False) -> Iterat
         yield chosen.out
         return
     folder = make_folder(OUT / name) if chosen.overwrite else _new_folder(name)
-    before = _point_to(folder) if latest else None
+    previous = _point_to(folder) if latest else None
     try:
         yield folder
     finally:
         with suppress(OSError):
             folder.rmdir()  # which an empty one can be
             if latest:
-                _point_to(before)
+                _point_to(previous)
             OUT.rmdir()
 
 
@@ -84,27 +84,27 @@ def _new_folder(name: str) -> Path:
 
 
 def _point_to(folder: Path | None) -> Path | None:
-    """Make out/latest lead to a folder (to none: remove it); the folder to which it led.
+    """Make out/latest lead to a folder (to none: remove it), and return the folder to which it led.
 
     A link, or where there are none, as for most users of Windows, a file with the folder's name, which every command
     that reads recordings follows.
     """
-    link, beside = OUT / LATEST, OUT / f".{LATEST}.{os.getpid()}"
-    before = _target(link)
+    link, draft = OUT / LATEST, OUT / f".{LATEST}.{os.getpid()}"
+    previous = _target(link)
     if folder is None:
         link.unlink(missing_ok=True)
-        return before
+        return previous
     try:
         if link.is_dir() and not link.is_symlink():
             raise FileExistsError(None, "a folder is in its way")
         try:
-            beside.symlink_to(folder.name, target_is_directory=True)
+            draft.symlink_to(folder.name, target_is_directory=True)
         except (OSError, NotImplementedError):
-            beside.write_text(folder.name + "\n", encoding="utf-8")
-        beside.replace(link)
+            draft.write_text(folder.name + "\n", encoding="utf-8")
+        draft.replace(link)
     except OSError as error:
         note([f"{link}: cannot be made to lead to {folder.name}; {error.strerror}"])
-    return before
+    return previous
 
 
 def _target(link: Path) -> Path | None:

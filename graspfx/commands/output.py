@@ -63,31 +63,31 @@ def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "") ->
         figure(recordings, file)
 
 
-def say_source(asked: Path, file: Path, recording: Recording) -> None:
-    """Notes which file was read where that is not what was asked for, or not all there is."""
+def say_source(request: Path, file: Path, recording: Recording) -> None:
+    """Note which file was read where that is not what was asked for, or not all there is."""
     if is_part(file):
         seconds = len(recording) * recording.period
-        note([f"{file} is read, of a run that goes on or was killed: {seconds:g} s of it" + _instead_of(asked, file)])
+        note([f"{file} is read, of a run that goes on or was killed: {seconds:g} s of it" + _instead_of(request, file)])
     elif part_of(file).is_file():
         note([f"{file} is read; {part_of(file).name} beside it is of a later run, which goes on or was killed"])
 
 
-def _instead_of(asked: Path, file: Path) -> str:
-    return "" if asked == file else f"; {file.name.removesuffix(PART)} is not there yet"
+def _instead_of(request: Path, file: Path) -> str:
+    return "" if request == file else f"; {file.name.removesuffix(PART)} is not there yet"
 
 
 @contextmanager
 def placing(picture: Path, otherwise: str = "") -> Iterator[Path]:
-    """A file beside the picture's place, to write it to; it is moved there when it is whole."""
-    beside = picture.with_name(f".{picture.stem}.{os.getpid()}{picture.suffix}")
+    """Offer a file beside the picture's place to write it to, and move it there when it is whole."""
+    draft = picture.with_name(f".{picture.stem}.{os.getpid()}{picture.suffix}")
     try:
-        yield beside
-        beside.replace(picture)
+        yield draft
+        draft.replace(picture)
     except OSError as error:
         raise RecordingError(f"{picture}: cannot be written; {error.strerror}{otherwise}") from error
     finally:
         with suppress(OSError):
-            beside.unlink(missing_ok=True)
+            draft.unlink(missing_ok=True)
 
 
 def require_place(picture: Path) -> None:

@@ -30,8 +30,8 @@ def execute(chosen: Namespace) -> int:
     picture = folder / ("figure.png" if len(paths) == 1 else "comparison.png")
     require_room(chosen, [picture])
     recordings = [Recording.load(path) for path in paths]
-    for asked, path, recording in zip(chosen.recordings, paths, recordings, strict=True):
-        say_source(asked, path, recording)
+    for request, path, recording in zip(chosen.recordings, paths, recordings, strict=True):
+        say_source(request, path, recording)
     make_folder(folder)
     draw(recordings, picture)
     print_summary(recordings, _labels(paths))

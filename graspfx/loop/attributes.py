@@ -19,7 +19,7 @@ NAMES = ("fingers", "objects", "finger_objects", "absent")  # of a layout's fiel
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
-    """What is known of a recording before its first row."""
+    """Describe a recording before its first row."""
     attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
     for key, value in asdict(header).items():
         attributes[key] = value if isinstance(value, str | float) else _json(value)
@@ -28,7 +28,7 @@ def description(layout: Layout, header: Header) -> dict[str, str | float]:
 
 
 def conclusion(outcome: Outcome) -> dict[str, str | float]:
-    """How a run went, its faults apart."""
+    """Describe how a run went, its faults apart."""
     return {
         "wall_time": math.nan if outcome.wall_time is None else float(outcome.wall_time),
         "complete": int(outcome.complete),
@@ -38,7 +38,7 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
 
 
 def format_of(attributes: Mapping[str, Any]) -> int:
-    """The number of a recording's format, which this reader knows.
+    """Read the number of a recording's format, which this reader knows.
 
     Raises:
         ValueError: no recording, or one of a later GraspFX.
@@ -53,6 +53,7 @@ def format_of(attributes: Mapping[str, Any]) -> int:
 
 
 def layout_of(attributes: Mapping[str, Any]) -> Layout:
+    """Read the layout."""
     fields: dict[str, Any] = json.loads(attributes["layout"])
     for key in NAMES:
         fields[key] = tuple(fields.get(key, ()))
@@ -60,7 +61,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 
 
 def header_of(attributes: Mapping[str, Any]) -> Header:
-    """The header; a field that came later than the recording has its default."""
+    """Read the header; a field that came later than the recording has its default."""
     fields = {key: attributes[key] for key in Header.__dataclass_fields__ if key in attributes}
     for key in ("scene_table", "overrides", "versions", "machine", "frames"):
         fields[key] = json.loads(fields.get(key, "{}"))
@@ -71,7 +72,7 @@ def header_of(attributes: Mapping[str, Any]) -> Header:
 
 
 def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Outcome:
-    """The outcome; `engine` and `fade_shortfall` came later than the first recordings."""
+    """Read the outcome; `engine` and `fade_shortfall` came later than the first recordings."""
     wall_time = float(attributes["wall_time"])
     engine = attributes.get("engine", "")
     return Outcome(

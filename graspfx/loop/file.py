@@ -18,7 +18,7 @@ from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.journal import Content, is_journal, read_journal
 from graspfx.loop.layout import Layout
 from graspfx.loop.places import recording_file
-from graspfx.loop.seal import is_sealed
+from graspfx.loop.seal import has_digest
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, Attribu
 
 
 def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome]:
-    """Rows, layout, header and outcome of a recording; of a run that was killed, as far as it was written.
+    """Read rows, layout, header and outcome of a recording; of a run that was killed, as far as it was written.
 
     Args:
         path: of the file, of its part, or of the folder in which it is recording.h5; a part is read where there is no
@@ -48,12 +48,12 @@ def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome
 
 
 def _read_hdf5(place: Path) -> Content:
-    sealed = is_sealed(place)  # before HDF5 looks at bytes that may have been changed
+    whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
     with _opened(place) as file:
         number = format_of(file.attrs)
-        if number >= SEALS and not sealed:
+        if number >= SEALS and not whole:
             raise ValueError("it was changed since it was written: its digest is gone")
-        layout = _present(layout_of(file.attrs), file, number)
+        layout = _drop_columns(layout_of(file.attrs), file, number)
         return Content(_rows(file, layout), layout, header_of(file.attrs), _outcome(file))
 
 
@@ -80,12 +80,12 @@ def _left_open(place: Path) -> bool:
     return place.stat().st_size >= int.from_bytes(head[END], "little")
 
 
-def _present(layout: Layout, file: Any, number: int) -> Layout:
-    """The layout without the columns that came later than the file's format."""
+def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
+    """Leave columns out of a layout that came later than the file's format."""
     if number == FORMAT:
         return layout
-    missing = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
-    return replace(layout, absent=(*layout.absent, *missing)) if missing else layout
+    later = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
+    return replace(layout, absent=(*layout.absent, *later)) if later else layout
 
 
 def _outcome(file: Any) -> Outcome:

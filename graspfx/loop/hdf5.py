@@ -39,13 +39,13 @@ def write_hdf5(
     A variable per column of the layout, with dimension scales `time`, `finger`, `axis` and units as attributes; objects
     are groups of their own under `objects`. Times are ticks x period. Each chunk has a checksum, and the file a digest.
 
-    An exception that a signal raises must no more reach HDF5 than a failing write: `uninterrupted` is to keep it away.
+    An exception that a signal raises must no more reach HDF5 than a failing write: `hold_signals` is to keep it away.
 
     Raises:
         OSError: the disk does not take it; nothing has changed then.
     """
-    beside = place.with_name(place.name + ".tmp")
-    stream = Stream(beside)
+    draft = place.with_name(place.name + ".tmp")
+    stream = Stream(draft)
     try:
         with h5py.File(stream, "w", driver="fileobj", libver="latest") as file:
             for name, value in (description(layout, header) | conclusion(outcome)).items():
@@ -66,12 +66,12 @@ def write_hdf5(
         stream.write(line)
         stream.finish()
         stream.close()
-        beside.replace(place)
+        draft.replace(place)
         sync_folder(place.parent)
     finally:
         stream.close()
         with suppress(OSError):
-            beside.unlink(missing_ok=True)
+            draft.unlink(missing_ok=True)
 
 
 def _pieces(blocks: Iterable[FloatArray], width: int) -> Iterator[FloatArray]:

@@ -62,7 +62,7 @@ class Journal:
     def __init__(self, path: Path, layout: Layout, header: Header) -> None:
         self.path, self._width, self.rows = path, layout.width, 0
         self._end, self._digest = 0, b""
-        self._new, self._sync_time = True, time.monotonic()  # new: the disk may not have its name yet
+        self._is_new, self._sync_time = True, time.monotonic()  # the disk may not have its name yet
         text = json.dumps(description(layout, header)).encode()
         try:
             self.file = claim(path)
@@ -103,12 +103,12 @@ class Journal:
     def sync(self) -> None:
         """Make the disk keep what was written so far."""
         os.fsync(self.file.fileno())
-        if self._new:
+        if self._is_new:
             sync_folder(self.path.parent)
-        self._new, self._sync_time = False, time.monotonic()
+        self._is_new, self._sync_time = False, time.monotonic()
 
     def blocks(self) -> Iterator[FloatArray]:
-        """The rows written so far, block by block; also of a part that was removed meanwhile."""
+        """Read the rows written so far, block by block; also of a part that was removed meanwhile."""
         for kind, content in _blocks(self.file):
             if kind == ROWS:
                 yield np.frombuffer(content, NUMBER).reshape(-1, self._width)
@@ -132,12 +132,13 @@ class Journal:
 
 
 def is_journal(path: Path) -> bool:
+    """Say whether a file begins as a part does, or is empty, as a part is at first."""
     with path.open("rb") as file:
         return file.read(len(HEADER)) in (HEADER, b"")
 
 
 def read_journal(path: Path) -> Content:
-    """All whole blocks of a part.
+    """Read all whole blocks of a part.
 
     Raises:
         RecordingError: there is none, or one was changed.
@@ -166,7 +167,7 @@ def read_journal(path: Path) -> Content:
 
 
 def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes]]:
-    """Each block's kind and content, as far as they are whole: the last one may have been cut short.
+    """Read each block's kind and content, as far as they are whole: the last one may have been cut short.
 
     Raises:
         RecordingError: a block was changed.
@@ -175,18 +176,18 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes]]:
     while start + HEAD.size + CHECK.size <= size:
         file.seek(start)
         head, check = _read(file, HEAD.size), _read(file, CHECK.size)
-        kind, length, after = HEAD.unpack(head)
-        whole = CHECK.pack(crc32(head)) == check
+        kind, length, next_digest = HEAD.unpack(head)
+        is_whole = CHECK.pack(crc32(head)) == check
         end = start + HEAD.size + CHECK.size + length
-        if whole and end > size:
+        if is_whole and end > size:
             return  # cut short, as by a kill in the middle of a write
-        content = _read(file, length) if whole else b""
-        if not whole or _digest(digest, kind, content) != after:
-            if _unwritten(file, start):
+        content = _read(file, length) if is_whole else b""
+        if not is_whole or _digest(digest, kind, content) != next_digest:
+            if _ends_in_zeros(file, start):
                 return
             raise RecordingError(f"{file.name!s}: its bytes were changed after byte {start}")
         yield kind, content
-        start, digest = end, after
+        start, digest = end, next_digest
 
 
 def _digest(before: bytes, kind: bytes, content: bytes) -> bytes:
@@ -203,8 +204,8 @@ def _read(file: FileIO, count: int) -> bytes:
     return b"".join(parts)
 
 
-def _unwritten(file: FileIO, start: int) -> bool:
-    """Whether a file ends in zeros from there on, where power failed before the disk had all of it."""
+def _ends_in_zeros(file: FileIO, start: int) -> bool:
+    """Say whether a file ends in zeros from there on, where power failed before the disk had all of it."""
     file.seek(start)
     rest = file.readall()
     return len(rest) - len(rest.rstrip(b"\0")) >= SECTOR

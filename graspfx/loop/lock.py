@@ -61,7 +61,7 @@ def lock(descriptor: int) -> bool:
 
 
 def stands_at(file: FileIO, path: Path) -> bool:
-    """Whether an open file is still the one of that path: not removed, moved or replaced."""
+    """Say whether an open file is still the one of that path: not removed, moved or replaced."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except OSError:

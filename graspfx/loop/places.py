@@ -47,16 +47,17 @@ def sync_folder(folder: Path) -> None:
 
 
 def part_of(place: Path) -> Path:
-    """The file that a run writes until it ends and the recording takes its name."""
+    """Name the file that a run writes until it ends and there is a recording."""
     return place.with_name(place.name + PART)
 
 
 def is_part(place: Path) -> bool:
+    """Say whether a file's name is that of a part."""
     return place.name.endswith(PART)
 
 
 def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
-    """A path as it came, or an error that says what is expected of the argument of that name.
+    """Take a path as it came, or say what is expected of the argument of that name.
 
     Raises:
         InputError: not a path.
@@ -67,7 +68,7 @@ def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
 
 
 def recording_file(path: str | PathLike[str]) -> Path:
-    """The file that is read for a path: the recording, or its part where there is no other.
+    """Choose the file that is read for a path: the recording, or its part where there is no other.
 
     A folder stands for recording.h5 in it; `latest` may be a file that names a folder.
     """

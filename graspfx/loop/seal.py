@@ -20,7 +20,7 @@ class Readable(Protocol):
 
 
 def seal(file: Readable, size: int) -> bytes:
-    """The line that goes behind the first `size` bytes of a file, which are read from where it stands."""
+    """Make the line that goes behind the first `size` bytes of a file, which are read from where it stands."""
     digest = sha256()
     while size > 0 and (piece := file.read(min(PIECE, size))):
         digest.update(piece)
@@ -28,8 +28,8 @@ def seal(file: Readable, size: int) -> bytes:
     return PREFIX + digest.hexdigest().encode() + b"\n"
 
 
-def is_sealed(path: Path) -> bool:
-    """Whether a file ends in its digest; False for one that ends otherwise.
+def has_digest(path: Path) -> bool:
+    """Say whether a file ends in its digest; False for one that ends otherwise.
 
     Raises:
         ValueError: the digest is another's: bytes were changed.

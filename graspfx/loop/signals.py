@@ -10,7 +10,7 @@ from types import FrameType
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
+def hold_signals() -> Iterator[None]:
     """Hold back the handlers of all signals until the block ends, and call them then.
 
     Signals that end the process by themselves still do. Python calls handlers in the main thread only: in others there
@@ -20,17 +20,17 @@ def uninterrupted() -> Iterator[None]:
         yield
         return
 
-    def wait(number: int, frame: FrameType | None) -> None:
-        waiting.append((number, frame))
+    def keep(number: int, frame: FrameType | None) -> None:
+        queue.append((number, frame))
 
-    waiting: list[tuple[int, FrameType | None]] = []
+    queue: list[tuple[int, FrameType | None]] = []
     handlers = {int(each): handler for each in signal.valid_signals() if callable(handler := signal.getsignal(each))}
     try:
         for number in handlers:
-            signal.signal(number, wait)
+            signal.signal(number, keep)
         yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for number, frame in waiting:
+        for number, frame in queue:
             handlers[number](number, frame)

@@ -17,7 +17,7 @@ from graspfx.loop.journal import Journal
 from graspfx.loop.layout import Layout
 from graspfx.loop.lock import claim, release, stands_at
 from graspfx.loop.places import NAME, part_of, recording_path, require_vacancy_of
-from graspfx.loop.signals import uninterrupted
+from graspfx.loop.signals import hold_signals
 
 FloatArray = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class FileSink:
         self._faults: list[RunFault] = []
         self._failure: RecordingError | None = None
 
-    @uninterrupted()
+    @hold_signals()
     def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
         """Add rows (r, width) and faults.
 
@@ -75,7 +75,7 @@ class FileSink:
         if not stands_at(self._journal.file, self._journal.path):
             self._rescue(Outcome(tuple(self._faults), None, False))
 
-    @uninterrupted()
+    @hold_signals()
     def close(self, outcome: Outcome) -> None:
         """Note how the run went, and give the recording its name; nothing after a failure, which `write` has told.
 
@@ -111,7 +111,7 @@ class FileSink:
         """Save the rows of a part that was removed, which live while it is open, in the nearest folder there is."""
         from tempfile import gettempdir, mkdtemp
 
-        said = f"{self._home}: was removed or moved while a run wrote there"
+        text = f"{self._home}: was removed or moved while a run wrote there"
         roots = [each for each in self._home.parents if each.is_dir() and os.access(each, os.W_OK)][:1]
         for root in (*roots, Path(gettempdir())):
             with suppress(*FAILURES):
@@ -119,8 +119,8 @@ class FileSink:
                 self._convert(place, outcome)
                 break
         else:
-            self._fail(f"{said}, and its rows fit nowhere else")
-        self._fail(f"{said}; its {self._journal.rows} rows so far are in {place}")
+            self._fail(f"{text}, and its rows fit nowhere else")
+        self._fail(f"{text}; its {self._journal.rows} rows so far are in {place}")
 
     def _fail(self, text: str, error: Exception | None = None) -> None:
         self._failure = RecordingError(text)
@@ -136,7 +136,7 @@ def _why(error: Exception) -> str:
     return (isinstance(error, OSError) and error.strerror) or " ".join(str(error).split())
 
 
-@uninterrupted()
+@hold_signals()
 def save(
     path: str | PathLike[str], rows: FloatArray, layout: Layout, header: Header, outcome: Outcome, *, overwrite: bool
 ) -> None:

@@ -21,7 +21,7 @@ class Stream:
         self._file = FileIO(path, "w+b")
         self._place = self._size = 0
         self._failure: OSError | None = None
-        self._later: list[tuple[int, bytes]] = []
+        self._overlay: list[tuple[int, bytes]] = []
 
     def require(self) -> None:
         """Raise the first failure, if there was one."""
@@ -58,7 +58,7 @@ class Stream:
         start, end = self._place, self._place + len(buffer)
         count = self._pull(buffer)
         buffer[count:] = bytes(len(buffer) - count)
-        for place, data in self._later:
+        for place, data in self._overlay:
             low, high = max(start, place), min(end, place + len(data))
             if low < high:
                 buffer[low - start : high - start] = data[low - place : high - place]
@@ -74,7 +74,7 @@ class Stream:
             except OSError as error:
                 self._failure = error
         if self._failure is not None:
-            self._later.append((self._place, bytes(data)))
+            self._overlay.append((self._place, bytes(data)))
         self._place += size
         self._size = max(self._size, self._place)
         return size
