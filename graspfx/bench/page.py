@@ -14,7 +14,7 @@ PICTURES = "pictures/bench"
 
 HEAD = """# Benchmarks
 
-Run time *against* error. Every method stands beside its peers: same process, same inputs, timed in turns, its result checked against an oracle before anything is timed. This page is written by `graspfx bench --out docs` from [benchmarks.json](benchmarks.json); do not edit it.
+Run time *against* error. Every method stands beside its peers: same process, same inputs, timed in turns, its result checked against an oracle before anything is timed. This page is written by `graspfx bench --out docs --overwrite` from [benchmarks.json](benchmarks.json); do not edit it.
 
 **Times** are per operation, the best of all rounds, which others on the machine disturb least; the median stands in the JSON. Inputs change from operation to operation; Python collects no garbage meanwhile. **Ratio** is to the quickest method of the table, or to the one whose ratio is 1. **Error** is the largest over the inputs.
 ● marks the Pareto front: no other method of the table is both as quick and as exact. A method whose error is beyond its bound is not timed.

@@ -50,6 +50,11 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None,
         print(f"wrote the table of speeds in {readme}", file=sys.stderr)
 
 
+def files(names: Sequence[str], out: Path) -> list[Path]:
+    """Files that a report on benchmarks, on all if none is named, may write into a folder."""
+    return [out / NAME, out / PAGE, *(_picture(out, name) for name in chosen(names))]
+
+
 def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
     """One benchmark into the report; each case is printed when it is done, unless `quiet`."""
     module = benchmark(name)
@@ -85,7 +90,7 @@ def show(name: str, rows: Sequence[Row]) -> None:
 def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
     """The report as JSON, its page, and the figures of the benchmarks `drawn`."""
     from graspfx.bench.figures import figure
-    from graspfx.loop.file import make_folder
+    from graspfx.loop.places import make_folder
 
     make_folder(folder)
     report.save(folder / NAME)
@@ -93,4 +98,8 @@ def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
     for name in drawn:
         found = [row for row in report.rows if row.benchmark == name]
         if any(row.time_us is not None for row in found):
-            figure(found, report.stamps[name].title, folder / PICTURES / f"{name}.png")
+            figure(found, report.stamps[name].title, _picture(folder, name))
+
+
+def _picture(folder: Path, name: str) -> Path:
+    return folder / PICTURES / f"{name}.png"

@@ -9,6 +9,8 @@ from graspfx.commands.arguments import add_scene
 from graspfx.commands.certified import certify
 from graspfx.commands.output import DONE, doubts, note
 
+EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60"""
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)

@@ -9,6 +9,9 @@ from math import prod
 from types import MappingProxyType
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w
+# what a recording of every format has, of fingers and, by the name's last part, of objects
+ESSENTIAL = ("finger_position", "finger_velocity", "contact_position", "finger_force", "touching", "device_energy")
+ESSENTIAL_OF_OBJECTS = ("position", "velocity", "wrench")
 WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
 
 
@@ -40,6 +43,7 @@ class Layout:
         observed: whether the energy of each grasp is booked.
         controlled: whether what leaks is damped.
         limits: whether some device tells a largest force.
+        absent: names of columns that a recording of an earlier format does not have.
     """
 
     dimensions: int
@@ -53,6 +57,7 @@ class Layout:
     observed: bool = False
     controlled: bool = False
     limits: bool = False
+    absent: tuple[str, ...] = ()
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
@@ -60,6 +65,8 @@ class Layout:
         columns: dict[str, Column] = {}
         start = 0
         for name, axes, unit, meaning in self._quantities():
+            if name in self.absent:
+                continue
             shape = tuple(count for _, count in axes)
             where = slice(start, start + prod(shape))
             columns[name] = Column(name, where, shape, tuple(axis for axis, _ in axes), unit, meaning)
@@ -70,6 +77,11 @@ class Layout:
     def width(self) -> int:
         """Numbers per tick."""
         return sum(prod(column.shape) for column in self.columns.values())
+
+    def is_essential(self, name: str) -> bool:
+        """Whether no recording can lack a column."""
+        folder, _, last = name.rpartition("/")
+        return name in ESSENTIAL or (folder.count("/") == 1 and last in ESSENTIAL_OF_OBJECTS)
 
     def _quantities(self) -> Iterator[tuple[str, tuple[tuple[str, int], ...], str, str]]:
         d = self.dimensions

@@ -390,24 +390,30 @@ class Recording:
             energy=list(self.energy.values()),
         )
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Writes the recording as HDF5.
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Writes the recording as HDF5; the file appears when it is whole.
+
+        Args:
+            path: of the file.
+            overwrite: whether a file that is there already is replaced.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecordingError: the file is there already, or cannot be written.
         """
-        from graspfx.loop.file import FileSink
+        from graspfx.loop.sink import save
 
-        sink = FileSink(path, self.layout, self.header)
-        sink.write(self.rows, self.faults)
-        sink.close(self.outcome)
+        save(path, self.rows, self.layout, self.header, self.outcome, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:
-        """A recording from a file; also from one whose run was killed, as far as it was written.
+        """A recording from a file; also of a run that goes on or was killed, as far as it was written.
+
+        Args:
+            path: of the file, or of the folder in which it is recording.h5. Where there is only the part that a run
+                writes until it ends, recording.h5.part, it is read: its outcome is not `complete`.
 
         Raises:
-            RecordingError: there is no recording in the file.
+            RecordingError: there is no recording in the file, or its bytes were changed since it was written.
         """
         from graspfx.loop.file import read
 
