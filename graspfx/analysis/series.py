@@ -26,6 +26,6 @@ def in_series(damping: FloatArray, compliance: ArrayLike) -> FloatArray:
     carries = np.isfinite(C)
     block = np.ix_(carries, carries)
     D = condensed(damping, carries)
-    found = np.zeros_like(damping)
-    found[block] = np.linalg.solve(np.eye(len(D)) + D * C[carries], D)  # (I + D C)^-1 D
-    return found
+    result = np.zeros_like(damping)
+    result[block] = np.linalg.solve(np.eye(len(D)) + D * C[carries], D)  # (I + D C)^-1 D
+    return result

@@ -149,7 +149,7 @@ def equations_of_modes(
 
 
 def compliant_share(S: Any, series: int, i: int, internal: float) -> float:
-    """r_i = 1 / (1 + k_i C_i): what the compliance in series leaves of finger i's gain; 1 without any."""
+    """Give r_i = 1 / (1 + k_i C_i), what a compliance in series leaves of finger i's gain; 1 without any."""
     return 1.0 / (1.0 + internal * S[series + i]) if series >= 0 else 1.0
 
 

@@ -16,7 +16,7 @@ SMALLEST = 1e-200  # of s: its square is nothing
 
 
 def damping_share(S: Any, i: int, normal: float) -> float:
-    """s_i = min(1, n.f0_i / (w_i kip delta)) of finger i, from its elastic normal force [N]; 1 where all have all."""
+    """Give s_i = min(1, n.f0_i / (w_i kip delta)) of finger i, from its elastic normal force [N]; 1 without a depth."""
     if S[at.GRADUAL] == 0.0:
         return 1.0
     kip = S[at.STIFFEST] if S[at.DENSE] != 0.0 else S[at.INTERNAL_STIFFNESS]
@@ -25,7 +25,7 @@ def damping_share(S: Any, i: int, normal: float) -> float:
 
 
 def compliance(S: Any, i: int, normal: float) -> float:
-    """w_i C_i = (1 - s_i) / (s_i b) of finger i, from its elastic normal force [m/(N s)]."""
+    """Give w_i C_i = (1 - s_i) / (s_i b) of finger i, from its elastic normal force [m/(N s)]."""
     s = damping_share(S, i, normal)
     if S[at.DENSE] != 0.0:
         return float((1.0 - s) / (s * max(S[at.STIFFEST + 1], S[at.STIFFEST + 2])))
@@ -33,7 +33,7 @@ def compliance(S: Any, i: int, normal: float) -> float:
 
 
 def is_whole(S: Any) -> bool:
-    """Whether every finger is so deep that D_s is D, with the elastic forces in LOCAL."""
+    """Tell whether every finger is so deep that D_s is D, with the elastic forces in LOCAL."""
     if S[at.GRADUAL] == 0.0:
         return True
     least = 1.0
@@ -43,9 +43,9 @@ def is_whole(S: Any) -> bool:
 
 
 def pose_compliances(S: Any, o: int, d: int) -> int:
-    """Compliances of the friction problem at o, d coordinates per finger, before it; where they are, -1 if none is.
+    """Put the compliances of the friction problem at o, d coordinates per finger, before it; return where, -1 for none.
 
-    The problem's elastic force f0 and which fingers are held at no force have to be there.
+    The problem's elastic force f0 has to be there, and which fingers have no force.
     """
     if S[at.GRADUAL] == 0.0:
         return -1
@@ -57,7 +57,7 @@ def pose_compliances(S: Any, o: int, d: int) -> int:
 
 
 def soften(S: Any, square: int, m: int, vector: int, per: float, start: int) -> None:
-    """D to D_s and D e' to D_s e' in place, per times both, in contact frames; the elastic force stands at `start`.
+    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames; f0 stands at `start`.
 
     A compliance 1/g in series with coordinate p takes D e_p e_p'D / (g + D_pp) from D: one coordinate after another,
     of fingers that touch. What pivots are measured by becomes D_s's diagonal. Without a vector, `vector` is -1.
@@ -77,22 +77,22 @@ def soften(S: Any, square: int, m: int, vector: int, per: float, start: int) -> 
 
 
 def add_compliance(S: Any, square: int, m: int, vector: int, g: float, p: int) -> None:
-    """M - M e_p e_p'M / (g + M_pp) for M at `square`, m x m, and its product with a vector likewise."""
+    """Take M e_p e_p'M / (g + M_pp) from M at `square`, m x m, and the same from its product with a vector."""
     own = S[square + p * m + p]
     if not g + own > 0.0:
         return
     inverse = 1.0 / (g + own)
-    left = g * inverse
+    share = g * inverse
     for j in range(m):
         factor = S[square + j * m + p]
         if j != p and factor != 0.0:
             scaled = factor * inverse
             for k in range(m):
                 S[square + j * m + k] -= scaled * S[square + p * m + k]
-            S[square + j * m + p] = left * factor
+            S[square + j * m + p] = share * factor
             if vector >= 0:
                 S[vector + j] -= scaled * S[vector + p]
     for k in range(m):
-        S[square + p * m + k] *= left
+        S[square + p * m + k] *= share
     if vector >= 0:
-        S[vector + p] *= left
+        S[vector + p] *= share

@@ -139,8 +139,8 @@ class GraspedObject:
         if not 0.0 <= rules.damping_depth < np.inf:
             raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
         gradual = rules.damping_depth > 0.0 and not rules.attached and bool(np.any(gains[1]) or np.any(gains[3]))
-        before = n if gradual else 0  # one compliance for each finger, before the problem of the damping
-        limits = at.size(n, c, entries, problem) + before
+        room = n if gradual else 0  # one compliance for each finger, before the problem of the damping
+        limits = at.size(n, c, entries, problem) + room
         end = limits + (at.limits_size(n) if limit is not None else 0)
         data = None if shape is None else shape.data
         self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
@@ -149,7 +149,7 @@ class GraspedObject:
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
         S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
         S[at.PROBLEM] = at.problems(n, c, entries)
-        S[at.BRAKE] = S[at.PROBLEM] + problem + before
+        S[at.BRAKE] = S[at.PROBLEM] + problem + room
         S[at.GRADUAL], S[at.DEPTH] = gradual, rules.damping_depth
         self.limit: FloatArray | None = None
         if limit is not None:
@@ -296,16 +296,16 @@ class GraspedObject:
         """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
         return sample(self._S)
 
-    def damper_compliance(self, *, squeezed: bool = True) -> FloatArray:
+    def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
         """Compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
 
         Args:
-            squeezed: at the forces of the last sample, which had no rates; else at none, where they are infinite.
+            at_rest: at the forces of the last sample, which had no rates; else at none, where they are infinite.
         """
         S, n = self._S, self.fingers
         if not S[at.GRADUAL]:
             return np.zeros(n)
-        if not squeezed:
+        if not at_rest:
             return np.full(n, np.inf)
         forces = [push(S, i, self.dimensions) for i in range(n)]
         return np.array([compliance(S, i, f) for i, f in enumerate(forces)]) / self.rows[:, at.WEIGHT]

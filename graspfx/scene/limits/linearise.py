@@ -254,7 +254,7 @@ def _matrices(
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
     gains = _Gains(law, split, n, normals)
-    compliance = np.repeat(g.damper_compliance(squeezed=J is not None), d)
+    compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
     D = gains.held(in_series(law.damping(split), compliance))
