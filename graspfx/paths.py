@@ -31,8 +31,26 @@ def to_path(name: str, given: object, expected: str = "the path of a file", fold
         raise InputError(name, path, expected, "no user of that name has a home here: write the folder out") from error
 
 
-def require_file(name: str, path: Path, do: str = "", expected: str = "the path of a file") -> None:
+def resolved(name: str, path: Path) -> Path:
+    """Follow all links of a path, which may lead to nothing.
+
+    Raises:
+        InputError: links that lead to themselves, or a name that the operating system refuses.
+    """
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError) as error:
+        raise InputError(name, str(path), "a path that leads somewhere", str(error)) from error
+
+
+def require_file(name: str, given: str, path: Path, expected: str = "the path of a file", do: str = "") -> None:
     """Require a regular file; a pipe, a socket or a device could keep its reader waiting for ever.
+
+    Args:
+        name: the argument, as its caller wrote it.
+        given: the path as it was written.
+        path: where it leads.
+        expected, do: for the error.
 
     Raises:
         InputError: nothing there, no regular file, or a name that the operating system refuses.
@@ -40,7 +58,7 @@ def require_file(name: str, path: Path, do: str = "", expected: str = "the path 
     try:
         if path.is_file():
             return
-        there = path.exists()
+        why = "that is no regular file" if path.exists() else do or f"there is none at {path}"
     except OSError as error:  # such as a name of more than 255 letters
-        raise InputError(name, str(path), expected, error.strerror or "") from error
-    raise InputError(name, str(path), expected, "it is no regular file" if there else do)
+        why = error.strerror or str(error)
+    raise InputError(name, given, expected, why)
