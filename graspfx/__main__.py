@@ -14,6 +14,7 @@ from importlib import import_module
 from graspfx import __version__
 from graspfx.commands.output import INTERRUPTED, WRONG
 from graspfx.errors import GraspFXError
+from graspfx.trust import granted
 
 COMMANDS = {  # each is a module of graspfx.commands with add_arguments(parser) and execute(chosen) -> exit code
     "run": "simulate a scene, record it and sum it up",
@@ -33,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     chosen = parser(given).parse_args(given)
     try:
-        with _plain_warnings():
+        with _plain_warnings(), granted(getattr(chosen, "trust", False)):
             code: int = chosen.command(chosen)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither

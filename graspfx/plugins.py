@@ -82,6 +82,11 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
     return _imported_file(plugin.path)
 
 
+def is_file_name(text: str) -> bool:
+    """Whether a text names a file by its path, and not a plug-in by its name."""
+    return text.endswith((".py", ".toml"))
+
+
 def shelf(group: Group) -> Path:
     """The folder of the drivers or scenes that come with GraspFX: in the package, or beside it in a checkout."""
     package = Path(__file__).parent
@@ -126,7 +131,7 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
     if not isinstance(name, str | PathLike):
         raise InputError(SINGULAR[group], name, "a name or the path of a file")
     text = fspath(name)
-    if text.endswith((".py", ".toml")):
+    if is_file_name(text):
         path = resolved(SINGULAR[group], to_path(SINGULAR[group], text, folder=folder))
         if path.suffix not in SUFFIXES[group]:
             raise InputError(SINGULAR[group], text, f"a file that ends in {' or '.join(SUFFIXES[group])}")

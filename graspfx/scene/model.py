@@ -35,7 +35,7 @@ class Scene(SceneTable):
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
-        faults = find_faults(table, origin.folder)
+        faults = find_faults(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         super().__init__(**table)

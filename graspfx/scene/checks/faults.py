@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -11,6 +10,8 @@ from pydantic import ValidationError
 from graspfx.errors import LONGEST_KEY, Fault, closest, shown
 from graspfx.scene.budget import too_deep
 from graspfx.scene.checks.together import cross_faults
+from graspfx.scene.checks.trust import trust_faults
+from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid
 from graspfx.scene.tables.parts import SceneTable
 
@@ -56,12 +57,12 @@ ELSEWHERE = {
 }
 
 
-def find_faults(data: Mapping[str, Any], folder: Path | None = None) -> list[Fault]:
+def find_faults(data: Mapping[str, Any], source: Source) -> list[Fault]:
     """The faults of a scene given as nested tables; none means that `SceneTable` takes it.
 
     Args:
         data: as read from a file.
-        folder: where relative paths in the scene start.
+        source: where it comes from.
     """
     if deep := too_deep(data):
         return [deep]
@@ -69,11 +70,12 @@ def find_faults(data: Mapping[str, Any], folder: Path | None = None) -> list[Fau
         draft = SceneTable.model_validate(data)
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
-        found = [*_field_faults(error, draft)]
+        found = [*_field_faults(error, draft), *trust_faults(draft, source)]
         misspelt = _meant(error.errors(include_url=False), draft)
-        found += [each for each in cross_faults(draft, folder) if each[0] not in misspelt.values()]
+        found += [each for each in cross_faults(draft, source.folder) if each[0] not in misspelt.values()]
         return as_faults(data, found)
-    return as_faults(data, cross_faults(draft, folder))
+    found = trust_faults(draft, source)
+    return as_faults(data, [*found, *cross_faults(draft, source.folder)])
 
 
 def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
