@@ -40,7 +40,10 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     if len(data) > most_bytes:
         raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes if it is meant")
     try:
-        return reader(data, most_triangles)
+        vertices, faces = reader(data, most_triangles)
+        if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+            raise MeshFault(f"a triangle of vertices that are not there: there are {len(vertices)}")
+        return vertices, faces
     except MeshFault as fault:
         raise InputError("mesh", str(path), f"a sound {file.suffix.lower()[1:]} file", str(fault)) from fault
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from graspfx.surfaces.mesh_text import MeshFault
+from graspfx.surfaces.mesh_text import LARGEST, MeshFault
 from graspfx.surfaces.tree import FloatArray, IntArray
 
 JSON, BINARY = 0x4E4F534A, 0x004E4942
@@ -17,7 +17,6 @@ TYPES = {5121: "<u1", 5123: "<u2", 5125: "<u4", FLOAT: "<f4"}
 TRIANGLES = 4
 POINTS_AND_LINES = (0, 1, 2, 3)
 SIZES = {"SCALAR": 1, "VEC3": 3}
-LARGEST = 2**62  # of a whole number: sums of two are still ones
 
 
 def read_glb(data: bytes, most: int) -> tuple[FloatArray, IntArray]:

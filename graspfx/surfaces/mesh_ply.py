@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from graspfx.surfaces.mesh_text import MeshFault, Triangles
+from graspfx.surfaces.mesh_text import LARGEST, MeshFault, Triangles
 from graspfx.surfaces.tree import FloatArray, IntArray
 
 TYPES = {
@@ -56,6 +56,8 @@ def read_ply(data: bytes, most: int) -> tuple[FloatArray, IntArray]:
             name = next((name for name in CORNERS if name in element.properties), CORNERS[0])
             _require(element, name)
             for k, row in enumerate(rows.of(element)):
+                if not all(abs(corner) < LARGEST and corner == int(corner) for corner in row[name]):
+                    raise MeshFault(f"face {k}: corners that are no whole numbers")
                 read.polygon([int(corner) for corner in row[name]], f"face {k}")
     return read.arrays()
 
@@ -86,7 +88,8 @@ def _header(data: bytes) -> tuple[str, list[Element], int]:
         elif words[:1] == ["property"]:
             types = words[2:-1] if words[1:2] == ["list"] else words[1:-1]
             size = 2 if words[1:2] == ["list"] else 1
-            if not elements or len(types) != size or not all(each in TYPES for each in types):
+            unknown = not all(each in TYPES for each in types) or (size == 2 and TYPES[types[0]] in "fd")
+            if not elements or len(types) != size or unknown:
                 raise MeshFault(f"no property in its header: {line[:60]!r}")
             elements[-1].properties[words[-1]] = tuple(TYPES[each] for each in types)
     if order is None:

@@ -11,6 +11,8 @@ import numpy as np
 
 from graspfx.surfaces.tree import FloatArray, IntArray
 
+LARGEST = 2**62  # of a whole number: sums of two still fit
+
 
 class MeshFault(ValueError):
     """A fault of a file's content, in words that follow the file's name."""
@@ -143,6 +145,9 @@ def _lines(data: bytes, comment: bytes = b"") -> Iterator[tuple[int, list[bytes]
 
 def _whole(words: Sequence[bytes], line: int) -> list[int]:
     try:
-        return [int(word) for word in words]
+        numbers = [int(word) for word in words]
     except ValueError as error:
         raise MeshFault(f"line {line}: expected whole numbers") from error
+    if any(abs(number) > LARGEST for number in numbers):
+        raise MeshFault(f"line {line}: a whole number of too many digits")
+    return numbers

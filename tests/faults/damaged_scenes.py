@@ -7,6 +7,7 @@ import math
 import random
 import tomllib
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from pathlib import Path
 from shutil import copytree
 from typing import Any
@@ -16,12 +17,27 @@ from graspfx import plugins
 SHELF = plugins.shelf("scenes")
 SMALL = ("reference-1dof", "paper-waving", "paper-spring")
 VALUES: tuple[Any, ...] = (
-    math.nan, math.inf, -math.inf, 0, -1, 0.0, -0.0, 1e308, -1e308, 1e-308, 5e-324, 10**18, 10**60, 10**200, 1e39, 1e-59,
-    True, False, "", "x", "stick", "..", "/", "~", "~nobody99/x", "none.py", "a" * 300, "a\0b", "\n", "é", "\u202e", "𝔘",
+    math.nan, math.inf, -math.inf, 0, -1, 0.0, -0.0, 1e308, -1e308, 1e-308, 5e-324, 10**18, 10**60, 10**200,
+    1e39, 1e-59, True, False, "", "x", "stick", "..", "/", "~", "~nobody99/x", "none.py", "a" * 300, "a\0b", "\n", "é",
+    "\u202e", "𝔘",
     [], {}, [[]], [{}], [[[[]]]], [1, "a"], [1.0, 2.0, 3.0, 4.0], [math.nan], [1e200] * 3, {"kind": "box"},
     {"kind": 3}, {"kind": "mesh"}, {"name": "simulated"}, {"stiffness": -1.0}, [[1.0, 0.0], [0.0, -1.0]], [[1.0, 2.0]],
 )  # fmt: skip
-KEYS = ("", "kind", "name", "mass", "unknown", "a.b", "é", "0", "-1", "__class__", "model_fields", "settings", "k" * 150)
+KEYS = (
+    "",
+    "kind",
+    "name",
+    "mass",
+    "unknown",
+    "a.b",
+    "é",
+    "0",
+    "-1",
+    "__class__",
+    "model_fields",
+    "settings",
+    "k" * 150,
+)
 LETTERS = "[]{}=.,\"'#\n\\\0\t _-+0123456789eEnaif\u00e9\ufeff"
 
 
@@ -58,7 +74,7 @@ def of_table(text: str, chance: random.Random) -> str:
 
 
 def _replace(holder: Any, at: Any, chance: random.Random) -> None:
-    holder[at] = chance.choice(VALUES)
+    holder[at] = deepcopy(chance.choice(VALUES))
 
 
 def _delete(holder: Any, at: Any, chance: random.Random) -> None:
@@ -69,11 +85,11 @@ def _scale(holder: Any, at: Any, chance: random.Random) -> None:
     if isinstance(holder[at], float):
         holder[at] *= 10.0 ** chance.randint(-40, 40) * chance.choice((1, -1))
     else:
-        holder[at] = chance.choice(VALUES)
+        holder[at] = deepcopy(chance.choice(VALUES))
 
 
 def _wrap(holder: Any, at: Any, chance: random.Random) -> None:
-    for _ in range(chance.choice((1, 2, 20, 40, 400))):
+    for _ in range(chance.choice((1, 2, 20, 40, 100))):
         holder[at] = [holder[at]] if chance.random() < 0.5 else {"a": holder[at]}
 
 
@@ -139,4 +155,6 @@ def of_text(text: str, chance: random.Random) -> str:
     if not digits:
         return text[at:]
     k = chance.choice(digits)
-    return text[:k] + chance.choice(("9" * 5000, "e400", "-", "nan", "0x", "_", "1979-05-27", "9" * 300)) + text[k + 1 :]
+    return (
+        text[:k] + chance.choice(("9" * 5000, "e400", "-", "nan", "0x", "_", "1979-05-27", "9" * 300)) + text[k + 1 :]
+    )

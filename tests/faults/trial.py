@@ -94,7 +94,7 @@ def _mesh(file: str) -> None:
     assert np.isfinite(weight.inertia).all() and weight.moments.min() > 0.0, "moments that are no body's"
     assert 2.0 * weight.moments.max() <= weight.moments.sum() * (1.0 + 1e-6), "moments that are no body's"
     contacts = mesh.contact(mesh.vertices[:1] + 1e-3)
-    assert np.isfinite(contacts.points).all() and np.isfinite(contacts.normals).all(), "contacts that are nowhere"
+    assert np.isfinite(contacts.point).all() and np.isfinite(contacts.normal).all(), "contacts that are nowhere"
 
 
 def _try(call: Any, file: str) -> dict[str, Any]:
