@@ -16,6 +16,7 @@ from graspfx import __version__
 from graspfx.commands.arguments import separate
 from graspfx.commands.output import CODES, INTERRUPTED, WRONG
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
+from graspfx.trust import granted
 
 COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser) and execute(chosen) -> exit code
     "run": "simulate a scene, record it and sum it up",
@@ -35,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         chosen = parse(given)
-        with _plain_warnings():
+        with _plain_warnings(), granted(getattr(chosen, "trust", False)):
             code: int = chosen.command(chosen)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither

@@ -6,6 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
+MOST_SHOWN = 50  # faults of a scene
+LONGEST_KEY = 200  # letters of a key in a message
+
 
 class GraspFXError(Exception):
     """Every error that GraspFX raises on purpose."""
@@ -32,8 +35,8 @@ class UnknownNameError(GraspFXError, LookupError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
-        text = f"unknown {kind} {name!r}"
-        close = closest(name, self.known)
+        text = f"unknown {kind} {shown(name)}"
+        close = closest(name, self.known) if len(name) <= LONGEST_KEY else None
         if close:
             text += f"; did you mean {close!r}?"
         if self.known:
@@ -67,15 +70,20 @@ class Fault:
 
     def text(self, source: str) -> str:
         place = source if self.line is None else f"{source}:{self.line}"
-        return f"{place}: {self.key}: {self.message}" if self.key else f"{place}: {self.message}"
+        key = self.key if len(self.key) <= LONGEST_KEY else f"{self.key[: LONGEST_KEY - 3]}..."
+        key = key if key.isprintable() else repr(key)[1:-1]
+        return f"{place}: {key}: {self.message}" if key else f"{place}: {self.message}"
 
 
 class SceneError(GraspFXError, ValueError):
-    """Every fault of a scene at once, each with its line."""
+    """Every fault of a scene at once, each with its line; its text shows the first 50, and how many there are."""
 
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source, self.faults = source, tuple(faults)
-        super().__init__("\n".join(fault.text(source) for fault in self.faults))
+        lines = [fault.text(source) for fault in self.faults[:MOST_SHOWN]]
+        if len(self.faults) > MOST_SHOWN:
+            lines.append(f"{source}: and {len(self.faults) - MOST_SHOWN} more faults, {len(self.faults)} in all")
+        super().__init__("\n".join(lines))
 
 
 def closest(name: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
@@ -89,5 +97,8 @@ def shown(value: object, limit: int = 60) -> str:
     shape = getattr(value, "shape", None)
     if shape:
         return f"an array of shape {tuple(shape)}"
-    text = repr(value)
+    try:
+        text = repr(value)
+    except Exception:  # noqa: BLE001 - others' code may raise anything, and Python does not write 5000 digits
+        text = f"a value of type {type(value).__name__}"
     return text if len(text) <= limit else text[: limit - 3] + "..."

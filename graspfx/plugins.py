@@ -17,7 +17,8 @@ from types import ModuleType
 from typing import Literal
 
 from graspfx import installed
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest
+from graspfx.errors import LONGEST_KEY, GraspFXError, InputError, UnknownNameError, closest
+from graspfx.paths import require_file, resolved, to_path
 
 Group = Literal["devices", "hands", "scenes", "dynamics"]
 
@@ -96,6 +97,11 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
     return _imported_file(plugin.path)
 
 
+def is_file_name(text: str) -> bool:
+    """Whether a text names a file by its path, and not a plug-in by its name."""
+    return text.endswith((".py", ".toml"))
+
+
 def shelf(group: Group) -> Path:
     """The folder of the drivers or scenes that come with GraspFX: in the package, or beside it in a checkout."""
     package = Path(__file__).parent
@@ -140,12 +146,11 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
     if not isinstance(name, str | PathLike):
         raise InputError(SINGULAR[group], name, "a name or the path of a file")
     text = fspath(name)
-    if text.endswith((".py", ".toml")):
-        path = ((folder or Path()) / Path(text).expanduser()).resolve()
+    if is_file_name(text):
+        path = resolved(SINGULAR[group], to_path(SINGULAR[group], text, folder=folder))
         if path.suffix not in SUFFIXES[group]:
             raise InputError(SINGULAR[group], text, f"a file that ends in {' or '.join(SUFFIXES[group])}")
-        if not path.is_file():
-            raise InputError(SINGULAR[group], text, "the path of a file", f"there is none at {path}")
+        require_file(SINGULAR[group], text, path)
         return Plugin(origin=str(path), path=path)
     table = _table(group)
     if text not in table:
@@ -158,6 +163,8 @@ def _plugin(group: Group, name: str | PathLike[str], folder: Path | None) -> Plu
 
 
 def _file_hint(group: Group, text: str, folder: Path) -> str:
+    if len(text) > LONGEST_KEY or not text.isprintable():  # no file has such a name
+        return f"a file is named with its {SUFFIXES[group][0]}"
     for suffix in SUFFIXES[group]:
         if text and (folder / f"{text}{suffix}").is_file():
             return f"there is a file {text}{suffix}: name it with its ending"

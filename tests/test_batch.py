@@ -296,7 +296,7 @@ def test_memory_does_not_grow_with_buffers(line, jobs):
         ({BV: [0.5]}, {"measure": ["finger_torque"]}, UnknownNameError, "finger_force"),
         ({BV: [0.5]}, {"statistics": ["median"]}, UnknownNameError, "median"),
         ({BV: [0.5]}, {"keep": "rows"}, UnknownNameError, "recordings"),
-        ({BV: [0.5]}, {"threads": 0}, InputError, "one at least"),
+        ({BV: [0.5]}, {"threads": 0}, InputError, "1 or more"),
         ({BV: [0.5]}, {"duration": 0.0}, InputError, "at least one period"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import subprocess
@@ -147,3 +148,132 @@ def test_where_the_folder_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert cache.folder() == tmp_path / "local" / "graspfx" / "Cache"
     monkeypatch.setattr(cache.sys, "platform", "darwin")
     assert cache.folder().parts[-3:] == ("Library", "Caches", "graspfx")
+
+
+# Others' hands ----------------------------------------------------------------------------------------------------
+
+users = pytest.mark.skipif(not hasattr(os, "getuid"), reason="users have no numbers on this platform")
+
+
+@pytest.fixture
+def kept_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache with an entry, two folders below one that is the test's own."""
+    place = folder / "above" / "cache"
+    monkeypatch.setenv("GRASPFX_CACHE", str(place))
+    assert cache.store("key", b"content") == "" and cache.stored("key") == b"content"
+    return place
+
+
+def test_folders_and_entries_are_their_users_alone(kept_in: Path) -> None:
+    (entry,) = kept_in.iterdir()
+    assert [path.stat().st_mode & 0o777 for path in (kept_in.parent, kept_in, entry)] == [0o700, 0o700, 0o600]
+
+
+def forge(name: str, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Open the way for an entry of somebody else's."""
+    (entry,) = kept_in.iterdir()
+    mine, nobody = os.getuid(), 12345
+    real_lstat, real_fstat = Path.lstat, os.fstat
+
+    def owned(status: os.stat_result) -> os.stat_result:
+        return os.stat_result([*status[:4], nobody, *status[5:]])
+
+    def link(to: Path) -> None:
+        kept_in.rename(to)
+        kept_in.symlink_to(to)
+
+    if name in ("folder of another's", "parent of another's", "link of another's"):
+        other = kept_in.parent if name.startswith("parent") else kept_in
+        if name.startswith("link"):
+            link(kept_in.parent / "elsewhere")
+        monkeypatch.setattr(Path, "lstat", lambda path: (owned if path == other else lambda s: s)(real_lstat(path)))
+    elif name == "entry of another's":
+        monkeypatch.setattr(os, "fstat", lambda handle: owned(real_fstat(handle)))
+    elif name == "link into an open folder":
+        (kept_in.parent / "open").mkdir()
+        link(kept_in.parent / "open" / "elsewhere")
+        (kept_in.parent / "open").chmod(0o777)
+    elif name == "linked entry":
+        entry.rename(kept_in / "elsewhere")
+        entry.symlink_to(kept_in / "elsewhere")
+    elif name == "pipe":
+        entry.unlink()
+        os.mkfifo(entry)
+    elif name == "user that changed":
+        monkeypatch.setattr(os, "getuid", lambda: mine + 1)
+    else:
+        place, mode = {"folder": kept_in, "parent": kept_in.parent, "entry": entry}[name.split()[0]], name.split()[-1]
+        place.chmod(int(mode, 8))
+
+
+@users
+@pytest.mark.parametrize(
+    "name",
+    [
+        "folder of mode 770", "folder of mode 702", "folder of mode 1777", "parent of mode 777", "parent of mode 720",
+        "entry of mode 620", "entry of mode 602", "folder of another's", "parent of another's", "link of another's",
+        "entry of another's", "link into an open folder", "linked entry", "pipe", "user that changed",
+    ],
+)  # fmt: skip
+def test_what_others_could_have_forged_is_not_used(name: str, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    forge(name, kept_in, monkeypatch)
+    with pytest.warns(cache.CacheWarning, match="is not used: .*GRASPFX_CACHE") as caught:
+        assert cache.stored("key") is None
+    assert len(caught) == 1 and "\n" not in str(caught[0].message)
+
+
+@users
+def test_a_sticky_folder_above_is_no_danger(kept_in: Path) -> None:
+    kept_in.parent.chmod(0o1777)
+    assert cache.stored("key") == b"content"
+
+
+@users
+def test_a_link_of_ones_own_is_followed(kept_in: Path) -> None:
+    kept_in.rename(kept_in.parent / "elsewhere")
+    kept_in.symlink_to("elsewhere")
+    assert cache.stored("key") == b"content"
+
+
+@users
+def test_nothing_is_kept_where_others_write(kept_in: Path) -> None:
+    kept_in.chmod(0o777)
+    before = {entry: entry.read_bytes() for entry in kept_in.iterdir()}
+    with pytest.warns(cache.CacheWarning):
+        assert "others may write to" in cache.store("key", b"other")
+    assert before == {entry: entry.read_bytes() for entry in kept_in.iterdir()}
+    with pytest.raises(InputError, match="nobody else can write"):
+        cache.require_room()
+
+
+def test_where_users_have_no_numbers_nothing_is_asked(kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept_in.chmod(0o777)
+    monkeypatch.delattr(os, "getuid", raising=False)
+    assert cache.stored("key") == b"content"
+
+
+@users
+def test_a_forged_program_in_a_shared_folder_is_not_run(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Somebody puts the machine code of another force law under the key of ours, with its digest right."""
+    compiled(SOURCE)
+    (ours,) = folder.iterdir()
+    forged = SOURCE.replace("+ n", "+ 1000.0 * n")
+    compiled(forged)
+    (theirs,) = set(folder.iterdir()) - {ours}
+    content = theirs.read_bytes()[32:]
+    ours.write_bytes(hashlib.sha256(ours.stem.encode() + content).digest() + content)
+    assert not works(compiled(SOURCE))  # whoever may write to the folder can do that
+    folder.chmod(0o777)
+    script = (
+        "from graspfx.__main__ import _plain_warnings\nfrom graspfx.compile.native import compiled\nimport sys\n"
+        "with _plain_warnings(): [compiled(sys.argv[1]) for _ in range(3)]"
+    )
+    root = {"PYTHONPATH": str(Path(native.__file__).parents[2]), "GRASPFX_CACHE": str(folder)}
+    subprocess.run([sys.executable, "-c", script, SOURCE], check=True, env={**os.environ, **root})
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"warning: the cache {folder} is not used: others may write to")
+    with pytest.warns(cache.CacheWarning):
+        program = compiled(SOURCE)
+    assert works(program) and not program.cached

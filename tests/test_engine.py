@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -179,6 +181,22 @@ def failing(kind: str, files: dict[str, str]) -> gx.Scene:
 # When which engine runs -------------------------------------------------------------------------------------------
 
 
+DEAR, CHEAP = 2.0, 1e-9  # seconds that a tick takes as it stands: what a program saves is worth it, or never is
+
+
+def judge_by(cost: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `auto` decide by a given cost of a tick, whatever the load of the machine makes of the first ones."""
+    monkeypatch.setitem(engines.ENGINES, "auto", partial(engines.Either, cost=cost))
+
+
+def test_a_given_cost_decides_and_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    for hour_each, cost, name in ((3600.0, CHEAP, "interpreted"), (0.0, DEAR, "compiled after 16 ticks")):
+        clock = count(0.0, hour_each) if hour_each else iter(lambda: 0.0, 1.0)
+        monkeypatch.setattr(engines, "perf_counter", lambda clock=clock: next(clock))
+        judge_by(cost, monkeypatch)
+        assert recorded(line(), "auto").outcome.engine == name
+
+
 @pytest.mark.parametrize("which", ["kernels", "device", "body"])
 def test_auto_goes_over_to_the_program_in_mid_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, which: str) -> None:
     files = foreign_parts.write(tmp_path)
@@ -189,11 +207,11 @@ def test_auto_goes_over_to_the_program_in_mid_run(tmp_path: Path, monkeypatch: p
     }
     scene = line(**changes[which])
     known = recorded(scene, "interpreted")
+    judge_by(CHEAP, monkeypatch)
     for calls in (1, 4, TICKS):
         stays = recorded(scene, "auto", calls)  # 60 ticks are worth nothing
         assert same(known, stays) and stays.outcome.engine == "interpreted"
-    monkeypatch.setattr(engines, "LOADING", -1.0)
-    monkeypatch.setattr(engines, "COMPILING", -1.0)
+    judge_by(DEAR, monkeypatch)
     for calls in (1, 4, TICKS):
         changed = recorded(scene, "auto", calls)
         assert same(known, changed) and changed.outcome.engine == "compiled after 16 ticks"
@@ -205,8 +223,7 @@ def test_auto_goes_over_to_the_program_in_mid_run(tmp_path: Path, monkeypatch: p
 def test_a_run_is_stopped_before_the_call_that_says_so(
     engine: str, calls: int, ticks: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engines, "LOADING", -1.0)
-    monkeypatch.setattr(engines, "COMPILING", -1.0)
+    judge_by(DEAR, monkeypatch)
     asked = iter([*[False] * calls, True])
     stopped = gx.run(line(engine=engine), 1.0, stop=lambda: next(asked))
     assert len(stopped) == ticks and not stopped.outcome.complete
@@ -233,8 +250,7 @@ def test_which_engine_ran_is_in_the_file_and_in_the_summary(tmp_path: Path) -> N
 
 def test_without_llvm_ticks_are_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "llvmlite", None)
-    monkeypatch.setattr(engines, "LOADING", -1.0)
-    monkeypatch.setattr(engines, "COMPILING", -1.0)
+    judge_by(DEAR, monkeypatch)
     assert gx.run(line()).outcome.engine == "interpreted"
     with pytest.raises(MissingPackageError, match="pip install llvmlite"):
         gx.run(line(engine="compiled"))
@@ -295,10 +311,10 @@ def test_a_kernel_of_ones_own_is_compiled_anew_when_its_file_changes(tmp_path: P
 
 
 def test_a_servo_that_is_asked_for_more_is_judged_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engines, "COMPILING", -1.0)
+    judge_by(0.02, monkeypatch)
     with build(line(), engine="auto", record=False) as servo:
-        servo.run(20, None)
+        servo.run(20, None)  # the four after the first ones would save 0.08 s
         assert servo.engine.name == "interpreted"
-        monkeypatch.setattr(engines, "LOADING", -1.0)
-        servo.run(20, None)
+        monkeypatch.setattr(engines, "COMPILING", 0.3)
+        servo.run(20, None)  # 0.4 s
         assert servo.engine.name == "compiled after 20 ticks"

@@ -436,7 +436,7 @@ def faults(tables: dict[str, Any]) -> list[str]:
 def test_files_that_are_no_meshes_are_faults_of_their_key(tmp_path: Path) -> None:
     (tmp_path / "a.stl").write_text("no mesh")
     (tmp_path / "a.shape").write_text("no mesh")
-    for name, wanted in (("a.stl", "a surface of triangles"), ("a.shape", "a file that trimesh reads")):
+    for name, wanted in (("a.stl", "a sound stl file"), ("a.shape", "a file that ends in .glb, .obj")):
         with pytest.raises(SceneError, match=rf"object\.shape\.mesh: .* expected {wanted}"):
             gx.Scene(**table(3, {"mesh": str(tmp_path / name)}, [[0.1, 0.0, 0.0]]))
 

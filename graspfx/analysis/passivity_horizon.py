@@ -13,6 +13,8 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
+LONGEST = 5000  # samples times channels: a matrix of 200 MB
+
 
 @dataclass(frozen=True, eq=False)
 class WorstMotion:
@@ -40,15 +42,18 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
         H: (A, B, C, D), an object with them, or a stiffness; not a function of z.
         damping: of the device, one number, (n,) or (n, n) [N s/m].
         period: T [s].
-        samples: N; the work grows as (N n)^3.
+        samples: N; the work grows as (N n)^3, and N n is at most 5000.
 
     Raises:
-        InputError: a function of z, no samples.
+        InputError: a function of z, no samples, or more than N n allows.
     """
     found = display(H, period)
     if not isinstance(found, StateSpace):
         raise InputError("H", H, "matrices (A, B, C, D)", "a function of z has no impulse response to start from")
     samples = count("samples", samples, 1)
+    if samples * found.channels > LONGEST:
+        most = f"at most {LONGEST // found.channels} samples"
+        raise InputError("samples", samples, most, "the margin has converged long before: it falls as 1/N^2")
     n, B = found.channels, symmetric("damping", damping, found.channels)
     h = [found.D]  # impulse response
     x = found.B

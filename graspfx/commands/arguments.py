@@ -18,9 +18,11 @@ def add_scene(parser: ArgumentParser) -> None:
 
 
 def add_overrides(parser: ArgumentParser) -> None:
-    """Add --set."""
+    """Add --set and --trust."""
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
+    whole = "let the scene name files outside of its folder: what is Python among them runs"
+    parser.add_argument("--trust", action="store_true", help=whole)
 
 
 def scene(text: str) -> str:
@@ -47,10 +49,14 @@ def override(text: str) -> tuple[str, Any]:
     """KEY=VALUE as a key and a value: TOML where it reads as TOML, else the text itself."""
     import tomllib
 
+    from graspfx.scene.budget import excess
+
     key, equals, value = text.partition("=")
     if not key.strip() or not equals:
         raise ArgumentTypeError(f"{text!r} is not of the form KEY=VALUE")
     try:
+        if fault := excess(text):
+            raise ArgumentTypeError(f"{text[:40]}...: {fault.message}")
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key.strip(), value

@@ -6,12 +6,18 @@ import contextlib
 import hashlib
 import os
 import sys
+import warnings
 from pathlib import Path
 
+from graspfx.compile.ownership import intrusion, make_own, read_own
 from graspfx.errors import InputError
 
 LIMIT = 200_000_000  # [bytes]; what was used longest ago goes first
 SUFFIX = ".machine"
+
+
+class CacheWarning(UserWarning):
+    """A cache that is left alone, since others could have put a forged program or scene there."""
 
 
 def folder() -> Path:
@@ -45,11 +51,18 @@ def shown() -> str:
 
 
 def stored(key: str) -> bytes | None:
-    """What was kept under a key; None if there is nothing, or if it is not what was written."""
+    """What was kept under a key; None if there is nothing, or if it is not what was written.
+
+    Warns where the folder or the file is not the user's alone: then it is not used.
+    """
     try:
         path = folder() / f"{key}{SUFFIX}"
-        found = path.read_bytes()
+        stranger = intrusion(path.parent)
+        found = None if stranger else read_own(path)
     except OSError:
+        return None
+    if found is None:
+        _warn(path.parent, stranger or f"{path.name} is no file of its user alone")
         return None
     digest, content = found[:32], found[32:]
     if hashlib.sha256(key.encode() + content).digest() != digest:
@@ -66,7 +79,10 @@ def store(key: str, content: bytes) -> str:
     here: Path | str = "the user's folder"
     try:
         here = folder()
-        here.mkdir(parents=True, exist_ok=True)
+        make_own(here)
+        if stranger := intrusion(here):
+            _warn(here, stranger)
+            return f"nothing can be kept in {here}: {stranger}"
         handle, name = tempfile.mkstemp(dir=here, suffix=".part")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -86,20 +102,28 @@ def require_room() -> None:
     """Nothing is lost where the folder cannot be written, but for the time to compile again.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: it cannot be written, or others could write to it too.
     """
     import tempfile
 
     here: Path | str = "the user's folder"
     try:
         here = folder()
-        here.mkdir(parents=True, exist_ok=True)
+        make_own(here)
+        if stranger := intrusion(here):
+            expected = "a folder to which nobody else can write"
+            raise InputError("GRASPFX_CACHE", str(here), expected, f"{stranger}: name another")
         with tempfile.TemporaryFile(dir=here):
             pass
     except OSError as error:
         raise InputError(
             "GRASPFX_CACHE", str(here), "a folder that can be written", f"{error.strerror or error}: name another"
         ) from error
+
+
+def _warn(here: Path, why: str) -> None:
+    text = f"the cache {here} is not used: {why}; or name another folder with GRASPFX_CACHE"
+    warnings.warn(text, CacheWarning, stacklevel=2)  # always from here: Python says the same line once
 
 
 def _trim(here: Path) -> None:

@@ -206,18 +206,23 @@ class Either:
     """Begins with the script as it stands, and goes on with its program where the ticks to come are worth it.
 
     Both compute the same bits, so that it does not matter to a recording when it changes.
+
+    Args:
+        tick: the tick.
+        cost: of a tick as it stands [s]; measured over the first ones if not given.
     """
 
-    def __init__(self, tick: Tick) -> None:
+    def __init__(self, tick: Tick, *, cost: float | None = None) -> None:
         self._tick = tick
+        self._known_cost = cost
         self._engine: Engine = Interpreted(tick)
         self._left, self._done, self._spent = 0, 0, 0.0
         self._ran = self._after = 0  # ticks so far, and those before the program
 
     @property
     def cost(self) -> float:
-        """Of a tick as it stands, by the first ones [s]."""
-        return self._spent / self._done
+        """Seconds that a tick takes as it stands, by the first ones unless it was given."""
+        return self._spent / self._done if self._known_cost is None else self._known_cost
 
     @property
     def patience(self) -> int:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Sequence
-from csv import reader
 from os import PathLike
 from pathlib import Path as FilePath
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.loop import targets
+from graspfx.paths import require_file, to_path
 
 FloatArray = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
+EXPECTED = "a CSV file with columns t, x[, y[, z]]"
 ROUNDING = 1e-12  # relative; of times that were meant to be the same
 
 
@@ -178,18 +180,23 @@ class Path(_Parts):
         super().__init__(x.shape[1], [Part(targets.PATH, len(t), np.concatenate([t, cubics.ravel(), x[-1]]))])
 
     @classmethod
-    def read(cls, file: str | PathLike[str]) -> Path:
-        """The path in a CSV file whose first line names the columns t, x[, y[, z]], in s and m."""
-        path = FilePath(file)
-        if not path.is_file():
-            raise InputError("path", str(file), "a CSV file with columns t, x[, y[, z]]", f"there is none at {path}")
-        with path.open(newline="", encoding="utf-8") as lines:
-            rows = reader(lines)
-            names = [name.strip() for name in next(rows, [])]
-            d = len(names) - 1
-            if not 1 <= d <= 3 or names != ["t", *AXES[:d]]:
-                raise InputError(f"{path}:1", ",".join(names), "the column names t,x or t,x,y or t,x,y,z")
-            table = [_row(f"{path}:{rows.line_num}", row, d + 1) for row in rows if row]
+    def read(cls, file: str | PathLike[str], folder: FilePath | None = None) -> Path:
+        """The path in a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
+
+        Args:
+            file: a relative one starts in `folder`, the current one if None.
+            folder: see there.
+
+        Raises:
+            InputError: no such file, or not such a table, with the line.
+        """
+        path = to_path("path", file, folder=folder)
+        require_file("path", str(file), path, EXPECTED)
+        try:
+            with path.open(newline="", encoding="utf-8") as lines:
+                d, table = _table(path, csv.reader(lines))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise InputError("path", str(file), EXPECTED, str(error)) from error
         values = np.array(table, dtype=float).reshape(-1, d + 1)
         try:
             return cls(values[:, 0], values[:, 1:])
@@ -269,6 +276,15 @@ def floats(name: str, value: ArrayLike) -> FloatArray:
         return np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(name, value, "an array of numbers") from error
+
+
+def _table(path: FilePath, rows: Any) -> tuple[int, list[list[float]]]:
+    """The dimensions of a CSV reader's columns, and its rows."""
+    names = [name.strip() for name in next(rows, [])]
+    d = len(names) - 1
+    if not 1 <= d <= 3 or names != ["t", *AXES[:d]]:
+        raise InputError(f"{path}:1", ",".join(names), "the column names t,x or t,x,y or t,x,y,z")
+    return d, [_row(f"{path}:{rows.line_num}", row, d + 1) for row in rows if row]
 
 
 def _row(place: str, row: list[str], count: int) -> list[float]:

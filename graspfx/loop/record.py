@@ -12,7 +12,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import RecordingError
+from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
 from graspfx.spatial import product, rotate
@@ -182,8 +182,14 @@ class Recording:
         return len(self.rows)
 
     def array(self, column: str) -> FloatArray:
-        """A column of the layout, (N, ...), as a view."""
-        found = self.layout.columns[column]
+        """A column of the layout, (N, ...), as a view.
+
+        Raises:
+            UnknownNameError: the recording has no such column.
+        """
+        found = self.layout.columns.get(str(column))
+        if found is None:
+            raise UnknownNameError("column", str(column), self.layout.columns)
         return self.rows[:, found.where].reshape(len(self.rows), *found.shape)
 
     def optional(self, column: str) -> FloatArray | None:
@@ -308,7 +314,12 @@ class Recording:
 
         Of a mesh it is its file's frame, which draws it at any tick; the recorded one is at the centre of mass, along
         the principal axes. Of any other shape both are the same.
+
+        Raises:
+            UnknownNameError: there is no such object.
         """
+        if name not in self.layout.objects:
+            raise UnknownNameError("object", str(name), self.layout.objects)
         motion = self.objects[name]
         frame = self.header.frames.get(name)
         if frame is None or motion.orientation is None:

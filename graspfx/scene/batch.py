@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import builtins
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
+from graspfx.analysis.arguments import count
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
@@ -151,18 +152,23 @@ def run_batch(
         UnknownNameError: a quantity or statistic that there is not.
         MissingPackageError: no LLVM.
     """
+    from graspfx.scene.model import Scene
+
+    if not isinstance(scene, Scene):
+        raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    if not isinstance(values, Mapping):
+        raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
+    measure, statistics = _names("measure", measure), _names("statistics", statistics)
     _require_known("keep", [keep], KEEP)
     _require_known("statistic", statistics, STATISTICS)
-    if threads is not None and threads < 1:
-        raise InputError("threads", threads, "one at least, or None for as many as there are processors")
+    threads = count("threads", threads, 1) if threads is not None else processors()
     began = perf_counter()
     shape, lists, numbers = _grid(values, zip=zip)
     with plugins.unchanged():
         variants = Variants(scene, lists, numbers)
         groups = variants.groups()
     warn_of_axes(scene)
-    count = threads or processors()
-    done = Runs(scene, variants, len(numbers), duration, count)
+    done = Runs(scene, variants, len(numbers), duration, threads)
     if keep == "measures":
         measures = done.measured(groups, measure, statistics)
         found: dict[str, Any] = {
@@ -267,7 +273,10 @@ def _grid(
     values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
 ) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
     """The grid's shape, the values of each key, and the number of each variant's."""
-    lists = {key: [_plain(value) for value in given] for key, given in values.items()}
+    for key, given in values.items():
+        if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+            raise InputError(f"values[{key!r}]", given, "a list of values")
+    lists = {str(key): [_plain(value) for value in given] for key, given in values.items()}
     if not lists or not all(lists.values()):
         raise InputError("values", dict(values), "at least one key, with a list of values each")
     if "duration" in lists:
@@ -310,6 +319,15 @@ def _column(layout: Layout, quantity: str) -> str:
     if name not in layout.columns:
         raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT])
     return name
+
+
+def _names(argument: str, given: Sequence[str]) -> Sequence[str]:
+    """Names in a list, also where one stands alone."""
+    if isinstance(given, str):
+        return [given]
+    if not isinstance(given, Iterable):
+        raise InputError(argument, given, "a list of names")
+    return [str(each) for each in given]
 
 
 def _require_known(kind: str, names: Sequence[str], known: Sequence[str]) -> None:

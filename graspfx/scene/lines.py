@@ -6,6 +6,8 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from graspfx.scene.budget import outline
+
 if TYPE_CHECKING:
     from tree_sitter import Node
 
@@ -15,13 +17,16 @@ KEYS = ("bare_key", "quoted_key", "dotted_key")
 
 
 class KeyLines:
-    """Lines by key: `KeyLines(text)[("finger", 0, "start")]`; a key that is not there has the line of its table."""
+    """Lines by key: `KeyLines(text)[("finger", 0, "start")]`; a key that is not there has the line of its table.
+
+    So has what stands in a very long value.
+    """
 
     def __init__(self, text: str) -> None:
         import tree_sitter_toml
         from tree_sitter import Language, Parser
 
-        tree = Parser(Language(tree_sitter_toml.language())).parse(text.encode())
+        tree = Parser(Language(tree_sitter_toml.language())).parse(outline(text).encode())
         self._lines: dict[Key, int] = {}
         self._last: dict[Key, int] = {}  # of an array of tables, the table that is being filled
         for node in tree.root_node.named_children:
@@ -39,22 +44,22 @@ class KeyLines:
     def _table(self, node: Node) -> None:
         name, *rest = node.named_children
         *path, last = _parts(name)
-        at = self._open((), path)
+        at = self._open((), path, name)
         if node.type == "table_array_element":
             self._mark((*at, last), name)
             self._last[(*at, last)] = self._last.get((*at, last), -1) + 1
-        at = self._open(at, [last])
-        self._mark(at, name)
+        at = self._open(at, [last], name)
         for pair in rest:
             if pair.type == "pair":
                 self._pair(at, pair)
 
-    def _open(self, at: Key, path: Sequence[str]) -> Key:
-        """The key of a table, through arrays of tables to their last one."""
+    def _open(self, at: Key, path: Sequence[str], name: Node) -> Key:
+        """The key of a table, through arrays of tables to their last one; tables that its name makes begin here."""
         for part in path:
             at = (*at, part)
             if at in self._last:
                 at = (*at, self._last[at])
+            self._mark(at, name)
         return at
 
     def _pair(self, at: Key, node: Node) -> None:

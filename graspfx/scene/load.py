@@ -13,6 +13,7 @@ from typing import Any
 
 from graspfx import plugins
 from graspfx.errors import Fault, GraspFXError, InputError, SceneError, closest
+from graspfx.scene.budget import excess, read_bytes
 from graspfx.scene.model import Scene, make_scene
 from graspfx.scene.overrides import by_key
 from graspfx.scene.source import Source
@@ -47,10 +48,7 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) 
 
 def _text(path: Path) -> str:
     shown = plugins.shown_path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError("scene", shown, "a file that can be read", str(error.strerror)) from error
+    data = read_bytes(path, shown)
     try:
         return data.decode()
     except UnicodeDecodeError as error:
@@ -60,6 +58,8 @@ def _text(path: Path) -> str:
 
 
 def _parsed(text: str, name: str) -> dict[str, Any]:
+    if fault := excess(text):
+        raise SceneError(name, [fault])
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

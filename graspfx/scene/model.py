@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import PrivateAttr
 
-from graspfx.errors import Fault, SceneError
+from graspfx.errors import Fault, InputError, SceneError
 from graspfx.scene.checks.faults import as_faults, find_faults
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.making.wiring import placing_faults
@@ -32,8 +32,10 @@ class Scene(SceneTable):
     _source: Source = PrivateAttr(default_factory=Source)
 
     def __init__(self, source: Source | None = None, /, **table: Any) -> None:
+        if source is not None and not isinstance(source, Source):
+            raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
-        faults = find_faults(table, origin.folder)
+        faults = find_faults(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         super().__init__(**table)

@@ -7,6 +7,7 @@ from copy import deepcopy
 from typing import Any
 
 from graspfx.errors import Fault, InputError
+from graspfx.scene.budget import DEEPEST, too_deep
 
 Key = tuple[str | int, ...]
 
@@ -15,11 +16,14 @@ def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
     """Overrides as a dictionary of their own.
 
     Raises:
-        InputError: something else than values by dotted key.
+        InputError: something else than values by dotted key, or tables and lists too deep in one another.
     """
     given = {} if overrides is None else overrides
     if not isinstance(given, Mapping):
         raise InputError("overrides", overrides, "values by dotted key", "as in {'coupling.internal.stiffness': 50.0}")
+    for key, value in given.items():
+        if str(key).count(".") >= DEEPEST or too_deep(value):
+            raise InputError("overrides", str(key), f"keys and values of at most {DEEPEST} levels")
     return {str(key): value for key, value in given.items()}
 
 

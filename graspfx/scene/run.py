@@ -17,12 +17,16 @@ from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.numeric import number
+from graspfx.paths import to_path
 from graspfx.scene.making.build import build, make_layout
 from graspfx.scene.making.meshes import frames
 from graspfx.scene.tables.reading import Readable
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
+
+
+MOST_TICKS = 2**53  # the numbers of more of them are not all floats
 
 
 def run(
@@ -45,7 +49,8 @@ def run(
             ends the run there, and what was recorded is marked as incomplete.
 
     Raises:
-        InputError: a duration that is not a positive time, or more ticks than there is room for.
+        InputError: a duration that is not a positive time, or more ticks than there is room for; an `out` that is no
+            path, or a `stop` that cannot be called.
         SceneError: a finger that starts out of its device's reach.
         DeviceError: a device that does not open.
         RecordingError: `out` has a recording already, another run is writing there, or it cannot be written; where
@@ -53,6 +58,10 @@ def run(
     """
     if not isinstance(scene, Readable):
         raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    if stop is not None and not callable(stop):
+        raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
+    if out is not None:
+        to_path("out", out, "the path of a folder")
     warn_of_axes(scene)
     size = 8 * make_layout(scene, simulated=True, limits=True).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
@@ -100,12 +109,15 @@ def ticks_of(duration: float, period: float) -> int:
     """Whole periods in a time.
 
     Raises:
-        InputError: a time that is none, or shorter than a period.
+        InputError: a time that is none, or shorter than a period, or of more periods than can be counted.
     """
     expected = f"a time of at least one period, {period} s"
     ratio = number("duration", duration, expected) / period
     if ratio <= 0.5:
         raise InputError("duration", duration, expected)
+    if ratio > MOST_TICKS:
+        most = f"at most {MOST_TICKS:.3g} periods of {period} s: more cannot be counted"
+        raise InputError("duration", duration, most, "make the duration shorter or the period longer")
     return round(ratio)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from graspfx import trust
+from graspfx.paths import resolved, to_path
 
 
 @dataclass(frozen=True)
@@ -28,3 +31,27 @@ class Source:
     def folder(self) -> Path | None:
         """Where relative paths in the scene start; None for the current folder."""
         return self.path.parent if self.path is not None else None
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether all that the scene names may be used: it is Python, or the user says so."""
+        return self.path is None or self.path.suffix == ".py" or trust.is_granted()
+
+    def holds(self, text: str) -> bool:
+        """Whether a path leads into the folder of the scene's file, through all links, or the user's override names it.
+
+        Raises:
+            InputError: a path that leads nowhere.
+        """
+        if self.folder is None or text in _texts(self.overrides):
+            return True
+        place = resolved("path", to_path("path", text, folder=self.folder))
+        return place.is_relative_to(resolved("path", self.folder))
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list | tuple):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(each)

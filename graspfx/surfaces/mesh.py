@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from os import PathLike, fspath
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,6 +15,7 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.numeric import finite, number, real
 from graspfx.surfaces import proxy
 from graspfx.surfaces.ball import STATE, ball_contact
+from graspfx.surfaces.mesh_file import MOST_BYTES, MOST_TRIANGLES, read_mesh_file
 from graspfx.surfaces.shape import Contacts
 from graspfx.surfaces.tree import FloatArray, IntArray, flatten, half_edges
 from graspfx.surfaces.walk import REACH, mesh_contact
@@ -26,6 +25,8 @@ SMALLEST, LARGEST = 1e-3, 10.0  # sizes beyond which a unit is more likely wrong
 FLAT = 1e-13  # a triangle whose height is below this, relative to the mesh, has no normal
 SAME_POINT = 1e-6  # relative distance at which the corners of a mesh that does not close are taken for one
 ROUNDS = 100  # of cutting at triangles without area; what then is left of them leaves the surface open
+LEAST_VOLUME = 1e-15  # relative to the cube of the largest side; flatter is rounding
+SHARP = 1e-9  # relative rounding of the moments of a body that is all in a plane or on a line
 ALIGNED = 1e-9  # products of inertia below this, relative to the moments, leave the axes of the file
 
 
@@ -105,7 +106,8 @@ class Mesh:
         """Of the solid, from its mass [kg] or its density [kg/m^3]; of a shell, from the mass spread over its surface.
 
         Raises:
-            InputError: neither or both are given, or the density of a shell.
+            InputError: neither or both are given, or the density of a shell; a surface without an inside, or one that
+                crosses itself so that its moments are no body's.
             MissingPackageError: trimesh is not installed.
         """
         given = mass if mass is not None else density
@@ -123,9 +125,16 @@ class Mesh:
         else:
             whole = _trimesh().Trimesh(vertices=unit, faces=self.faces, process=False).mass_properties
             volume, centre, inertia = float(whole["volume"]), np.asarray(whole["center_mass"]), whole["inertia"]
+        if not volume > LEAST_VOLUME:
+            what = f"a surface around {volume * size**3:.3g} m^3"
+            raise InputError("mesh", what, "a surface with an inside", "it is flat, or crosses itself: repair the file")
         weight = given if mass is not None else given * volume * size**3
         inertia = np.asarray(inertia, dtype=np.float64) * (weight / volume * size**2)
         moments, axes = _principal(0.5 * (inertia + inertia.T))
+        if not 2.0 * moments.max() <= (1.0 + SHARP) * moments.sum() or not moments.min() > 0.0:
+            what = f"principal moments of {moments[0]:.3g}, {moments[1]:.3g} and {moments[2]:.3g} kg m^2"
+            do = "the surface crosses itself, so that parts of it count as less than nothing: repair the file"
+            raise InputError("mesh", what, "moments of a body: above zero, none more than the others' sum", do)
         return MassProperties(float(weight), middle + size * centre, inertia, moments, axes)
 
     def seen_from(self, centre: FloatArray, axes: FloatArray) -> Mesh:
@@ -140,27 +149,24 @@ def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
     return state
 
 
-def load_mesh(path: str | PathLike[str], *, scale: float = 1.0, shell: bool = False) -> Mesh:
-    """A mesh from any file that trimesh reads, times `scale` (0.001 for a file in millimetres).
+def load_mesh(
+    path: str | PathLike[str],
+    *,
+    scale: float = 1.0,
+    shell: bool = False,
+    most_bytes: int = MOST_BYTES,
+    most_triangles: int = MOST_TRIANGLES,
+) -> Mesh:
+    """A mesh from an STL, OBJ, PLY, OFF or GLB file, times `scale` (0.001 for a file in millimetres).
+
+    Only positions and triangles are read: no materials, and no other file that the file names.
 
     Raises:
-        InputError: the file cannot be read, or what is in it is no sound surface.
-        MissingPackageError: trimesh, or a package that it needs for this format, is not installed.
+        InputError: the file cannot be read, is larger than `most_bytes` or `most_triangles`, or what is in it is no
+            sound surface.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise InputError("mesh", fspath(path), "the path of a file", "paths are relative to the scene's file")
-    trimesh = _trimesh()
-    try:
-        read = trimesh.load_mesh(file, process=False)
-        vertices, faces = np.asarray(read.vertices), np.asarray(read.faces)
-    except ImportError as error:
-        package = error.name or "an optional package of trimesh"
-        raise MissingPackageError(package, f"trimesh, to read {file.name},", "install it") from error
-    except (ValueError, TypeError, LookupError, AttributeError, NotImplementedError, OSError, struct.error) as error:
-        readable = ", ".join(sorted(trimesh.available_formats()))
-        raise InputError("mesh", fspath(path), f"a file that trimesh reads ({readable})", str(error)) from error
-    return make_mesh(vertices, faces, scale=scale, shell=shell, name=file.name)
+    vertices, faces = read_mesh_file(path, most_bytes, most_triangles)
+    return make_mesh(vertices, faces, scale=scale, shell=shell, name=fspath(path).replace("\\", "/").rpartition("/")[2])
 
 
 def make_mesh(

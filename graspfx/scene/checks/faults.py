@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from graspfx.errors import Fault, closest, shown
+from graspfx.errors import LONGEST_KEY, Fault, closest, shown
+from graspfx.scene.budget import too_deep
 from graspfx.scene.checks.together import cross_faults
+from graspfx.scene.checks.trust import trust_faults
+from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid
 from graspfx.scene.tables.parts import SceneTable
 
@@ -35,6 +37,7 @@ WANTED = {
 FORMS = {"list": "a list", "name": "a name", "number": "a number", "word": "a number or a word"}  # all others: tables
 
 
+MOST_HINTS = 200  # unknown keys for which one that is near is looked for
 VERY_NEAR = 0.75  # 'mss' and 'mass' are at 0.86, 'axis' and 'radius' at 0.6
 
 # What other programs, and the paper, call by another name or keep in another place: by table and key.
@@ -54,22 +57,25 @@ ELSEWHERE = {
 }
 
 
-def find_faults(data: Mapping[str, Any], folder: Path | None = None) -> list[Fault]:
+def find_faults(data: Mapping[str, Any], source: Source) -> list[Fault]:
     """The faults of a scene given as nested tables; none means that `SceneTable` takes it.
 
     Args:
         data: as read from a file.
-        folder: where relative paths in the scene start.
+        source: where it comes from.
     """
+    if deep := too_deep(data):
+        return [deep]
     try:
         draft = SceneTable.model_validate(data)
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
-        found = [*_field_faults(error, draft)]
+        found = [*_field_faults(error, draft), *trust_faults(draft, source)]
         misspelt = _meant(error.errors(include_url=False), draft)
-        found += [each for each in cross_faults(draft, folder) if each[0] not in misspelt.values()]
+        found += [each for each in cross_faults(draft, source.folder) if each[0] not in misspelt.values()]
         return as_faults(data, found)
-    return as_faults(data, cross_faults(draft, folder))
+    found = trust_faults(draft, source)
+    return as_faults(data, [*found, *cross_faults(draft, source.folder)])
 
 
 def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
@@ -114,7 +120,7 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
 
 def _meant(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
     """For every key that is not known, the one that it comes close to: one slip of the pen is one fault."""
-    unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"]
+    unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     close = {at: _near(str(at[-1]), part_at(draft, at[:-1])) for at in unknown}
     return {at: (*at[:-1], name) for at, name in close.items() if name is not None}
 
@@ -122,6 +128,8 @@ def _meant(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
 def _near(key: str, table: Any) -> str | None:
     """A key that is given already is meant only where it is very near, as by an override."""
     if table is None:
+        return None
+    if len(key) > LONGEST_KEY:
         return None
     keys = type(table).model_fields
     return closest(key, keys.keys() - table.model_fields_set) or closest(key, keys, VERY_NEAR)

@@ -123,7 +123,7 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path 
             yield (*at, "file"), "expected either a file or times and positions, not both"
             return
         try:
-            recorded = motion.Path.read((folder or Path()) / Path(path.file).expanduser())
+            recorded = motion.Path.read(path.file, folder)
         except InputError as error:
             yield (*at, "file"), reason(error)
             return

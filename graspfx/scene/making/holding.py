@@ -145,7 +145,7 @@ def make_motion(scene: SceneTable, folder: FilePath | None, table: MotionTable) 
     if table.kind == "reach":
         return motions.Reach(table.displacement, table.begin, table.duration)
     if table.file is not None:
-        return motions.Path.read((folder or FilePath()) / FilePath(table.file).expanduser())
+        return motions.Path.read(table.file, folder)
     assert table.times is not None and table.positions is not None
     return motions.Path(table.times, table.positions)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspfx.errors import InputError
+from graspfx.paths import require_file, to_path
 from graspfx.spatial import product, quaternion, rotate
 
 if TYPE_CHECKING:
@@ -79,11 +80,11 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
     if shape is None or shape.kind != "mesh":
         return None
     if shape.mesh is not None:
-        path = (folder or Path()) / Path(shape.mesh).expanduser()
-        if not path.is_file():
-            raise InputError("mesh", str(path), "the path of a file", "paths are relative to the scene's file")
+        path = to_path("mesh", shape.mesh, folder=folder)
+        require_file("mesh", str(path), path, do="paths are relative to the scene's file")
         status = path.stat()
-        return _read(str(path), (status.st_mtime_ns, status.st_size), shape.scale, shape.shell)
+        limits = shape.most_bytes, shape.most_triangles
+        return _read(str(path), (status.st_mtime_ns, status.st_size), shape.scale, shape.shell, limits)
     return _made(shape.vertices, shape.faces, shape.scale, shape.shell)
 
 
@@ -106,10 +107,11 @@ def frames(objects: Sequence[Object], folder: Path | None) -> dict[str, Mapping[
 
 
 @lru_cache(KEPT)
-def _read(path: str, version: tuple[int, int], scale: float, shell: bool) -> SceneMesh:
+def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits: tuple[int, int]) -> SceneMesh:
     from graspfx.surfaces.mesh import load_mesh
 
-    return _weighed(load_mesh(path, scale=scale, shell=shell))
+    most_bytes, most_triangles = limits
+    return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
 
 
 @lru_cache(KEPT)

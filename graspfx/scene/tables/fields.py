@@ -24,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from graspfx.errors import closest, shown
+from graspfx.errors import InputError, closest, shown
 from graspfx.numeric import LARGEST, SMALLEST
 
 DRAFT: Final = {"draft": True}  # the context that turns every field which is not valid into an absent one
@@ -68,6 +68,20 @@ class Table(BaseModel):
         for name in [name for name, value in self.__dict__.items() if value is INVALID]:
             del self.__dict__[name]
         return self
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not name.startswith("_"):
+            raise self._fixed(name, value)
+        super().__setattr__(name, value)
+
+    def __delattr__(self, name: str) -> None:
+        if not name.startswith("_"):
+            raise self._fixed(name, "nothing")
+        super().__delattr__(name)
+
+    def _fixed(self, name: str, value: Any) -> InputError:
+        do = "scene.replace({'coupling.internal.stiffness': 50.0}), say, gives another one"
+        return InputError(f"{type(self).__name__}.{name}", value, "no value: a scene is frozen, as it was checked", do)
 
     if not TYPE_CHECKING:  # a visible __getattr__ would hide misspelt names from the type checker
 

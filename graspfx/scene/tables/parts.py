@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import shown
@@ -196,6 +196,14 @@ def _no_switch(value: Any) -> Any:
     return str(value).lower() if isinstance(value, bool) else value  # true equals 1 to Python
 
 
+def _writable(value: str) -> str:
+    """Text that a recording's file takes."""
+    if "\0" in value or any("\ud800" <= letter <= "\udfff" for letter in value):
+        text = "expected text without NUL and lone surrogates; given {given}"
+        raise PydanticCustomError("title", text, {"given": shown(value)})
+    return value
+
+
 def _table_or_list(value: Any) -> Any:
     return [value] if isinstance(value, Mapping | Object) else value
 
@@ -203,7 +211,7 @@ def _table_or_list(value: Any) -> Any:
 class SceneTable(Readable, Table):
     """A whole scene, each field on its own; what the fields must be to one another is checked elsewhere."""
 
-    title: str = ""
+    title: Annotated[str, AfterValidator(_writable)] = ""
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(description="d")
     period: Positive = Field(description="T [s]")
     engine: Literal["auto", "compiled", "interpreted"] = Field(

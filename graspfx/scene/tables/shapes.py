@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, Tag
 
 from graspfx.scene.tables.fields import Count, Point, Positive, Switch, Table, Vector, by_kind, listed
+from graspfx.surfaces.mesh_file import MOST_BYTES, MOST_TRIANGLES
 
 
 class Box(Table):
@@ -64,7 +65,7 @@ class MeshShape(Table):
     """A surface of triangles, in a file or in the scene itself; the object's pose is that of the file's frame."""
 
     kind: Literal["mesh"] = "mesh"
-    mesh: str | None = Field(default=None, description="a file that trimesh reads, relative to the scene's")
+    mesh: str | None = Field(default=None, description="a file in STL, OBJ, PLY, OFF or GLB, relative to the scene's")
     vertices: Annotated[tuple[Point, ...], BeforeValidator(listed)] | None = Field(
         default=None, description="instead of a file, (v, 3) [m]"
     )
@@ -73,6 +74,8 @@ class MeshShape(Table):
     )
     scale: Positive = Field(default=1.0, description="0.001 for a file in millimetres")
     shell: Switch = Field(default=False, description="the surface need not close; it is touched from its front only")
+    most_bytes: Count = Field(default=MOST_BYTES, description="a longer file is refused [bytes]")
+    most_triangles: Count = Field(default=MOST_TRIANGLES, description="a file of more triangles is refused")
 
 
 _check_shape, _shape_by_kind = by_kind(

@@ -1,0 +1,132 @@
+"""How much a scene may hold before it is read: nesting, keys, values, letters of a number, bytes of its file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from graspfx.errors import Fault, InputError
+
+LARGEST_FILE = 4_000_000  # [bytes]
+MOST_KEYS = 40_000
+MOST_VALUES = 200_000  # a mesh of 20 000 vertices with its faces
+DEEPEST = 32  # levels of tables and lists, and parts of a key
+LONGEST_WORD = 400  # letters of a number, a date or a key without quotes
+LONG = 10_000  # letters of a value in which the lines of its parts are not told apart
+LONGEST_KEY = 2_000  # of a whole key, in quotes or not
+
+TOKEN = re.compile(
+    r'''(?P<numbers>(?:[-+0-9.eE_]{1,40}\s*+,\s*+)++)      # what long lists are made of
+    |(?P<word>[^\s\[\]{}"'#=,]++)
+    |(?P<equals>=)|(?P<comma>,)|(?P<line>\n\s*+(?:\#[^\n]*+\n\s*+)*+)
+    |(?P<open>[\[{])|(?P<close>[\]}])
+    |(?P<text>"""(?:[^"\\]++|\\.|"(?!""))*+"{3,5}|\'\'\'(?:[^']++|'(?!''))*+'{3,5}|"(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+')
+    |\#[^\n]*+
+    |(?P<broken>["'])''',
+    re.VERBOSE | re.DOTALL,
+)
+
+
+def excess(text: str) -> Fault | None:
+    """Say where TOML text exceeds what a reader takes; None where it does not, or where it is no TOML.
+
+    The time grows with the length of the text, whatever stands in it; that of a parser need not.
+    """
+    depth = parts = keys = values = start = 0
+    in_value = False
+
+    def fault(message: str, at: int) -> Fault:
+        return Fault("", message, text.count("\n", 0, at) + 1)
+
+    for token in TOKEN.finditer(text):
+        kind, at = token.lastgroup, token.start()
+        if kind == "numbers":
+            values += text.count(",", at, token.end())
+            parts, start = 0, token.end()
+        elif kind == "word":
+            length = token.end() - at
+            dots = text.count(".", at, token.end())
+            parts += dots
+            if parts >= DEEPEST:
+                return fault(f"a key of more than {DEEPEST} parts", at)
+            if length - dots > LONGEST_WORD:
+                return fault(f"a word or number of {length} letters; expected at most {LONGEST_WORD}", at)
+        elif kind == "equals":
+            keys, values = keys + 1, values + 1
+            if at - start > LONGEST_KEY:
+                return fault(f"a key of {at - start} letters; expected at most {LONGEST_KEY}", at)
+            parts, start, in_value = 0, token.end(), True
+        elif kind in ("comma", "line"):
+            values += kind == "comma"
+            parts, start, in_value = 0, token.end(), in_value and depth > 0
+        elif kind == "open":
+            keys += depth == 0 and not in_value  # the header of a table
+            depth, parts, start = depth + 1, 0, token.end()
+            if depth > DEEPEST:
+                return fault(f"tables or lists in one another, more than {DEEPEST} levels deep", at)
+        elif kind == "close":
+            depth, parts, start = max(depth - 1, 0), 0, token.end()
+        elif kind == "broken":
+            break  # its parser says so, with the line
+        if keys > MOST_KEYS:
+            return fault(f"more than {MOST_KEYS} keys", at)
+        if values > MOST_VALUES:
+            return fault(f"more than {MOST_VALUES} values; a mesh or a path goes into a file of its own", at)
+    return None
+
+
+def outline(text: str) -> str:
+    """TOML text with long values written as 0, each key on its line: what takes little to be looked through."""
+    pieces, last, depth, value = [], 0, 0, -1
+    for token in TOKEN.finditer(text):
+        kind, at = token.lastgroup, token.start()
+        if kind == "equals" and depth == 0 and value < 0:
+            value = token.end()
+        elif kind == "line" and depth == 0:
+            if value >= 0 and at - value > LONG:
+                pieces += [text[last:value], " 0", "\n" * text.count("\n", value, at)]
+                last = at
+            value = -1
+        elif kind == "open":
+            depth += 1
+        elif kind == "close":
+            depth -= 1
+    return "".join([*pieces, text[last:]])
+
+
+def too_deep(data: Any) -> Fault | None:
+    """Say where tables and lists are in one another more than DEEPEST times, or a table is in itself."""
+    level: list[tuple[str, Any]] = [("", data)]
+    for _ in range(DEEPEST + 1):
+        level = [(f"{key}.{name}", value) for key, holder in level for name, value in _parts(holder)]
+        if not level:
+            return None
+    text = f"tables or lists in one another, more than {DEEPEST} levels deep"
+    return Fault(level[0][0].strip("."), text)
+
+
+def _parts(holder: Any) -> list[tuple[Any, Any]]:
+    """What a table or list holds that may hold more."""
+    items: Iterable[tuple[Any, Any]] = holder.items() if isinstance(holder, Mapping) else ()
+    if isinstance(holder, list | tuple):
+        items = enumerate(holder)
+    return [(name, value) for name, value in items if isinstance(value, Mapping | list | tuple)]
+
+
+def read_bytes(path: Path, shown: str) -> bytes:
+    """Read a scene's file, if it is no longer than what is taken.
+
+    Raises:
+        InputError: it is longer, or cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise InputError("scene", shown, "a file that can be read", str(error.strerror)) from error
+    if len(data) > LARGEST_FILE:
+        most = f"a file of at most {LARGEST_FILE / 1e6:g} MB"
+        raise InputError("scene", shown, most, "a mesh or a path goes into a file of its own")
+    return data

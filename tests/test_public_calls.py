@@ -1,0 +1,88 @@
+"""Public calls with arguments that cannot be: each is refused by an error of ours that names the argument."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx import passivity
+from graspfx.errors import GraspFXError, InputError, UnknownNameError
+
+VALUES = {"object.mass": [0.1, 0.2]}
+
+
+@pytest.fixture(scope="module")
+def scene() -> gx.Scene:
+    return gx.load("reference-1dof")
+
+
+def batch(**arguments: Any) -> Callable[[gx.Scene], Any]:
+    return lambda scene: gx.run_batch(**{"scene": scene, "values": VALUES, "duration": 0.1, **arguments})
+
+
+def run(**arguments: Any) -> Callable[[gx.Scene], Any]:
+    return lambda scene: gx.run(scene, **{"duration": 0.05, **arguments})
+
+
+def assign(key: str, at: Callable[[gx.Scene], Any]) -> Callable[[gx.Scene], Any]:
+    return lambda scene: setattr(at(scene), key, 3.0)
+
+
+CALLS: dict[str, tuple[Callable[[gx.Scene], Any], str]] = {
+    "batch of 10^21 ticks": (batch(duration=9.5e18), "duration: given 9.5e+18, expected at most 9.01e"),
+    "run of 10^21 ticks": (run(duration=9.5e18), "duration: given 9.5e+18, expected at most 9.01e"),
+    "batch of a name": (batch(scene="reference-1dof"), "scene: given 'reference-1dof', expected a scene"),
+    "batch of nothing": (batch(scene=None), "scene: given None, expected a scene"),
+    "batch over a list": (batch(values=[1.0]), "values: given [1.0], expected lists by dotted key"),
+    "batch over a number": (batch(values={"object.mass": 3.0}), "values['object.mass']: given 3.0, expected a list"),
+    "batch of measures": (batch(measure=3), "measure: given 3, expected a list of names"),
+    "batch of threads": (batch(threads="two"), "threads: given 'two', expected "),
+    "worst motion": (lambda _: passivity.worst_motion(1.0, 0.2, 1e-3, 10**6), "samples: given 1000000, expected at"),
+    "run into an array": (run(out=np.zeros(3)), "out: given an array of shape (3,), expected the path of a folder"),
+    "run into a number": (run(out=3), "out: given 3, expected the path of a folder"),
+    "run into NUL": (run(out="a\0b"), "leave the NUL character out"),
+    "run until text": (run(stop="x"), "stop: given 'x', expected a function"),
+    "key of a scene": (assign("period", lambda scene: scene), "Scene.period: given 3.0, expected no value: a"),
+    "key of a part": (assign("mass", lambda scene: scene.object[0]), "Object.mass: given 3.0, expected no value"),
+    "key of a driver": (assign("mass", lambda scene: scene.finger[0].device), "Device.mass: given 3.0"),
+    "new key": (assign("novel", lambda scene: scene), "Scene.novel: given 3.0, expected no value"),
+    "deletion": (lambda scene: delattr(scene, "period"), "Scene.period: given nothing, expected no value"),
+    "scene from a table": (lambda scene: gx.Scene(scene.to_dict()), "expected keys and values: Scene(dimensions=1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "says"), CALLS.values(), ids=CALLS)
+def test_an_argument_that_cannot_be_is_one_error_of_ours(
+    call: Callable[[gx.Scene], Any], says: str, scene: gx.Scene
+) -> None:
+    with pytest.raises(InputError) as caught:
+        call(scene)
+    assert says in str(caught.value).replace("'nothing'", "nothing")
+    assert "pydantic" not in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_column_that_is_not_there_comes_with_those_that_are(scene: gx.Scene) -> None:
+    recording = gx.run(scene, 0.05)
+    with pytest.raises(UnknownNameError, match="unknown column 'finger_pos'; did you mean 'finger_position'"):
+        recording.array("finger_pos")
+    with pytest.raises(UnknownNameError, match="unknown column"):
+        recording.array(["x"])  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match=r"unknown object 'x' .*known: object"):
+        recording.described_pose("x")
+
+
+def test_a_lone_measure_is_a_list_of_one(scene: gx.Scene) -> None:
+    alone = gx.run_batch(scene, VALUES, 0.1, measure="finger_force", statistics="rms")
+    assert np.array_equal(alone["finger_force"]["rms"], gx.run_batch(scene, VALUES, 0.1)["finger_force"]["rms"])
+
+
+def test_a_refused_call_leaves_nothing_behind(scene: gx.Scene, tmp_path: Path) -> None:
+    with pytest.raises(GraspFXError):
+        gx.run(scene, 0.05, out=tmp_path / "out", stop="x")  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
+    assert gx.load("reference-1dof") == scene
