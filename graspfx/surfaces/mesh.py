@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib import import_module
 from os import PathLike, fspath
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspfx.errors import InputError, MissingPackageError
+from graspfx.errors import InputError
 from graspfx.numeric import finite, number, real
 from graspfx.surfaces import proxy
 from graspfx.surfaces.ball import STATE, ball_contact
-from graspfx.surfaces.mesh_file import MOST_BYTES, MOST_TRIANGLES, read_mesh_file
+from graspfx.surfaces.mesh_file import MOST_BYTES, MOST_TRIANGLES, load_trimesh, read_mesh_file
 from graspfx.surfaces.shape import Contacts
 from graspfx.surfaces.tree import FloatArray, IntArray, flatten, half_edges
 from graspfx.surfaces.walk import REACH, mesh_contact
@@ -123,7 +122,7 @@ class Mesh:
         if self.shell:
             volume, centre, inertia = _surface_properties(unit[self.faces])
         else:
-            whole = _trimesh().Trimesh(vertices=unit, faces=self.faces, process=False).mass_properties
+            whole = load_trimesh().Trimesh(vertices=unit, faces=self.faces, process=False).mass_properties
             volume, centre, inertia = float(whole["volume"]), np.asarray(whole["center_mass"]), whole["inertia"]
         if not volume > LEAST_VOLUME:
             what = f"a surface around {volume * size**3:.3g} m^3"
@@ -294,10 +293,3 @@ def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatAr
     x = np.concatenate([x, x.sum(axis=1, keepdims=True)], axis=1)  # integral of x x' = A/12 (aa' + bb' + cc' + ss')
     second = np.einsum("f,fki,fkj->ij", areas / 12.0, x, x)
     return area, centre, np.trace(second) * np.eye(3) - second
-
-
-def _trimesh() -> Any:
-    try:
-        return import_module("trimesh")
-    except ImportError as error:
-        raise MissingPackageError("trimesh", "a shape from a mesh", "pip install trimesh") from error

@@ -245,9 +245,10 @@ CASES: dict[str, tuple[str, Callable[[], bytes | str]]] = {
     "more triangles than are taken": ("stl", lambda: stl(faces=[FACES[0]] * 500_001)),
 }  # fmt: skip
 
-SOUND = {  # what is wrong with these is outside of what is read, or is repaired
+SOUND = {  # what is wrong with these is outside of what is read, or is repaired, or is no triangle and left out
     "latin letters", "obj with a pipe for its material", "obj with a device for its material", "ply with a texture",
-    "stl of a size of 1e36 m",
+    "stl of a size of 1e36 m", "obj with corner 0", "obj with a face of two", "off with a count too large",
+    "ply with lists of floats", "glb with a node below itself", "glb with nodes doubled", "1500 within one another",
 }  # fmt: skip
 
 
