@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -26,27 +27,38 @@ def read_glb(data: bytes, most: int) -> tuple[FloatArray, IntArray]:
         MeshFault: no GLB, numbers that lead out of the file, a node twice, or what is compressed or elsewhere.
     """
     tables, binary = _chunks(data)
+    parts: dict[int, list[tuple[FloatArray, IntArray]]] = {}  # of each mesh, read once however often it is placed
     vertices, faces, start, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.intp)], 0, 0
     for number, pose in _placed(tables):
-        for k, primitive in enumerate(_list(_item(tables, "meshes", number), "primitives")):
-            if primitive.get("mode", TRIANGLES) in POINTS_AND_LINES:
-                continue
-            if primitive.get("mode", TRIANGLES) != TRIANGLES:
-                raise MeshFault(f"mesh {number} is of strips or fans, and not of triangles")
-            points = _accessor(tables, binary, _whole(_table(primitive, "attributes"), "POSITION"), "VEC3")
-            if "indices" in primitive:
-                corners = _accessor(tables, binary, _whole(primitive, "indices"), "SCALAR").reshape(-1)
-            else:
-                corners = np.arange(len(points))
-            if len(corners) % 3 or (len(corners) and not 0 <= corners.min() <= corners.max() < len(points)):
-                raise MeshFault(f"mesh {number}, part {k}: corners that are not there, or no triangles of three")
-            count += len(corners) // 3
+        if number not in parts:
+            parts[number] = list(_parts(tables, binary, number))
+        for points, corners in parts[number]:
+            count += len(corners)
             if count > most:
                 raise MeshFault(f"{count} triangles and more, above the {most} of most_triangles")
             vertices.append(points @ pose[:3, :3].T + pose[:3, 3])
-            faces.append(corners.astype(np.intp).reshape(-1, 3) + start)
+            faces.append(corners + start)
             start += len(points)
     return np.vstack(vertices), np.vstack(faces)
+
+
+def _parts(tables: dict[str, Any], binary: bytes, number: int) -> Iterator[tuple[FloatArray, IntArray]]:
+    """Points (n, 3) and triangles (f, 3) of a mesh's parts, those that have any."""
+    for k, primitive in enumerate(_tables(_item(tables, "meshes", number), "primitives")):
+        if primitive.get("mode", TRIANGLES) in POINTS_AND_LINES:
+            continue
+        if primitive.get("mode", TRIANGLES) != TRIANGLES:
+            raise MeshFault(f"mesh {number} is of strips or fans, and not of triangles")
+        points = _accessor(tables, binary, _whole(_table(primitive, "attributes"), "POSITION"), "VEC3")
+        if "indices" in primitive:
+            corners = _accessor(tables, binary, _whole(primitive, "indices"), "SCALAR").reshape(-1)
+        else:
+            corners = np.arange(len(points))
+        if len(corners) % 3 or (len(corners) and not 0 <= corners.min() <= corners.max() < len(points)):
+            raise MeshFault(f"mesh {number}, part {k}: corners that are not there, or no triangles of three")
+        used, label = np.unique(corners, return_inverse=True)
+        if len(corners):
+            yield points[used], label.reshape(-1, 3).astype(np.intp)
 
 
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
@@ -75,9 +87,9 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
 
 def _placed(tables: dict[str, Any]) -> list[tuple[int, FloatArray]]:
     """The meshes by number, and the pose (4, 4) of each, from the roots of the scene down."""
-    nodes = _list(tables, "nodes")
+    nodes = _tables(tables, "nodes")
     if not nodes:
-        return [(k, np.eye(4)) for k in range(len(_list(tables, "meshes")))]
+        return [(k, np.eye(4)) for k in range(len(_tables(tables, "meshes")))]
     if "scenes" in tables:
         roots = _item(tables, "scenes", _whole(tables, "scene") if "scene" in tables else 0).get("nodes", [])
     else:
@@ -141,13 +153,14 @@ def _accessor(tables: dict[str, Any], binary: bytes, number: int, shape: str) ->
 
 
 def _item(tables: dict[str, Any], name: str, number: int) -> dict[str, Any]:
-    items = _list(tables, name)
-    if not number < len(items):
+    items = tables.get(name, [])
+    if not isinstance(items, list) or not number < len(items) or not isinstance(items[number], dict):
         raise MeshFault(f"there is no number {number} of its {name}")
-    return items[number]
+    item: dict[str, Any] = items[number]
+    return item
 
 
-def _list(table: dict[str, Any], name: str) -> list[dict[str, Any]]:
+def _tables(table: dict[str, Any], name: str) -> list[dict[str, Any]]:
     items = table.get(name, [])
     if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
         raise MeshFault(f"its {name} are no list of tables")

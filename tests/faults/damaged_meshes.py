@@ -247,7 +247,7 @@ CASES: dict[str, tuple[str, Callable[[], bytes | str]]] = {
 
 SOUND = {  # what is wrong with these is outside of what is read, or is repaired
     "latin letters", "obj with a pipe for its material", "obj with a device for its material", "ply with a texture",
-    "stl of a size of 1e36 m",
+    "stl of a size of 1e36 m", "1500 within one another",
 }  # fmt: skip
 
 
