@@ -49,12 +49,12 @@ def read_ply(data: bytes, most: int) -> tuple[FloatArray, IntArray]:
         if element.name not in ("vertex", "face"):
             deque(rows.of(element), maxlen=0)  # read past
         elif element.name == "vertex":
-            _require(element, "x", "y", "z")
+            _require(element, 1, "x", "y", "z")
             for row in rows.of(element):
                 read.corner([row["x"][0], row["y"][0], row["z"][0]], "vertices")
         else:
             name = next((name for name in CORNERS if name in element.properties), CORNERS[0])
-            _require(element, name)
+            _require(element, 2, name)
             for k, row in enumerate(rows.of(element)):
                 if not all(abs(corner) < LARGEST and corner == int(corner) for corner in row[name]):
                     raise MeshFault(f"face {k}: corners that are no whole numbers")
@@ -62,10 +62,12 @@ def read_ply(data: bytes, most: int) -> tuple[FloatArray, IntArray]:
     return read.arrays()
 
 
-def _require(element: Element, *names: str) -> None:
+def _require(element: Element, types: int, *names: str) -> None:
+    """Require properties of one type, or lists, which have two."""
     for name in names:
-        if name not in element.properties:
-            raise MeshFault(f"the element {element.name} has no property {name}")
+        if len(element.properties.get(name, ())) != types:
+            kind = "number" if types == 1 else "list"
+            raise MeshFault(f"the element {element.name} has no {kind} {name}")
 
 
 def _header(data: bytes) -> tuple[str, list[Element], int]:
@@ -88,8 +90,8 @@ def _header(data: bytes) -> tuple[str, list[Element], int]:
         elif words[:1] == ["property"]:
             types = words[2:-1] if words[1:2] == ["list"] else words[1:-1]
             size = 2 if words[1:2] == ["list"] else 1
-            unknown = not all(each in TYPES for each in types) or (size == 2 and TYPES[types[0]] in "fd")
-            if not elements or len(types) != size or unknown:
+            known = len(types) == size and all(each in TYPES for each in types)
+            if not elements or not known or (size == 2 and TYPES[types[0]] in "fd"):
                 raise MeshFault(f"no property in its header: {line[:60]!r}")
             elements[-1].properties[words[-1]] = tuple(TYPES[each] for each in types)
     if order is None:
