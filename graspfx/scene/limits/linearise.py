@@ -200,13 +200,15 @@ def _squeezed(
     elif scene.gravity is not None:
         assumed.append("the weight is carried by something else")
     grip.grasped.finger_position[:] = start[fingers]
-    if not settle(grip, start[fingers].ravel(), closed[fingers].ravel(), own, weight[grip.axes]):
+    found = settle(grip, start[fingers].ravel(), closed[fingers].ravel(), own, weight[grip.axes])
+    if found is None or not found.rest:
         assumed.append(UNFORCED + "with still hands the grasp does not come to rest")
         return None
     if not grip.grasped.touching.all():
         assumed.append(UNFORCED + "closed, the hands do not reach the object")
         return None
-    J = grip.stiffness(grip.lengths())
+    with grip.frozen():
+        J = grip.stiffness(grip.lengths())
     if J is None or not np.isfinite(J).all():
         assumed.append(UNFORCED + "the forces have no derivative at rest")
         return None
