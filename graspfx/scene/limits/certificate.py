@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from graspfx.analysis.modes import Mode, modes
 from graspfx.analysis.passivity_grasp import CouplingLimits, coupling_limits
 from graspfx.analysis.pushing import kept
 from graspfx.errors import InputError
+from graspfx.loop.record import Recording
+from graspfx.scene.limits.cone_edge import sliding_notes
 from graspfx.scene.limits.linearise import Linearised, linearise
 from graspfx.scene.limits.whole import Family, Reach, reach
 from graspfx.scene.model import Scene
@@ -22,6 +25,13 @@ from graspfx.scene.model import Scene
 FloatArray = NDArray[np.float64]
 
 ALL_SETS = 5  # fingers up to which every set of them may push; of more, single ones
+PLACES = {
+    "squeezed": "squeezed",
+    "recorded": "at the rest that the recording ends with",
+    "provisional": "provisional, squeezed by one step from the start",
+    "start": "at the start, not squeezed",
+}
+MOST_GRIPS = 8  # fingers whose grips stand one by one
 ROOM = 0.5  # of the common limit: where the other gains are put when as they are they leave nothing stable
 
 
@@ -55,12 +65,16 @@ class Certificate:
 
     Attributes:
         object: its name.
-        at: "squeezed" or "start".
+        at: "squeezed", "recorded", "provisional" or "start".
         spectral_radius: of the loop as it is; below 1 it is stable.
         limits: of every mode.
         assumed: what that takes for granted.
         passive: largest gains that are passive to any operator, or None.
         why_not_passive: in a few words, where there is None.
+        grip: f_t/(mu f_n) at rest by the finger's name, 1 on the edge of its friction cone; of fingers that have a
+            coefficient and press.
+        edge: the fingers on their cones' edges, which count as sticking.
+        notes: what sliding of those could do.
     """
 
     object: str
@@ -70,9 +84,35 @@ class Certificate:
     assumed: tuple[str, ...]
     passive: CouplingLimits | None
     why_not_passive: str = ""
+    grip: Mapping[str, float] = field(default_factory=dict)
+    edge: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The certificate for JSON: what is infinite, or not a number, is None."""
+        return {
+            "object": self.object,
+            "at": self.at,
+            "stable": self.spectral_radius < 1.0,
+            "spectral_radius": self.spectral_radius,
+            "limits": [{name: plain(value) for name, value in vars(row).items()} for row in self.limits],
+            "assumed": list(self.assumed),
+            "passive": None
+            if self.passive is None
+            else {"internal": plain(self.passive.internal), "external": plain(self.passive.external)},
+            "why_not_passive": self.why_not_passive,
+            "grip": dict(self.grip),
+            "edge": list(self.edge),
+            "notes": list(self.notes),
+        }
 
 
-def certificates(scene: Scene, at: str = "squeezed") -> list[Certificate]:
+def plain(value: Any) -> Any:
+    """Give a value as JSON has it: None for a number that is infinite or none."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
     """One for every object that fingers touch.
 
     Gains are those of the scene; a limit is that of one gain with the others as they are (half the common limit where
@@ -81,7 +121,8 @@ def certificates(scene: Scene, at: str = "squeezed") -> list[Certificate]:
     Raises:
         InputError: a device that does not tell its mass or friction.
     """
-    return [_certificate(scene, linearise(scene, at, scene.object[i].name)) for i in sorted(set(scene.finger_objects))]
+    touched = sorted(set(scene.finger_objects))
+    return [_certificate(scene, linearise(scene, at, scene.object[i].name, recording)) for i in touched]
 
 
 def _certificate(scene: Scene, found: Linearised) -> Certificate:
@@ -96,7 +137,24 @@ def _certificate(scene: Scene, found: Linearised) -> Certificate:
         assumed=found.assumed,
         passive=passive,
         why_not_passive=why,
+        grip={
+            scene.finger_names[i]: float(margin)
+            for i, margin in zip(found.fingers, found.margins, strict=True)
+            if not math.isnan(margin)
+        },
+        edge=tuple(scene.finger_names[i] for i in found.edge),
+        notes=tuple(_sliding(scene, found)),
     )
+
+
+def _sliding(scene: Scene, found: Linearised) -> Iterator[str]:
+    """What contacts on their cones' edges could do if they slid; soft ones, which slide and spin at once, are named."""
+    soft = [k for k, i in enumerate(found.edge) if scene.finger[i].patch]
+    hard = [k for k in range(len(found.edge)) if k not in soft]
+    T, V = found.slip
+    yield from sliding_notes(found.linear, T[:, hard], V[:, hard], [scene.finger_names[found.edge[k]] for k in hard])
+    if soft:
+        yield f"what sliding of {', '.join(scene.finger_names[found.edge[k]] for k in soft)} does is not looked at"
 
 
 def mode_limits(scene: Scene, found: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
@@ -234,6 +292,8 @@ def gone_without(scene: Scene, found: Linearised, near: Linearisation, chosen: t
 
 def _passive(scene: Scene, found: Linearised) -> tuple[CouplingLimits | None, str]:
     linear, coupling = found.linear, scene.coupling
+    if linear.ground is not None:
+        return None, "the object stands on something"
     dampings = [_number(part.damping) for part in (coupling.external, coupling.internal)]
     if any(math.isnan(value) for value in dampings):
         return None, "its damping is given by matrices"
@@ -266,7 +326,7 @@ def _over(limit: float, gain: float) -> float:
 
 def lines(certificate: Certificate) -> Iterator[str]:
     """A certificate as lines of text: one per mode, fingers that push alike in one, of larger sets the weakest."""
-    of = f"of {certificate.object}, {'squeezed' if certificate.at == 'squeezed' else 'at the start, not squeezed'}"
+    of = f"of {certificate.object}, {PLACES[certificate.at]}"
     radius = certificate.spectral_radius
     yield f"stability {of}: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
     alike: dict[str, list[str]] = {}
@@ -283,6 +343,9 @@ def lines(certificate: Certificate) -> Iterator[str]:
     elif certificate.limits:
         yield "  by the whole loop, each gain with the others as they are; pushing, what is left of them together"
     yield f"  {_said_of_passivity(certificate)}"
+    if certificate.grip:
+        yield f"  {_said_of_grip(certificate)}"
+    yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
 
@@ -306,6 +369,15 @@ def _said(row: Limit) -> str:
     limit = "" if math.isnan(row.limit) else f"limit {row.limit:.4g}, "
     lost = "" if math.isnan(row.frequency) else f", lost at {row.frequency:.3g} Hz"
     return f"{gain}: {limit}margin {row.margin:.2f}{lost}"
+
+
+def _said_of_grip(certificate: Certificate) -> str:
+    """How near the fingers are to sliding, the nearest first."""
+    grip = sorted(certificate.grip.items(), key=lambda item: -item[1])
+    shown = ", ".join(f"{name} {margin:.2f}" for name, margin in grip[:MOST_GRIPS])
+    more = f", {len(grip) - MOST_GRIPS} more down to {grip[-1][1]:.2f}" if len(grip) > MOST_GRIPS else ""
+    edge = f"; on the cone's edge, and sticking: {', '.join(certificate.edge)}" if certificate.edge else ""
+    return f"friction in use, f_t/(mu f_n): {shown}{more}{edge}"
 
 
 def _said_of_passivity(certificate: Certificate) -> str:

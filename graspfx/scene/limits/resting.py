@@ -14,15 +14,17 @@ from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import kernels as body
 from graspfx.objects.body import FREEDOMS
+from graspfx.scene.limits.cone_edge import edge_directions, released
 from graspfx.spatial import exponential, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
 STEPS = 24  # in which the hands close, then the weight comes on
 SETTLING = 40  # further steps, each longer than the last
-SLIDING = 600  # steps after those, while contacts slide: what sliding takes away converges in proportion
+SLIDING = 600  # steps after those, where contacts slid
 SETTLED = 1e-9  # of the largest force: what may be left unbalanced
 REFRESH = 16  # of those steps for one stiffness
+DISTRUST = 8  # steps of frozen contacts after one of sliding contacts that has not helped
 ROUGH = 1e3  # times its coefficient: that of a frozen contact
 RATE = 1e-5  # of a difference quotient [rad/s]
 SHIFT = 2e-6  # of a difference quotient [m]: 1e-9 of a radius of 25 mm, squared, and 1e-10 in rounding
@@ -44,13 +46,13 @@ class Grip:
         self.m = self.n * self.d
         self.axes = np.array(FREEDOMS[self.d])[self.free]
         self.r = len(self.axes)
-        self._rows = np.flatnonzero(self.free)
+        self.rows_of_wrench = np.flatnonzero(self.free)
 
     def forces(self) -> FloatArray | None:
         """(f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
         if self.grasped.sample():
             return None
-        return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self._rows]])
+        return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
     def move(self, y: FloatArray) -> None:
         """Fingers and object by y from where they are."""
@@ -126,6 +128,14 @@ class Grip:
         return np.concatenate([np.full(self.m, SHIFT), np.where(turning, SHIFT / far, SHIFT)])
 
 
+def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArray:
+    """J of contacts that slide on the way that they slide now; J itself where friction leaves them no answer."""
+    wide = np.zeros((2, len(J), int(sliding.sum())))
+    wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
+    found = released(J, *wide)
+    return J if found is None else found
+
+
 @dataclass(frozen=True)
 class Settlement:
     """How a search for rest went.
@@ -151,7 +161,8 @@ def settle(
     The hands close from r = `start` to `closed` in steps, then the weight comes on: implicit steps of a motion that
     friction alone resists, its time step growing until they are Newton's. Contacts keep what a run would keep: faces,
     anchors, what has slipped. Each step is that of contacts frozen where they are, and the forces left over are the
-    true ones: where contacts slide they shrink in proportion, by k/(k + k_h) or so, as sliding takes stiffness away.
+    true ones: where contacts slide they shrink in proportion only, by k/(k + k_h) a step or so. So after a while steps
+    are those of contacts that slide on, as long as that helps.
 
     Args:
         start, closed: intended positions (m,) [m].
@@ -166,7 +177,8 @@ def settle(
     p, status = grip.grasped.finger_position, grip.grasped.rows[:, at.STATUS]
     slid = np.zeros(grip.n, dtype=bool)
     J: FloatArray | None = None
-    end = STEPS + SETTLING
+    end, trusted = STEPS + SETTLING, STEPS
+    before = np.inf
     for k in range(end + SLIDING):
         part = min(1.0, (k + 1) / STEPS)
         falling = weight * min(1.0, max(0.0, (k - STEPS) / STEPS))
@@ -189,7 +201,12 @@ def settle(
                 J = grip.stiffness(lengths, both=False)
             if J is None:
                 return None
-        A = np.vstack([J[:m], -J[m:]])
+        unbalanced = float(np.linalg.norm(left * lengths / SHIFT))
+        if unbalanced > before:
+            trusted = max(trusted, k + DISTRUST)
+        before = unbalanced
+        tangent = softened(grip, J, sliding) if k >= trusted and sliding.any() else J
+        A = np.vstack([tangent[:m], -tangent[m:]])
         A[:m, :m] += hands
         slow = drag * (1.0 if k < STEPS else 10.0 ** -(min(k - STEPS, 24) / 3.0))
         step = np.linalg.solve(A + slow * np.diag(scale), left)
