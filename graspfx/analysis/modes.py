@@ -63,7 +63,7 @@ def modes(linear: Linearisation) -> list[Mode]:
     masses: each is measured in the square root of its mass over their mean.
 
     Raises:
-        InputError: devices, delays or gains that do not separate, a preload or a ground: `spectral_radius` takes any of them.
+        InputError: devices, delays or gains that do not separate, a preload or a ground; `spectral_radius` takes any.
     """
     r = linear.coordinates[1]
     device, root = _devices(linear)

@@ -17,7 +17,7 @@ from graspfx.analysis.passivity_grasp import CouplingLimits, coupling_limits
 from graspfx.analysis.pushing import kept
 from graspfx.errors import InputError
 from graspfx.loop.record import Recording
-from graspfx.scene.limits.cone_edge import sliding_notes
+from graspfx.scene.limits.cone_edge import said_of_grip, sliding_notes
 from graspfx.scene.limits.linearise import Linearised, linearise
 from graspfx.scene.limits.whole import Family, Reach, reach
 from graspfx.scene.model import Scene
@@ -31,7 +31,7 @@ PLACES = {
     "provisional": "provisional, squeezed by one step from the start",
     "start": "at the start, not squeezed",
 }
-MOST_GRIPS = 8  # fingers whose grips stand one by one
+STANDING = "standing on"
 ROOM = 0.5  # of the common limit: where the other gains are put when as they are they leave nothing stable
 
 
@@ -41,8 +41,9 @@ class Limit:
 
     Attributes:
         mode: "internal", "external" (k_ep as it stands in the scene), "external translation" and "external rotation"
-            (as if shifts and turns each had a k_ep of their own) or "pushing with ...".
-        gain: as the scene has it: kip, kep, and of pushing the stiffest that is left [N/m]; nan for matrices.
+            (as if shifts and turns each had a k_ep of their own), "standing on ..." or "pushing with ...".
+        gain: as the scene has it: kip, kep, and of standing and pushing the stiffest that is left [N/m]; nan for
+            matrices.
         limit: of that gain [N/m]; inf where none is too large.
         margin: limit over gain.
         frequency: at which stability is lost [Hz]; nan without a limit.
@@ -88,12 +89,19 @@ class Certificate:
     edge: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
+    @property
+    def stable(self) -> bool:
+        """Whether the loop is stable as it is, and also with the object on what carries it at the start."""
+        return self.spectral_radius < 1.0 and all(
+            row.margin > 1.0 for row in self.limits if row.mode.startswith(STANDING)
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """The certificate for JSON: what is infinite, or not a number, is None."""
         return {
             "object": self.object,
             "at": self.at,
-            "stable": self.spectral_radius < 1.0,
+            "stable": self.stable,
             "spectral_radius": self.spectral_radius,
             "limits": [{name: plain(value) for name, value in vars(row).items()} for row in self.limits],
             "assumed": list(self.assumed),
@@ -133,7 +141,7 @@ def _certificate(scene: Scene, found: Linearised) -> Certificate:
         object=found.objects[0],
         at=found.at[0],
         spectral_radius=whole.radius(1.0),
-        limits=(*mode_limits(scene, found), *_pushing(scene, found)),
+        limits=(*mode_limits(scene, found), *_standing(found), *_pushing(scene, found)),
         assumed=found.assumed,
         passive=passive,
         why_not_passive=why,
@@ -245,6 +253,17 @@ def _reach(found: Linearised, which: tuple[bool, bool, bool], others: float) -> 
     return reach(found.linear, stiffness)
 
 
+def _standing(found: Linearised) -> Iterator[Limit]:
+    """The grasp with its object on what carries it at the start, all gains growing together."""
+    ground = found.standing[0]
+    if ground is None or len(found.standing) > 1:
+        return
+    linear = found.linear.with_changes(ground=(ground.stiffness, ground.damping))
+    edge, gain = reach(linear, lambda s: s * linear.stiffness), _stiffest(linear)
+    mode = f"{STANDING} {' and '.join(ground.names)}"
+    yield Limit(mode, gain, gain * edge.factor, edge.factor, edge.frequency, False)
+
+
 def _pushing(scene: Scene, found: Linearised) -> Iterator[Limit]:
     """Every set of fingers that may touch without the others; none where contacts cannot be left."""
     n = len(found.fingers)
@@ -328,7 +347,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
     """A certificate as lines of text: one per mode, fingers that push alike in one, of larger sets the weakest."""
     of = f"of {certificate.object}, {PLACES[certificate.at]}"
     radius = certificate.spectral_radius
-    yield f"stability {of}: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    yield f"stability {of}: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
     alike: dict[str, list[str]] = {}
     for row in _worth_saying(certificate.limits):
         alike.setdefault(_said(row), []).append(row.mode)
@@ -344,7 +363,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
         yield "  by the whole loop, each gain with the others as they are; pushing, what is left of them together"
     yield f"  {_said_of_passivity(certificate)}"
     if certificate.grip:
-        yield f"  {_said_of_grip(certificate)}"
+        yield f"  {said_of_grip(certificate.grip, certificate.edge)}"
     yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
@@ -369,15 +388,6 @@ def _said(row: Limit) -> str:
     limit = "" if math.isnan(row.limit) else f"limit {row.limit:.4g}, "
     lost = "" if math.isnan(row.frequency) else f", lost at {row.frequency:.3g} Hz"
     return f"{gain}: {limit}margin {row.margin:.2f}{lost}"
-
-
-def _said_of_grip(certificate: Certificate) -> str:
-    """How near the fingers are to sliding, the nearest first."""
-    grip = sorted(certificate.grip.items(), key=lambda item: -item[1])
-    shown = ", ".join(f"{name} {margin:.2f}" for name, margin in grip[:MOST_GRIPS])
-    more = f", {len(grip) - MOST_GRIPS} more down to {grip[-1][1]:.2f}" if len(grip) > MOST_GRIPS else ""
-    edge = f"; on the cone's edge, and sticking: {', '.join(certificate.edge)}" if certificate.edge else ""
-    return f"friction in use, f_t/(mu f_n): {shown}{more}{edge}"
 
 
 def _said_of_passivity(certificate: Certificate) -> str:

@@ -32,7 +32,7 @@ class Certificates(Sequence[Certificate]):
     @property
     def stable(self) -> bool:
         """Whether every object's loop is stable as it is."""
-        return all(certificate.spectral_radius < 1.0 for certificate in self.each)
+        return all(certificate.stable for certificate in self.each)
 
     def to_dict(self) -> dict[str, Any]:
         """The certificates for JSON."""

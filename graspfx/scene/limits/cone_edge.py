@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 
 EDGE = 1e-3  # of the largest friction: what a contact on the cone's edge may lack of it
 ALL_SETS = 5  # contacts on the edge up to which every set of them may slide; of more, single ones and all
+MOST_GRIPS = 8  # fingers whose margins stand one by one
 GROWTH = 1e-9  # above 1: a spectral radius that is no rounding
 
 
@@ -96,3 +97,12 @@ def sliding_notes(
             radius = radius_of(linear.with_changes(stiffness=K, damping=linear.damping if D is None else D))
             if radius > 1.0 + GROWTH:
                 yield f"if {of} slid on, the loop would grow while it slides, spectral radius {radius:.6f}"
+
+
+def said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
+    """Say how near the fingers are to sliding, the nearest first."""
+    ranked = sorted(grip.items(), key=lambda item: -item[1])
+    shown = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
+    more = f", {len(ranked) - MOST_GRIPS} more down to {ranked[-1][1]:.2f}" if len(ranked) > MOST_GRIPS else ""
+    on = f"; on the cone's edge, and sticking: {', '.join(edge)}" if edge else ""
+    return f"friction in use, f_t/(mu f_n): {shown}{more}{on}"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.preload import cross
+from graspfx.objects import kernels as body
 from graspfx.objects import rest
 from graspfx.objects.floor import FLAT_KINDS, FloorBody
 from graspfx.objects.surroundings import Meeting, Member
@@ -51,9 +52,10 @@ def ground_under(scene: Scene, index: int, grip: Grip, *, lower: float = 0.0) ->
     if any(obstacle.shape.kind not in FLAT_KINDS for obstacle in obstacles):
         return None
     state = grip.grasped.body_state.copy()
-    if lower and scene.gravity is not None:
-        g = np.array(scene.gravity)
-        state[_position(d)] += lower * g / max(float(np.linalg.norm(g)), 1e-300)
+    if lower:
+        if scene.gravity is None or not any(scene.gravity):
+            return None
+        state[body.POSITION : body.POSITION + d] += lower * np.array(scene.gravity) / np.linalg.norm(scene.gravity)
     world = scene.world
     meeting = Meeting(world.friction, 0.0, world.stiffness)
     floor = FloorBody(Member(state, make_shape(table, scene.source.folder)), obstacles, meeting)
@@ -84,9 +86,3 @@ def bearers(scene: Scene, index: int) -> Iterator[str]:
     for group in surroundings.groups(scene):
         if index in group and surroundings.in_world(scene, group) and surroundings.collide(scene):
             yield from (scene.object[i].name for i in group if i != index)
-
-
-def _position(d: int) -> slice:
-    from graspfx.objects import kernels as body
-
-    return slice(body.POSITION, body.POSITION + d)

@@ -18,7 +18,7 @@ from graspfx.loop.record import Recording
 from graspfx.objects import kernels as body
 from graspfx.scene.limits.cone_edge import EDGE, edge_directions
 from graspfx.scene.limits.from_recording import recorded, set_pose
-from graspfx.scene.limits.ground import Ground, ground_under
+from graspfx.scene.limits.ground import LOW, Ground, ground_under
 from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics, still_hands
 from graspfx.scene.limits.place import Place, provisional, squeezed
 from graspfx.scene.limits.resting import Grip
@@ -49,6 +49,7 @@ class Linearised:
         margins: f_t/(mu f_n) of each finger at rest, (n,); nan where nothing rubs.
         edge: the numbers of the fingers on their cones' edges.
         slip: T and V (m, edge) of those, as `edge_directions` gives them.
+        standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
     """
@@ -64,6 +65,7 @@ class Linearised:
     margins: FloatArray
     edge: tuple[int, ...]
     slip: tuple[FloatArray, FloatArray] = field(repr=False)
+    standing: tuple[Ground | None, ...] = field(repr=False)
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
 
@@ -82,6 +84,7 @@ class _Part:
     edge: NDArray[np.intp]
     slip: tuple[FloatArray, FloatArray]
     ground: Ground | None
+    standing: Ground | None
     split: Split
     gains: ScaledGains
     damping: FloatArray
@@ -140,7 +143,7 @@ def _part(scene: Scene, index: int, where: str, recording: Recording | None) -> 
     grasped.meet(start[fingers])
     grip = Grip(grasped, np.array(scene.free(table)))
     initial = grasped.block.copy()
-    place, ground = Place("start", None, np.full(grip.n, np.nan)), None
+    place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
         if recording is None:
             raise InputError("recording", None, "a recording of the scene, for the rest that it ends with")
@@ -148,12 +151,13 @@ def _part(scene: Scene, index: int, where: str, recording: Recording | None) -> 
         ground = ground_under(scene, index, grip)
         place = recorded(scene, index, grip, fingers, recording, ground)
     elif where != "start":
+        standing = ground_under(scene, index, grip, lower=LOW)
         place = {"squeezed": squeezed, "provisional": provisional}[where](scene, index, grip, fingers)
     if place.stiffness is None:
         grasped.block[:] = initial
         grasped.finger_position[:] = start[fingers]
         ground = None
-    return _matrices(scene, index, grip, fingers, place, ground)
+    return _matrices(scene, index, grip, fingers, place, ground, standing)
 
 
 def _matrices(
@@ -163,6 +167,7 @@ def _matrices(
     fingers: NDArray[np.intp],
     place: Place,
     ground: Ground | None,
+    standing: Ground | None,
 ) -> _Part:
     table, d, g = scene.object[index], scene.dimensions, grip.grasped
     J, assumed, state = place.stiffness, place.assumed, g.body_state
@@ -203,7 +208,10 @@ def _matrices(
         assumed.append(
             f"the object stands on {', '.join(ground.names)} with {ground.points} points, which stick and bear"
         )
-    edge = np.flatnonzero(place.margins >= 1.0 - EDGE)
+    outside = ", ".join(scene.finger_names[i] for i in fingers[place.margins > 1.0 + EDGE])
+    if outside:
+        assumed.append(f"{outside} would slide here: beyond the cone's edge")
+    edge = np.flatnonzero(np.abs(place.margins - 1.0) <= EDGE)
     slip = edge_directions(g, edge.tolist())
     viscosity = np.diag(np.where(grip.axes < 3, state[body.VISCOSITY], state[body.ROTATIONAL_VISCOSITY]))
     if g.soft and J is not None and D.any():
@@ -222,6 +230,7 @@ def _matrices(
         edge=fingers[edge],
         slip=slip,
         ground=ground,
+        standing=standing,
         split=split,
         gains=gains,
         damping=D,
@@ -324,6 +333,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         margins=np.concatenate([part.margins for part in parts]),
         edge=tuple(int(i) for part in parts for i in part.edge),
         slip=(V.T @ _block_diagonal([p.slip[0] for p in parts]), V.T @ _block_diagonal([p.slip[1] for p in parts])),
+        standing=tuple(part.standing for part in parts),
         stiffness=stiffness,
         conventional=conventional,
     )

@@ -70,7 +70,7 @@ def load_of(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], pla
     elif scene.gravity is not None:
         others = ", ".join(bearers(scene, index))
         place.assumed.append(
-            f"the weight is carried by something else ({others}), which is left out"
+            f"the weight is carried by something else, which is left out ({others})"
             if others
             else "the weight is left out: without friction the fingers do not carry it"
         )
