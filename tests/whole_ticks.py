@@ -52,15 +52,13 @@ class RestedRun:
         self.grasped.block[at.EXTERNAL_STIFFNESS] = stiffness
 
     def growth(self, external: float, skip: int, ticks: int, speed: float) -> float:
-        """Push the object a little, wait, and measure the growth of the force's swing per sample."""
+        """Push the fingers a little, wait, and measure the growth of the force's swing per sample."""
         self.restore()
         self.set_external(external)
-        d = self.scene.dimensions
         rng = np.random.default_rng(1)
-        self.state[body.VELOCITY : body.VELOCITY + d] += speed * rng.normal(size=d)
-        turns = [2] if d == 2 else [0, 1, 2]
-        for a in turns:
-            self.state[body.ANGULAR_VELOCITY + a] += 40.0 * speed * rng.normal()
+        for moved in self.servo.moved:
+            velocity = moved.plant.state[moved.plant.ports.velocity :][: moved.plant.position.size]
+            velocity += speed * rng.normal(size=velocity.shape)
         self.run(skip)
         force = self.run(ticks).finger_force.reshape(ticks, -1)
         swing = np.diff(force, 2, axis=0)
@@ -90,12 +88,6 @@ class RestedRun:
         return np.array(columns).T
 
     # Coordinates: fingers' positions, velocities and last readings, the object's position, turn, velocity and spin.
-
-    def _arrays(self) -> list[np.ndarray]:
-        found = []
-        for moved in self.servo.moved:
-            found += [moved.plant.position.reshape(-1), moved.plant.velocity.reshape(-1)]
-        return found
 
     def _size(self) -> int:
         n, d = self.servo.moved[0].plant.position.shape

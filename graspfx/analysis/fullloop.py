@@ -52,7 +52,13 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
         pose, speed = moved + q @ at["g"], spun + s @ at["g"]
     f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
     extra = N @ np.concatenate([at["x"], pose])
-    if implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
+    if implicit and linear.G_contact is not None:
+        # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
+        stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
+        held = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
+        u = np.linalg.solve(held, q @ (c @ K @ stretch + G @ D @ slip))
+        f = f - K @ c.T @ u - D @ G.T @ u / T
+    elif implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
         yields = K @ G_e.T @ q + D @ G.T @ s
         f = np.linalg.solve(np.eye(m) + yields @ G, f + yields @ extra[m:])
     shown, felt = f + extra[:m], G @ f - extra[m:]

@@ -49,6 +49,9 @@ class Linearisation:
         G_displacement: G_e (r, m), how the object's motion changes the displacement; G if None.
         rate: "difference" or "state".
         ground: (K_g, B_g), each (r, r) [N/m, N s/m]; nothing that the object stands on if None.
+        G_contact: (r, m), the levers at the contacts, with which "implicit" solves the elastic force together with the
+            object's displacement while G and G_displacement have those at the fingertips; G, and the preload with it,
+            if None.
 
     Raises:
         InputError: naming the argument that does not fit; UnknownNameError: for the integrator or the rate.
@@ -71,6 +74,7 @@ class Linearisation:
     G_displacement: FloatArray = field(repr=False)
     rate: str
     ground: tuple[FloatArray, FloatArray] | None
+    G_contact: FloatArray | None = field(repr=False)
 
     def __init__(
         self,
@@ -92,6 +96,7 @@ class Linearisation:
         G_displacement: ArrayLike | None = None,
         rate: str = "difference",
         ground: tuple[ArrayLike, ArrayLike] | None = None,
+        G_contact: ArrayLike | None = None,
     ) -> None:
         given = numbers("G", G, "1, m", negative=True)
         if given.ndim != 2 or not given.shape[1]:
@@ -121,6 +126,7 @@ class Linearisation:
             else _shaped("G_displacement", G_displacement, (r, m), "1, m"),
             rate=one_of("rate", rate, ("difference", "state")),
             ground=None if ground is None else _ground(ground, r, kind),
+            G_contact=None if G_contact is None else _shaped("G_contact", G_contact, (r, m), "1, m"),
         )
 
     def _set(self, **values: Any) -> None:

@@ -90,6 +90,7 @@ class _Part:
     damping: FloatArray
     G: FloatArray
     G_e: FloatArray
+    G_c: FloatArray
     N: FloatArray
     inertia: FloatArray
     viscosity: FloatArray
@@ -236,6 +237,7 @@ def _matrices(
         damping=D,
         G=G,
         G_e=G_e,
+        G_c=_wrenches(contacts, grip),
         N=N,
         inertia=_inertia(state, R, grip),
         viscosity=viscosity,
@@ -319,6 +321,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         preload=_preload(parts, V),
         G_displacement=G_e,
         ground=_ground(parts),
+        G_contact=_block_diagonal([part.G_c for part in parts]) @ V if parts[0].integrator == "implicit" else None,
     )
     assumed = dict.fromkeys([*(text for part in parts for text in part.assumed), *moved.assumed])
     return Linearised(
