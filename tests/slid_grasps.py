@@ -11,16 +11,23 @@ import graspfx as gx
 DURATION = 4.0  # [s]: the hands are closed at 0.4, and motions have died out
 
 
-def askew(friction: float | str, skew: float, external: float, internal: float, squeeze: float) -> gx.Scene:
-    """Two fingers on a box that cannot turn; their hands close along lines `skew` [m] apart."""
-    fingers = [
-        {
-            "start": [-0.025 * side, 0.0],
-            "device": {"name": "simulated", "mass": 0.15, "friction": 0.2},
-            "hand": {"stiffness": 100.0, "damping": 1.0, "rest": [side * (squeeze - 0.025), side * skew / 2]},
-        }
-        for side in (1, -1)
-    ]
+def askew(
+    friction: float | str, skew: float, external: float, internal: float, squeeze: float, ramp: float = 0.0
+) -> gx.Scene:
+    """Two fingers on a box that cannot turn; their hands close along lines `skew` [m] apart, at once or in `ramp` [s].
+
+    What the hands take long to close leaves contacts on their cones' edges.
+    """
+    fingers: list[dict[str, Any]] = []
+    for side in (1, -1):
+        hand: dict[str, Any] = {"stiffness": 100.0, "damping": 1.0}
+        if ramp:
+            aside = [side * squeeze, side * skew / 2]
+            hand |= {"squeeze": float(np.hypot(*aside)), "squeeze_ramp": ramp, "closing": aside, "damping": 4.0}
+        else:
+            hand |= {"rest": [side * (squeeze - 0.025), side * skew / 2]}
+        device = {"name": "simulated", "mass": 0.15, "friction": 0.2}
+        fingers.append({"start": [-0.025 * side, 0.0], "device": device, "hand": hand})
     return gx.Scene(
         dimensions=2,
         period=0.005,
@@ -116,3 +123,44 @@ def _around(rng: np.random.Generator, n: int, d: int) -> np.ndarray:
         around = around + 0.05 * apart.sum(axis=1)
         around /= np.linalg.norm(around, axis=1)[:, None]
     return around
+
+
+def standing(integrator: str) -> gx.Scene:
+    """Two fingers on a box in the plane that stands on a floor, which bears its weight."""
+    fingers = [
+        {
+            "start": [0.025 * side, 0.03],
+            "device": {"name": "simulated", "mass": 0.15, "friction": 0.4},
+            "hand": {
+                "stiffness": 100.0,
+                "damping": 1.5,
+                "squeeze": 0.006,
+                "squeeze_ramp": 0.3,
+                "closing": [-side, 0.0],
+            },
+        }
+        for side in (-1, 1)
+    ]
+    return gx.Scene(
+        dimensions=2,
+        period=0.004,
+        duration=3.0,
+        gravity=[0.0, -9.81],
+        world={"friction": 0.6},
+        obstacle=[{"name": "floor", "shape": {"kind": "half-space", "normal": [0.0, 1.0]}}],
+        object={
+            "mass": 0.2,
+            "viscosity": 0.8,
+            "rotational_viscosity": 4e-4,
+            "integrator": integrator,
+            "shape": {"kind": "box", "size": [0.05, 0.06]},
+            "position": [0.0, 0.03],
+        },
+        coupling={
+            "friction": 0.5,
+            "absent": "follow",
+            "external": {"stiffness": 40.0},
+            "internal": {"stiffness": 90.0},
+        },
+        finger=fingers,
+    )

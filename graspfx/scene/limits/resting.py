@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 STEPS = 24  # in which the hands close, then the weight comes on
 SETTLING = 40  # further steps, each longer than the last
-SLIDING = 600  # steps after those, where contacts slid
+SLIDING = 1500  # steps after those, where contacts slid
 SETTLED = 1e-9  # of the largest force: what may be left unbalanced
 REFRESH = 16  # of those steps for one stiffness
 DISTRUST = 8  # steps of frozen contacts after one of sliding contacts that has not helped
@@ -197,7 +197,7 @@ def settle(
         if k >= end and not slid.any():
             break
         if k % (every if k < end else REFRESH) == 0 or J is None:
-            with grip.frozen() if sliding.any() else nullcontext():
+            with grip.frozen() if slid.any() else nullcontext():
                 J = grip.stiffness(lengths, both=False)
             if J is None:
                 return None
