@@ -70,7 +70,7 @@ def test_a_contact_on_the_edge_is_said_to_be() -> None:
     assert held.grip["finger0"] == pytest.approx(0.5 / 6.0 / 0.8, rel=0.03)  # 0.5 mm aside for 6 mm of squeeze
 
 
-@pytest.mark.parametrize("seed", [7, 8, 12, 18, 39])
+@pytest.mark.parametrize("seed", [7, 8, 18, 19, 40])
 def test_boxes_in_space_come_to_rest(seed: int) -> None:
     """Three and four fingers on a box, mu = 0.5, hands aside: at rest where they squeeze, not as at the start."""
     scene = slid_grasp(seed).replace({"coupling.friction": 0.5})
