@@ -18,15 +18,15 @@ help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
 
 demo: $(RUN_READY) ## wave a cube with conventional and with separate gains, side by side
-	@$(BIN)/graspfx run paper-waving --set coupling.internal.stiffness=30.0 --out $(OUT)/conventional
-	@$(BIN)/graspfx run paper-waving --out $(OUT)/proposed
-	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --out $(OUT)
+	@$(BIN)/graspfx run paper-waving --set coupling.internal.stiffness=30.0 --out $(OUT)/conventional --overwrite
+	@$(BIN)/graspfx run paper-waving --out $(OUT)/proposed --overwrite
+	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --out $(OUT) --overwrite
 
 pictures: $(RUN_READY) ## draw every scene of the shelf anew, as docs/scenes.md says how
 	@$(INTERPRETER) -c 'from graspfx import plugins; print(*(n for n, o in plugins.names("scenes").items() if o.startswith("GraspFX")))' \
 		| xargs -n 1 | while read -r name; do \
 			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \
-				--out "docs/pictures/scenes/$$name.png" </dev/null || exit 1; done
+				--overwrite --out "docs/pictures/scenes/$$name.png" </dev/null || exit 1; done
 
 test: $(WORK_READY) ## the tests, the documents' examples among them
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'

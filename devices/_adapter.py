@@ -46,6 +46,7 @@ class TwoLinkArm(ABC):
             *(*arm.reach, arm.bend, *drives),
         ]
         sample.place(self._S, 0, *arm.angles(arm.base[0], arm.base[1] + math.hypot(*arm.links)))
+        sample.reach_torque(self._S, 0)
         pairs = (sample.POSITION, sample.VELOCITY, sample.COMMAND, sample.EFFORT)
         arrays = [self.state[at : at + 2].reshape(1, 2) for at in pairs]
         self._position, self._velocity, self._command, self._effort = arrays
@@ -76,6 +77,14 @@ class TwoLinkArm(ABC):
             resolution=float((np.abs(self.wiring.step) * lever).max()),
             delay=self._delay,
         )
+
+    @property
+    def largest_force(self) -> FloatArray:
+        """What the motors reach in every direction where the finger was read last, (1,) [N].
+
+        With both motors at the base it is the same everywhere, the peak force.
+        """
+        return self.state[sample.LARGEST : sample.LARGEST + 1]
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray:
         """Lambda = (J M^-1 J')^-1, (2, 2) [kg], with the finger at a position [m]; needs the masses of the links."""

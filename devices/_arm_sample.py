@@ -23,7 +23,8 @@ VECTORS = 23  # 4: the links x1, y1, x2, y2 [m]
 POSITION, VELOCITY, COMMAND = 27, 29, 31  # of the finger, [m], [m/s], [N]
 TORQUE = 33  # of the motors [N m]
 EFFORT = 35  # at the joints [N m]
-STATES = 37  # of the velocity estimates; the delay line follows, (delay + 1, 2)
+LARGEST = 37  # one: the largest force at the finger in every direction [N]
+STATES = 38  # of the velocity estimates; the delay line follows, (delay + 1, 2)
 STRUCTURE = ELBOW, DELAY, ESTIMATE
 
 # What the kernels give besides 0.
@@ -37,6 +38,16 @@ def place(S: Any, o: int, a1: float, a2: float) -> None:
     S[o + VECTORS + 1] = y1
     S[o + VECTORS + 2] = x2
     S[o + VECTORS + 3] = y2
+
+
+def reach_torque(S: Any, o: int) -> None:
+    """The largest force that the motors reach in every direction: a motor's torque over the longest lever."""
+    x1, y1, x2, y2 = S[o + VECTORS], S[o + VECTORS + 1], S[o + VECTORS + 2], S[o + VECTORS + 3]
+    second = math.sqrt(x2 * x2 + y2 * y2)
+    if int(S[o + ELBOW]) == 1:
+        x1, y1 = x1 + x2, y1 + y2
+    first = math.sqrt(x1 * x1 + y1 * y1)
+    S[o + LARGEST] = min(S[o + MOST] * abs(S[o + GEAR]) / first, S[o + MOST + 1] * abs(S[o + GEAR + 1]) / second)
 
 
 def follow(S: Any, o: int) -> int:
@@ -55,6 +66,8 @@ def follow(S: Any, o: int) -> int:
         return OUT_OF_REACH
     if (x1 * y2 - y1 * x2) * S[o + BEND] <= 0.0:
         return OTHER_ELBOW
+    if int(S[o + ELBOW]) == 1:  # else the levers are the links, which stay as long as they are
+        reach_torque(S, o)
     S[o + POSITION] = S[o + BASE] + x1 + x2
     S[o + POSITION + 1] = S[o + BASE + 1] + y1 + y2
     S[o + VELOCITY] = -y1 * w1 - y2 * w2

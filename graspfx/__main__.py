@@ -6,22 +6,24 @@ import gc
 import os
 import sys
 import warnings
-from argparse import ArgumentParser
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from typing import NoReturn
 
 from graspfx import __version__
-from graspfx.commands.output import INTERRUPTED, WRONG
-from graspfx.errors import GraspFXError
+from graspfx.commands.arguments import separate
+from graspfx.commands.output import CODES, INTERRUPTED, WRONG
+from graspfx.errors import GraspFXError, InputError, UnknownNameError
 
-COMMANDS = {  # each is a module of graspfx.commands with add_arguments(parser) and execute(chosen) -> exit code
+COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser) and execute(chosen) -> exit code
     "run": "simulate a scene, record it and sum it up",
     "check": "show a scene's faults, or what each sample will do and why",
     "stability": "say how far gains can go, also over ranges of keys",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
-    "list": "name the scenes, devices, hands and dynamics there are",
+    "list": "name the scenes, devices, hands and dynamics there are, a line about each",
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or two side by side",
     "picture": "draw one instant: objects, fingers, forces as arrows",
@@ -29,10 +31,10 @@ COMMANDS = {  # each is a module of graspfx.commands with add_arguments(parser) 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; the exit code is 0, 2 for an error, 3 for a run with faults, 130 when interrupted."""
-    given = sys.argv[1:] if arguments is None else arguments
-    chosen = parser(given).parse_args(given)
+    """Runs one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        chosen = parse(given)
         with _plain_warnings():
             code: int = chosen.command(chosen)
         sys.stdout.flush()
@@ -48,18 +50,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def parse(given: Sequence[str]) -> Namespace:
+    """The arguments of a command.
+
+    Raises:
+        UnknownNameError: no command or option has that name.
+        SystemExit: --help, --version, or arguments that do not fit.
+    """
+    word = next((word for word in given if not word.startswith("-")), None)
+    if word is not None and word not in COMMANDS:
+        raise UnknownNameError("command", word, COMMANDS, "`graspfx --help` says what each does")
+    chosen, others = parser(given).parse_known_args(list(separate(given)))
+    if others:
+        _refuse(str(word), others, chosen.options)
+    return chosen
+
+
 def parser(given: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
     """Every command, and the arguments of those that are named in `given`: the others' modules are not loaded."""
-    top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.")
+    top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.", epilog=CODES)
+    top.formatter_class = RawDescriptionHelpFormatter
     top.add_argument("--version", action="version", version=f"graspfx {__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
-        command = commands.add_parser(name, help=summary)
+        sentence = f"{summary[0].upper()}{summary[1:]}."
+        command = commands.add_parser(name, help=summary, description=sentence)
+        command.formatter_class = RawDescriptionHelpFormatter
         if name in given:
             module = import_module(f"graspfx.commands.{name}")
             module.add_arguments(command)
-            command.set_defaults(command=module.execute)
+            command.epilog = f"example:\n{module.EXAMPLE}\n\n{CODES}"
+            command.set_defaults(command=module.execute, options=tuple(command._option_string_actions))
     return top
+
+
+def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoReturn:
+    """Say which word of a command has no place in it, and what comes near."""
+    option = next((word.partition("=")[0] for word in words if word.startswith("-")), None)
+    if option is not None:
+        raise UnknownNameError("option", option, options, f"`graspfx {command} --help` says what each does")
+    raise InputError(command, " ".join(words), "no further argument", "a value of --set is of the form KEY=VALUE")
 
 
 def program() -> int:

@@ -9,6 +9,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib import import_module
+from importlib.machinery import PathFinder
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from os import PathLike, fspath
 from pathlib import Path
@@ -59,6 +60,20 @@ def find(group: Group, name: str | PathLike[str], folder: Path | None = None) ->
     """
     plugin = _plugin(group, name, folder)
     return plugin.path if plugin.path is not None else _module_file(group, plugin)
+
+
+def source_of(group: Group, name: str) -> Path | None:
+    """The file behind a name of `names`, if there is one that can be found without an import of anything."""
+    plugin, *_ = _table(group)[name]
+    if plugin.path is not None:
+        return plugin.path
+    places: list[str] | None = None
+    for last in plugin.module.split("."):
+        spec = PathFinder.find_spec(last, places)
+        if spec is None:
+            return None
+        places = list(spec.submodule_search_locations or ())
+    return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
 
 
 def load(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:

@@ -50,6 +50,7 @@ def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, fricti
             "external": {"stiffness": 200.0, "damping": 1.0},
             "internal": {"stiffness": 400.0, "damping": 1.0},
             "friction": friction,
+            "damping_depth": 0.001,  # no step of the damping's force where the falling mesh is caught [m]
             "absent": "follow",  # all of them stay near, whatever they press
         },
         hand=[

@@ -38,12 +38,8 @@ def method_of(case: Case, name: str) -> tuple[Method, Row]:
     [
         pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "numpy pinv", 90.0, id="direct-pinv"),
         pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "scipy posv", 25.0, id="direct-posv"),
-        pytest.param(
-            "projection", NORMALS, "GraspFX pivoting, compiled", "clarabel to 1e-08", 60.0, id="cone-clarabel"
-        ),
-        pytest.param(
-            "maps", "device on a wall, 60 by 60", "GraspFX, numpy", "python-control", 5000.0, id="map-control"
-        ),
+        pytest.param("projection", NORMALS, "GraspFX pivoting, compiled", "clarabel to 1e-08", 8.0, id="cone-clarabel"),
+        pytest.param("maps", WALL, "GraspFX, numpy", "numpy eigenvalues, Brent", 100.0, id="map-eigenvalues"),
         pytest.param("startup", "whole processes", "import graspfx", "import numpy", 0.77, id="import-numpy"),
     ],
 )

@@ -93,6 +93,28 @@ def test_a_slow_method_leaves_after_its_share_and_others_go_on() -> None:
     assert next(calls) == 4  # one to warm up, one to see how long it takes, and two rounds
 
 
+def test_a_call_that_is_made_once_is_timed_before_its_result_is_checked() -> None:
+    results: list[float] = []
+
+    def long() -> None:
+        sum(range(100_000))
+        results.append(1e-9 * (len(results) + 1))
+
+    rows = measure(
+        case(
+            Method("once", long, lambda: results[-1], calls=4, once=True),
+            Method("wrong", int, lambda: 1.0, once=True),
+            Method("often", int, 0.0),
+            bound=1e-3,
+        ),
+        BRIEF,
+    )
+    assert len(results) == 1
+    assert [row.state for row in rows] == ["timed", "wrong", "timed"]
+    assert rows[0].error == 1e-9 and rows[0].time_us == rows[0].median_us and (rows[0].time_us or 0.0) > 0.0
+    assert rows[1].time_us is None
+
+
 def test_collector_is_off_while_timing_and_on_again_after() -> None:
     seen: list[bool] = []
     interleaved([Method("a", lambda: seen.append(gc.isenabled()), 0.0)], BRIEF)

@@ -32,7 +32,7 @@ def test_every_program_follows_the_motion(case: ticks.Case) -> None:
             found[method.name] = float(method.error() if callable(method.error) else method.error)
         except MissingPackageError:
             continue
-    assert {"GraspFX, interpreted", "numpy, from the paper"} <= set(found)
+    assert {"GraspFX, interpreted", "numpy, K known"} <= set(found)
     assert ("MuJoCo with springs" in [method.name for method in case.methods]) == ("kep = kip" in case.name)
     assert 0.0 < max(found.values()) < 2e-4
     on_bullet, bare = found.get("GraspFX on PyBullet"), found.get("PyBullet, bare calls")

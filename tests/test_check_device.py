@@ -87,6 +87,58 @@ def test_hardware_conforms_is_moved_gently_and_left_without_force():
     check_device(Hardware, force=0.01)
 
 
+class Careless(Hardware):
+    """Never limits its force, never lets go of it, and reports millimetres: `wire` is what the motors hold."""
+
+    def __init__(self):
+        super().__init__()
+        self.wire = np.zeros((1, 2))
+
+    def read(self):
+        return np.full((1, 2), 20.0), np.zeros((1, 2)), next(self.ticks) * self.period  # 20 mm
+
+    def write(self, forces):
+        self.wire = 1000.0 * forces
+        if not np.isfinite(forces).all():
+            raise DeviceError("a force that is not finite")
+
+    def stop(self):
+        pass
+
+
+def test_report_names_promises_that_it_cannot_see_in_hardware():
+    """Such a driver passes; the report must not say that it keeps what nobody has looked at."""
+    device = Careless()
+    report = check_device(device)
+    assert not np.isfinite(device.wire).all()  # still on the wire after `close`
+    unseen = [each.promise for each in report.not_visible]
+    for promise in (
+        "`stop` and `close` are zero force",
+        "a force that is not finite is displayed as zero",
+        "the force limit is applied, last",
+        "positions are in metres, velocities in metres a second, each of its own finger and axis",
+        "a force reaches its own finger, in its direction, in newtons",
+    ):
+        assert promise in unseen
+    assert not any(word in each for each in report.checks for word in ("zero force", "no force", "limit", "metres"))
+    head, _, tail = str(report).partition("not visible:\n")
+    assert head.startswith("checked:\n  - features are told")
+    assert all(f"- {each.promise} ({each.reason})" in tail for each in report.not_visible)
+
+
+def test_report_on_a_simulated_device_leaves_out_what_its_plant_shows():
+    seen, unseen = (check_device(connect(mass=0.15, dimensions=1, **more)) for more in ({"force_limit": 3.0}, {}))
+    assert "the force limit is applied here, last" in seen.checks
+    assert "a force limit" in [each.promise for each in unseen.not_visible]
+    assert "`stop` is zero force, now, and may be called again" in seen.checks
+    for report in (seen, unseen):
+        assert "two devices of a kind do not know each other" in [each.promise for each in report.not_visible]
+        assert not any("metres" in each.promise for each in report.not_visible)
+    both = check_device(partial(connect, mass=0.15, dimensions=1, force_limit=3.0))
+    assert "two devices of a kind in one process do not know each other" in both.checks
+    assert len(both.not_visible) == len(seen.not_visible) - 1
+
+
 class UnknownAsZero(PointDevice):
     features = property(lambda self: replace(super().features, mass=0.0))
 
@@ -103,6 +155,12 @@ class FlatPositions(PointDevice):
     def read(self):
         p, v, time = super().read()
         return p.ravel(), v, time
+
+
+class NoForceLeft(PointDevice):
+    @property
+    def largest_force(self):
+        return np.array([1.0, 0.0])
 
 
 class NoVelocity(PointDevice):
@@ -239,6 +297,7 @@ class Noisy(PointDevice):
         (WorkspaceUpsideDown, "features", "lower and a higher corner"),
         (FeaturesAfterOpen, "features are told before `open`", "DeviceError: .*not open"),
         (FlatPositions, "`read` gives", r"positions of shape \(4,\), not \(2, 2\)"),
+        (NoForceLeft, "`largest_force` is a force above zero", r"\[1.0, 0.0\] N"),
         (NoVelocity, "`read` gives", "velocities that are not finite"),
         (TrueMotion, "arrays of the device's own", "true motion"),
         (FailedReadIsZero, "read to the resolution", "m off"),

@@ -142,15 +142,15 @@ def test_a_body_that_breaks_a_promise(fault: str, tmp_path: Path, monkeypatch: p
 
 def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forces computed from twice the distance they are told of: half of what the object gets comes from nowhere."""
-    from graspfx.coupling.sample import sample as sound
+    from graspfx.coupling.sample import conclude as sound
 
-    def sample(S: Any) -> int:
-        code = sound(S)
+    def conclude(S: Any, fault: int) -> int:
+        code = sound(S, fault)
         for a in (body.FORCE, body.FORCE + 1, body.MOMENT + 2):
             S[block.BODY + a] *= 2.0
         return code
 
-    monkeypatch.setattr("graspfx.loop.tick.sample", sample)
+    monkeypatch.setattr("graspfx.loop.tick.conclude", conclude)
     monkeypatch.setattr("graspfx.testing.scene._check_wrench", lambda *_: None)
     waved = gx.load("paper-waving")
     with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):

@@ -82,7 +82,7 @@ def test_matrix_gains_are_the_law(form: str) -> None:
     """A d x d internal and a per-finger external stiffness in world axes, on a turned object."""
     gains = law(np.array([30.0, 35.0, 40.0]), np.array([[70.0, 5.0], [5.0, 60.0]]), 0.2, 0.3, form)
     contacts = np.array([[0.02, 0.0], [-0.01, 0.02], [-0.01, -0.02]])
-    g = grasped(3, 2, gains, RIGID, contacts=contacts, orientation=0.4)
+    g = grasped(3, 2, gains, Rules(attached=True, axes="world"), contacts=contacts, orientation=0.4)
     c, s = np.cos(0.4), np.sin(0.4)
     arms = contacts @ np.array([[c, -s], [s, c]]).T
     e = np.array([[1.0, 2.0], [-3.0, 0.5], [0.2, -1.0]]) * 1e-3

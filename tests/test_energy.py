@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -37,14 +39,17 @@ def turned(u: np.ndarray, du: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return q, du + b * np.cross(u, du) + c * np.cross(u, np.cross(u, du))
 
 
-def gain_per_loop(g: GraspedObject, start: np.ndarray, seed: int, turn: float = 0.6) -> float:
+def gain_per_loop(
+    g: GraspedObject, start: np.ndarray, seed: int, turn: float = 0.6, steps: int = STEPS,
+    ask: Callable[[GraspedObject], int] = GraspedObject.sample,
+) -> float:  # fmt: skip
     """Work of fingers and of what holds the object around one closed loop, over the largest stored so far."""
     rng = np.random.default_rng(seed)
     n = len(start)
     fingers, shift, turns = Loop(rng, (n, 3), 0.004), Loop(rng, (3,), 0.01), Loop(rng, (3,), turn)
     power = []
     S = g.body_state
-    for phase in np.linspace(0.0, 2.0 * np.pi, STEPS, endpoint=False):
+    for phase in np.linspace(0.0, 2.0 * np.pi, steps, endpoint=False):
         x, dx = shift.at(phase)
         q, w = turned(*turns.at(phase))
         S[body.POSITION : body.POSITION + 3] = x
@@ -55,10 +60,10 @@ def gain_per_loop(g: GraspedObject, start: np.ndarray, seed: int, turn: float = 
         arm = start @ R.T + e @ R.T
         g.finger_position[:] = x + arm
         v = dx + np.cross(w, arm) + de @ R.T
-        assert g.sample() == 0
+        assert ask(g) == 0
         F, M = g.wrench[:3], g.wrench[3:]
         power.append((g.force * v).sum() - F @ dx - M @ w)
-    work = np.cumsum(power) * 2.0 * np.pi / STEPS
+    work = np.cumsum(power) * 2.0 * np.pi / steps
     return float(work[-1] / np.abs(work).max())
 
 

@@ -70,7 +70,7 @@ def test_they_are_those_of_the_law(outer: str, inner: str, d: int, form: str) ->
         weights = rng.uniform(0.2, 2.0, n)
         contacts = rng.normal(size=(n, d)) * 0.03
         inertia = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}[d]
-        rules = Rules(attached=True, share=weights)
+        rules = Rules(attached=True, share=weights, axes="world")
         g = grasped(n, d, gains, rules, contacts=contacts, inertia=inertia, orientation=turned(d))
         K, D = sampled(g, rng.normal(size=(n, d)))
         R = g.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)[:d, :d]
@@ -87,7 +87,8 @@ def test_locked_freedoms_and_the_implicit_pose(kind: str, integrator: str) -> No
     gains = law(positive(rng, 2, 2), rng.uniform(20.0, 80.0, 3), form="symmetric")
     contacts, free = rng.normal(size=(3, 2)) * 0.03, free_mask(2, kind)
     spin = 40.0 * free[2]
-    g = grasped(3, 2, gains, RIGID, contacts=contacts, free=free, integrator=integrator, angular_velocity=spin)
+    rules = Rules(attached=True, axes="world")
+    g = grasped(3, 2, gains, rules, contacts=contacts, free=free, integrator=integrator, angular_velocity=spin)
     for _ in range(2):
         if g.implicit:
             NativeBody(g.body_state).free_motion(0.005)
@@ -103,7 +104,7 @@ def test_locked_freedoms_and_the_implicit_pose(kind: str, integrator: str) -> No
 @IGNORED
 @pytest.mark.parametrize("form", ["literal", "symmetric"])
 def test_a_rotation_joins_bit_by_bit(form: str) -> None:
-    """Three contacts near a line: P = sum b_k q_k q_k' in both forms, with b of 0, of 1 and between."""
+    """Three contacts near a line: P = sum b_k q_k q_k', or roots of b and 1 - b on both sides; b of 0, 1, between."""
     rng = np.random.default_rng(4)
     A, B = positive(rng, 3, 3), positive(rng, 3, 3, 3)
     found = []
@@ -122,14 +123,18 @@ def test_a_rotation_joins_bit_by_bit(form: str) -> None:
         beta = t * t * (3.0 - 2.0 * t)
         P = Q @ Q.T
         about -= P @ about
+        F, H = P.copy(), np.eye(9) - P
         if arm:
-            P += beta * np.outer(about, about) / (about @ about)
+            Z = np.outer(about, about) / (about @ about)
+            P += beta * Z
+            F += np.sqrt(beta) * Z
+            H -= (1.0 - np.sqrt(1.0 - beta)) * Z
         found.append(beta)
         full, I = np.kron(np.eye(3), A), np.eye(9)  # noqa: E741
         each = np.zeros((9, 9))
         for i in range(3):
             each[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = B[i]
-        expected = P @ full + (I - P) @ each if form == "literal" else P @ full @ P + (I - P) @ each @ (I - P)
+        expected = P @ full + (I - P) @ each if form == "literal" else F @ full @ F + H @ each @ H
         np.testing.assert_allclose(K, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
     assert found[0] == 0.0 < found[1] < 1.0 == found[2]
 
@@ -155,12 +160,14 @@ def test_equal_gains_are_taken_as_they_stand() -> None:
     assert g.block[at.SPLIT_KNOWN] == 0.0
 
 
-@pytest.mark.parametrize(("outer", "turns"), [("per finger", False), ("matrix", True)])
-def test_they_are_made_anew_where_something_has_changed(outer: str, turns: bool) -> None:
-    """A contact or a weight; the rotation only where a gain has axes."""
+@pytest.mark.parametrize(
+    ("outer", "axes", "turns"), [("per finger", "world", False), ("matrix", "world", True), ("matrix", "object", False)]
+)
+def test_they_are_made_anew_where_something_has_changed(outer: str, axes: Any, turns: bool) -> None:
+    """A contact or a weight; the rotation only where a gain has the world's axes."""
     rng = np.random.default_rng(6)
     gains = law(gain(rng, outer, 3, 2), 70.0, form="symmetric")
-    g = grasped(3, 2, gains, RIGID, contacts=rng.normal(size=(3, 2)) * 0.03)
+    g = grasped(3, 2, gains, Rules(attached=True, axes=axes), contacts=rng.normal(size=(3, 2)) * 0.03)
     o = at.dense(3, 2)
 
     def made() -> bool:

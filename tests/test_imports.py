@@ -96,7 +96,7 @@ def test_a_run_loads_what_its_scene_names(tmp_path: Path) -> None:
     assert not loaded & {"pybullet", "trimesh", "llvmlite", "matplotlib"}
 
 
-RUN = "main(['run', 'reference-1dof', '--duration', '0.1', '--out', 'out', '--no-figure'])"
+RUN = "main(['run', 'reference-1dof', '--duration', '0.1', '--out', 'out', '--no-figure', '--overwrite'])"
 CHECKS = {"annotated_types", "pydantic", "pydantic_core", "typing_extensions", "typing_inspection"}
 
 

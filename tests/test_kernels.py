@@ -30,7 +30,7 @@ def external(
     S[: n * STRIDE].reshape(n, STRIDE)[:, 3] = w
     o = n * STRIDE
     S[o : o + 3 * len(axes)] = axes.ravel()
-    count = rigid_modes(
+    count, _ = rigid_modes(
         memoryview(S), 0, STRIDE, 0, 3, n, d, o, shifts, len(axes) - shifts, low, high, o + 18
     )  # fmt: skip
     P = np.zeros((n * d, n * d))

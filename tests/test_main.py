@@ -209,7 +209,7 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.Cap
 
 INTERRUPTED = """
 import signal, sys, weakref
-import graspfx.loop.file as file
+import graspfx.loop.sink as file
 from graspfx.__main__ import main
 
 class Sink(file.FileSink):
@@ -277,7 +277,7 @@ def test_ctrl_c_reaches_a_run_from_another_process() -> None:
         "--out",
         "cut",
     ]
-    recording = Path("cut/recording.h5")
+    recording = Path("cut/recording.h5.part")
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -293,7 +293,8 @@ def test_ctrl_c_reaches_a_run_from_another_process() -> None:
             process.kill()
     assert process.returncode == 130
     assert said.startswith("interrupted after ")
-    assert len(graspfx.Recording.load(recording)) > 100
+    assert len(graspfx.Recording.load("cut/recording.h5")) > 100
+    assert not recording.exists()
 
 
 def test_a_run_from_python_may_be_stopped() -> None:
@@ -321,10 +322,10 @@ def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | No
 
 
 def test_more_ticks_than_the_disk_has_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=54_399))  # 136 bytes, 400 ticks
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=147_199))  # 184 bytes twice, 400 ticks
     scene = graspfx.load("reference-1dof")
     assert len(graspfx.run(scene)) == 400
-    with pytest.raises(graspfx.errors.InputError, match=r"duration: given 400, .*each takes 136 bytes .*disk of here"):
+    with pytest.raises(graspfx.errors.InputError, match=r"duration: given 400, .*each takes 368 bytes .*disk of here"):
         graspfx.run(scene, out="here")
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import sysconfig
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -112,3 +114,27 @@ def test_versions_agree() -> None:
     citation = (ROOT / "CITATION.cff").read_text()
     assert f"\nversion: {graspfx.__version__}\n" in citation
     assert f"## {graspfx.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_readme_installs_without_make_and_names_what_is_untested() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    section = text.partition("## Install\n")[2].partition("\n## ")[0]
+    assert re.search(r"^    pip install \.( |$)", section, re.MULTILINE)
+    [extra] = re.findall(r"^    pip install -e '\.\[(\w+)\]'", section, re.MULTILINE)
+    assert extra in project["optional-dependencies"]
+    assert "Untested on Windows and macOS" in section and "Python 3.11" in section
+    assert all(url.startswith("https://") for url in project.get("urls", {}).values())
+
+
+def test_citation_is_of_this_version_and_of_the_paper_that_the_readme_names() -> None:
+    """A year or a DOI, once it is known, has the form of one."""
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    software, _, paper = text.partition("references:")
+    assert f"version: {graspfx.__version__}\n" in software and "title: GraspFX" in software
+    title = re.search(r"title: (.+)", paper)
+    assert title is not None and title[1] in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert re.findall(r"family-names: (\w+)", paper) == ["Kawai", "Yoshikawa"]
+    for key, form in (("year", r"(19|20)\d\d"), ("doi", r"10\.\d{4,}/\S+")):
+        for value in re.findall(rf"^\s+{key}: (.+)$", text, re.MULTILINE):
+            assert re.fullmatch(form, value)

@@ -34,7 +34,7 @@ class Observed:
         axes = np.vstack([np.eye(3)[: self.d], np.eye(3)[3 - turns :]])
         self.S[self.axes : self.axes + axes.size] = axes.ravel()
         self.block = memoryview(self.S)
-        self.count = rigid_modes(
+        self.count, _ = rigid_modes(
             self.block, 0, STRIDE, POINT, WEIGHT, self.n, self.d, self.axes, self.d, turns, 1e-9, 2e-9, self.modes
         )
 

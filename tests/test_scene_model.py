@@ -77,7 +77,7 @@ def test_defaults_are_those_of_the_reference() -> None:
         0.0,
         "fade",
     )
-    assert (coupling.fade, coupling.blend) == ((0.002, 0.01), (0.00025, 0.001))
+    assert (coupling.fade, coupling.blend) == ("auto", (0.00025, 0.001))
     assert (finger.channel, finger.model, finger.hand) == (0, "hard", None)
     assert finger.device.settings == {"mass": 0.15, "friction": 0.2}  # type: ignore[union-attr]
     assert scene.finger_names == ("finger0", "finger1")

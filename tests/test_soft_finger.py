@@ -231,10 +231,11 @@ def test_kernels_with_torsion_compile_to_the_same_bits() -> None:
     for k in range(200):
         S = rng.normal(size=900)
         S[: 2 * n], S[2 * n : 3 * n] = rng.uniform(0.2, 1.5, size=2 * n), 0.0
-        theta = float(k % 2)
+        S[880 : 880 + n] = rng.uniform(0.0, 0.1, size=n)  # compliances in series, in every other four
+        theta, series = float(k % 2), (-1, 880)[k // 4 % 2]
         calls: dict[Any, tuple[Any, ...]] = {
-            jacobian_of_modes: (0, n, c, count, *((40.0, 160.0), (160.0, 40.0))[k // 2 % 2], theta),
-            jacobian_of_square: (0, n, c, 160.0, square, size, theta),
+            jacobian_of_modes: (0, n, c, count, *((40.0, 160.0), (160.0, 40.0))[k // 2 % 2], theta, 0, series),
+            jacobian_of_square: (0, n, c, 160.0, square, size, theta, 0),
             rigid_modes: (0, 12, 0, 3, n, 3, 60, 3, 3, 0.1, 0.2, 100, 4, 7),
         }
         for kernel, arguments in calls.items():

@@ -240,7 +240,9 @@ def test_settings_that_cannot_be(settings: dict[str, Any], text: str) -> None:
 
 
 def test_conformance() -> None:
-    testing.check_device(lambda: two_link.connect(**LEFT), start=(-0.025, 0.0))
+    """Efforts are torques: the report does not say that newtons were seen."""
+    report = testing.check_device(lambda: two_link.connect(**LEFT), start=(-0.025, 0.0))
+    assert any("in newtons" in each.promise for each in report.not_visible)
     testing.check_device(lambda: two_link.connect(**RIGHT, delay=1, drive="elbow"), start=(0.025, 0.0))
     testing.check_device(lambda: two_link.connect(board=FakeBoard(15000, 0)))
 

@@ -68,7 +68,7 @@ def external_limit_map(
     """`external_limit` for arrays of parameters that broadcast against one another, in their common shape.
 
     Args:
-        engine: "numpy", or "compiled", which takes seconds the first time and a fraction of the time from then
+        engine: "numpy", or "compiled", which is compiled once on a machine and takes a fraction of the time from then
             on, for maps without delay and damping of the coupling; "auto" compiles only for maps of millions of points.
     """
     given = _external(

@@ -1,9 +1,10 @@
-"""Thousands of variants of the 1-DOF system at once, beside arrays of numpy and one run after another."""
+"""Thousands of variants of the 1-DOF system, whole calls, beside arrays of numpy and runs one by one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -11,131 +12,162 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.bench.case import Case, Method, is_installed, missing
-from graspfx.loop.servo import Servo
+from graspfx.bench.peers.arrays import last_positions, one_dof
 from graspfx.processors import processors
 from graspfx.scene.batch import Runs
-from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene
 from graspfx.scene.variants import Variants
 
 FloatArray = NDArray[np.float64]
+Values = dict[str, FloatArray]
 
 TITLE = "Batches"
 LIMITS = """
-Time is that of the runs, per tick of one variant: to build 10 000 variants takes seconds besides, most of it for the
-few hundred whole scenes that the others are put together from. The program side by side keeps of each run its growth
-only. The scene is attached and on a line; fingers that let go are run one by one. The error is that of the last
-positions of both fingers and of the object against single runs, of the largest position in them, over the variants
-that are stable.
+Time is that of a whole call, from the scene and the values to the last positions of both fingers and of the object, per
+variant; its programs are compiled and kept beforehand. `run_batch` checks and builds a scene for every value of a key,
+and for random points of several keys one for nearly every point, which takes nearly all of the time: "its runs alone"
+is what is left without that, as if the variants were known. The scene is attached and on a line; fingers that let go
+are run one by one. One by one is `gx.run(scene.replace(...))`, as a user writes it, for a few of the variants. The
+arrays of numpy are for this one system and nothing else; to write them takes an hour. The error is that of the last
+positions against single runs, of the largest in them. A call of more than some seconds is timed once.
 """
 
-STIFFNESS, VISCOSITY = "coupling.external.stiffness", "object.viscosity"
+STIFFNESS, VISCOSITY, MASS = "coupling.external.stiffness", "object.viscosity", "object.mass"
+RANGES = {STIFFNESS: (5.0, 60.0), VISCOSITY: (0.6, 1.5), MASS: (0.05, 0.2)}
 BOUND = 1e-12
 CHECKED = 12
-ALONE = 20  # runs that are timed one after another
+SINGLES = 10  # variants that are run one by one
+QUANTITIES: Mapping[str, Any] = {"measure": ["finger_position", "object_position"], "statistics": ["last"]}
+
+
+@dataclass(frozen=True)
+class BatchProblem:
+    """Variants of the scene `reference-1dof`.
+
+    Attributes:
+        scene: the scene.
+        values: by dotted key, of each variant, (V,).
+        ticks: of each run.
+    """
+
+    scene: Scene
+    values: Values
+    ticks: int
+
+    def __len__(self) -> int:
+        return len(next(iter(self.values.values())))
+
+    @property
+    def seconds(self) -> float:
+        return self.ticks * self.scene.period
+
+    @cached_property
+    def reference(self) -> tuple[Any, FloatArray]:
+        """Numbers of a few variants, and their last positions by single runs, (CHECKED, 3) [m]."""
+        numbers = np.random.default_rng(3).integers(0, len(self), CHECKED)
+        return numbers, np.stack([self.single_run(k) for k in numbers])
+
+    def error(self, last: FloatArray) -> float:
+        """Compare last positions (V, 3) with those of single runs: the largest difference, relative."""
+        numbers, expected = self.reference
+        return float((np.abs(last[numbers] - expected).max(axis=1) / np.abs(expected).max(axis=1)).max())
+
+    def single_run(self, k: int, **more: Any) -> FloatArray:
+        """Run one variant by itself; its last positions (3,) [m]."""
+        run = gx.run(
+            self.scene.replace({key: float(each[k]) for key, each in self.values.items()} | more), self.seconds
+        )
+        return np.concatenate([run.finger_position[-1, :, 0], run.object_position[-1]])
+
+    def arrays(self) -> FloatArray:
+        """Run all variants as arrays of numpy; their last positions (V, 3) [m]."""
+        own = {STIFFNESS: self.scene.coupling.external.stiffness, VISCOSITY: self.scene.object[0].viscosity,
+               MASS: self.scene.object[0].mass}  # fmt: skip
+        columns = [self.values.get(key, np.full(len(self), float(np.asarray(each)))) for key, each in own.items()]
+        stiffness, viscosity, mass = columns
+        return last_positions(one_dof(self.scene), stiffness, viscosity, mass, self.ticks)
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    side, ticks = (30, 200) if quick else (100, 1000)
-    scene = gx.load("reference-1dof")
-    stiffness, viscosity = np.linspace(5.0, 60.0, side), np.linspace(0.6, 1.5, side)
-    values = np.stack(np.meshgrid(stiffness, viscosity, indexing="ij"), axis=-1).reshape(-1, 2)
-    chosen = np.random.default_rng(3).integers(0, len(values), CHECKED)
-    known = np.stack([_alone(scene, values[k], ticks) for k in chosen])
+    """Compare whole calls for values of one key, for random points of two and three, and for a grid of two."""
+    many, points, side, ticks = (200, 50, 20, 200) if quick else (10_000, 1000, 100, 1000)
+    scene, rng = gx.load("reference-1dof"), np.random.default_rng(7)
+    one = BatchProblem(scene, {STIFFNESS: np.linspace(*RANGES[STIFFNESS], many)}, ticks)
+    yield _case(f"{many} values of one key, {ticks} ticks", one, one.values, _one_by_one(one))
+    for count, word in ((2, "two"), (3, "three")):
+        keys = list(RANGES)[:count]
+        random = BatchProblem(scene, {key: rng.uniform(*RANGES[key], points) for key in keys}, ticks)
+        yield _case(f"{points} random points of {word} keys, {ticks} ticks", random, random.values, _one_by_one(random))
+    lists = {key: np.linspace(*RANGES[key], side) for key in (STIFFNESS, VISCOSITY)}
+    grid = np.stack(np.meshgrid(*lists.values(), indexing="ij"), axis=-1).reshape(-1, 2)
+    product = BatchProblem(scene, dict(zip(lists, grid.T, strict=True)), ticks)
+    yield _case(f"{side} by {side} values of two keys, {ticks} ticks", product, lists, _runs_alone(product))
 
-    def error(last: FloatArray) -> float:
-        return float((np.abs(last[chosen] - known).max(axis=1) / np.abs(known).max(axis=1)).max())
 
-    name = f"{len(values)} variants, {ticks} ticks"
-    yield Case("batches", name, "relative", list(_methods(scene, values, ticks, error)), BOUND)
+def _case(name: str, problem: BatchProblem, lists: Values, more: Iterator[Method]) -> Case:
+    methods = [whole_call(problem, lists), *more, by_numpy(problem)]
+    return Case("batches", name, "relative", methods, BOUND)
 
 
-def _methods(scene: Scene, values: FloatArray, ticks: int, error: Callable[[FloatArray], float]) -> Iterator[Method]:
-    calls = len(values) * ticks
+def whole_call(problem: BatchProblem, lists: Values) -> Method:
+    """`run_batch` as a user calls it; with lists as long as the batch, point by point."""
+    name, V = "GraspFX run_batch", len(problem)
     if not is_installed("llvmlite"):
-        yield missing("GraspFX run_batch", "llvmlite")
-    else:
-        seconds = ticks * scene.period
-        lists = {STIFFNESS: list(values[:, 0]), VISCOSITY: list(values[:, 1])}
-        unique = {key: sorted(set(each)) for key, each in lists.items()}
-        numbers = np.array([[unique[key].index(each[k]) for key, each in lists.items()] for k in range(len(values))])
-        variants = Variants(scene, unique, numbers)
-        groups = variants.groups()
+        return missing(name, "llvmlite")
+    by_points = len(next(iter(lists.values()))) == V
+    batches: list[Any] = []
 
-        def last() -> float:
-            batch = gx.run_batch(scene, lists, seconds, zip=True, measure=["finger_position", "object_position"],
-                                 statistics=["last"])  # fmt: skip
-            fingers, thing = batch["finger_position"]["last"][:, :, 0], batch["object_position"]["last"]
-            return error(np.concatenate([fingers, thing], axis=1))
+    def call() -> None:
+        batches[:] = [gx.run_batch(problem.scene, lists, problem.seconds, zip=by_points, **QUANTITIES)]
 
-        for threads, note in ((None, "every processor"), (1, "one processor")):
-            runs = Runs(scene, variants, len(values), seconds, threads or processors())
-            yield Method(
-                f"GraspFX run_batch, {note}", partial(runs.measured, groups, ["finger_position"], ["growth"]), last,
-                calls=calls,
-            )  # fmt: skip
-        servos = [_built(scene, each) for each in values[:ALONE]]
+    def error() -> float:
+        if not batches:
+            call()
+        fingers, thing = (batches[0][quantity]["last"].reshape(V, -1) for quantity in QUANTITIES["measure"])
+        return problem.error(np.concatenate([fingers, thing], axis=1))
 
-        def one_by_one() -> None:
-            for servo in servos:
-                servo.run(ticks, None)
+    return Method(name, call, error, calls=V, once=by_points)
 
+
+def _one_by_one(problem: BatchProblem) -> Iterator[Method]:
+    """`gx.run` of a few variants, by its default engine and compiled."""
+    for name, more in (("gx.run one by one", {}), ("gx.run one by one, compiled", {"engine": "compiled"})):
+        if more and not is_installed("llvmlite"):
+            yield missing(f"GraspFX {name}", "llvmlite")
+            continue
+        yield Method(f"GraspFX {name}", partial(_several, problem, more), 0.0, "what is compared with", calls=SINGLES)
+
+
+def _several(problem: BatchProblem, more: Mapping[str, Any]) -> None:
+    for k in range(SINGLES):
+        problem.single_run(k, **more)
+
+
+def _runs_alone(problem: BatchProblem) -> Iterator[Method]:
+    """The runs of a batch whose variants are built and whose programs are known."""
+    if not is_installed("llvmlite"):
+        yield missing("GraspFX run_batch, its runs alone", "llvmlite")
+        return
+    unique = {key: sorted(set(each.tolist())) for key, each in problem.values.items()}
+    columns = [np.searchsorted(unique[key], each) for key, each in problem.values.items()]
+    variants = Variants(problem.scene, unique, np.stack(columns, axis=1))
+    groups = variants.groups()
+    for threads, note in ((processors(), "every processor"), (1, "one processor")):
+        runs = Runs(problem.scene, variants, len(problem), problem.seconds, threads)
+        measure = partial(runs.measured, groups, QUANTITIES["measure"], QUANTITIES["statistics"])
         yield Method(
-            "GraspFX, compiled, one by one", one_by_one, 0.0,
-            "each goes on from where it was", calls=ALONE * ticks,
+            f"GraspFX run_batch, its runs alone, {note}", measure, partial(_error_of_measures, problem, measure),
+            "not what a user waits for", calls=len(problem),
         )  # fmt: skip
-    yield Method(
-        "numpy, arrays of variants", lambda: side_by_side(scene, values, ticks),
-        lambda: error(side_by_side(scene, values, ticks)), calls=calls,
+
+
+def _error_of_measures(problem: BatchProblem, measure: Callable[[], Any]) -> float:
+    measures = measure()
+    parts = [measures[quantity]["last"].reshape(len(problem), -1) for quantity in QUANTITIES["measure"]]
+    return problem.error(np.concatenate(parts, axis=1))
+
+
+def by_numpy(problem: BatchProblem) -> Method:
+    return Method(
+        "numpy, arrays of variants", problem.arrays, lambda: problem.error(problem.arrays()), calls=len(problem)
     )  # fmt: skip
-
-
-def _alone(scene: Scene, value: FloatArray, ticks: int) -> FloatArray:
-    changed = scene.replace({STIFFNESS: float(value[0]), VISCOSITY: float(value[1])})
-    run = gx.run(changed, ticks * scene.period)
-    return np.concatenate([run.finger_position[-1, :, 0], run.object_position[-1]])
-
-
-def _built(scene: Scene, value: FloatArray) -> Servo:
-    changed = scene.replace({STIFFNESS: float(value[0]), VISCOSITY: float(value[1]), "engine": "compiled"})
-    with build(changed, record=False) as servo:
-        return servo
-
-
-def side_by_side(scene: Scene, values: FloatArray, ticks: int) -> FloatArray:
-    """Eqs. (4)-(12) for all variants at once, as numpy has them: the last positions of the fingers and the object."""
-    T, kip, mass = scene.period, _number(scene.coupling.internal.stiffness), _number(scene.object[0].mass)
-    A, B = _device_step(scene)
-    viscosity = values[:, 1]
-    E = np.exp(-viscosity / mass * T)
-    travel = (1.0 - E) * mass / viscosity
-    drift = (T - travel) / viscosity
-    q = np.array([each.start[0] for each in scene.finger])[:, None] * np.ones(len(values))  # the hands rest at 0
-    v, x, speed = np.zeros_like(q), np.zeros(len(values)), np.zeros(len(values))
-    last = np.empty((len(values), 3))
-    for _ in range(ticks):
-        last[:, :2], last[:, 2] = q.T, x
-        e = q - x
-        mean = e.mean(axis=0)
-        f = values[:, 0] * mean + kip * (e - mean)
-        total = f.sum(axis=0)
-        x, speed = x + travel * speed + drift * total, E * speed + travel / mass * total
-        q, v = A[0, 0] * q + A[0, 1] * v - B[0] * f, A[1, 0] * q + A[1, 1] * v - B[1] * f
-    return last
-
-
-def _device_step(scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """A and B of m q'' + b q' + k q = u over a period, u held."""
-    from scipy.linalg import expm
-
-    finger = scene.finger[0]
-    device: Any = finger.device
-    hand: Any = finger.hand
-    m, b, k = device.settings["mass"], device.settings["friction"], _number(hand.stiffness)
-    system = np.array([[0.0, 1.0, 0.0], [-k / m, -b / m, 1.0 / m], [0.0, 0.0, 0.0]])
-    E = np.asarray(expm(system * scene.period))
-    return E[:2, :2], E[:2, 2]
-
-
-def _number(value: Any) -> float:
-    return float(np.asarray(value))

@@ -23,6 +23,7 @@ class Method:
         calls: operations that one `call` does; times are per operation.
         bound: of the error, instead of the case's.
         singly: every call is timed by itself, and the quantiles of its time are reported too: for how times spread.
+        once: a call takes so long that there is one: it is timed first, and `error` is of what it has left behind.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Method:
     calls: int = 1
     bound: float | None = None
     singly: bool = False
+    once: bool = False
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,18 @@ DEPTH = 0.003  # of the fingers [m]
 
 @dataclass(frozen=True)
 class Problem:
-    """K (m, m) = k_i I + (k_e - k_i) Q Q' and e (m,) in contact frames, the normal first, and the answer f (m,)."""
+    """A grasp in contact frames, the normal first, and the answer f (m,).
+
+    Attributes:
+        K: (m, m) = k_i I + (k_e - k_i) Q Q'.
+        W: its inverse, I / k_i + (1 / k_e - 1 / k_i) Q Q'.
+        Q: (m, r), orthonormal.
+        e: (m,).
+        force: f (m,).
+    """
 
     K: FloatArray
+    W: FloatArray
     Q: FloatArray
     e: FloatArray
     force: FloatArray
@@ -71,7 +80,8 @@ def _some(rng: np.random.Generator, N: int, law: Law, n: int, ratio: float) -> P
         near = _near(K, e, mu, law)
         force = None if near is None else cone_force(K, e, mu, law != "coulomb", near)
         if force is not None and force.any():
-            found.append(Problem(K, Q, e, force))
+            W = np.eye(len(e)) / INTERNAL + (ratio / INTERNAL - 1.0 / INTERNAL) * Q @ Q.T
+            found.append(Problem(K, W, Q, e, force))
     return Problems(law, n, ratio, tuple(found))
 
 

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 import graspfx as gx
 from graspfx.bench.case import Case, Method, each, is_installed, missing
 from graspfx.bench.contact_sets import ContactSet, contact_sets
-from graspfx.bench.eq4_peers import PEERS, Project, grasp_matrix
+from graspfx.bench.eq4_fixed import fixed_case
+from graspfx.bench.eq4_methods import EXTERNAL, INTERNAL, WRONG, Pair, force_method, relative_error
+from graspfx.bench.eq4_peers import PEERS, GraspMatrix, Project, closed_form
 from graspfx.bench.exact import split_force
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
@@ -24,58 +26,67 @@ from graspfx.grasp.point_coupling import PointCoupling
 from graspfx.objects import kernels as body
 
 FloatArray = NDArray[np.float64]
-Pair = tuple[FloatArray, FloatArray]
+
+FIXED = ("2 fingers", "5 fingers", "20 fingers", "100 fingers")
 
 TITLE = "Eq. (4)"
 LIMITS = """
-Contacts change at every call, so that each method starts from points; the cached projector shows what is left where
-they do not. Peers build G about the origin and use their library's tolerance for the rank, or what stands in for it;
-where 1 km or a line defeats that, a reader who centres the points first gets more digits. Contacts nearer to a line
-than 1e-6 of their radius count as on it, 1e-12 in the cases of a given condition. Equal weights, hard fingers in space,
-no damping.
+Contacts change at every call, so that each method starts from points, but in the cases that say "contacts fixed".
+"Grasp.split, Coupling.force" is the call `law.force(gx.Grasp(points).split(), e)`. PointCoupling is made once, which
+compiles for a second, once on a machine; "written and read" copies points and displacements into it and forces out of
+it, "in place" leaves both out, for a loop that computes its points there. "Tick" and "direct kernel" are inside of the
+framework: nobody calls them so. Peers build G about the origin, in place, and use their library's tolerance for the
+rank, or what stands in for it; where 1 km or a line defeats that, a reader who centres the points first gets more
+digits. Contacts nearer to a line than 1e-6 of their radius count as on it, 1e-12 in the cases of a given condition.
+Equal weights, hard fingers in space, no damping.
 """
-
-EXTERNAL, INTERNAL = 30.0, 70.0  # [N/m]
-WRONG = 1e-3  # of a force: more is no matter of rounding
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    for given in contact_sets(quick):
-        pairs = list(zip(given.points, given.displacements, strict=True))
-        exact = np.array([split_force(p, e, EXTERNAL, INTERNAL, given.tolerance) for p, e in pairs])
-        yield Case("eq4", given.name, "relative", [*_ours(given, exact), *_peers(given, pairs, exact)], WRONG)
+    """Compare methods on every set of contacts, then on some whose contacts are fixed."""
+    sets = list(contact_sets(quick))
+    for contacts in sets:
+        pairs = list(zip(contacts.points, contacts.displacements, strict=True))
+        exact = np.array([split_force(p, e, EXTERNAL, INTERNAL, contacts.tolerance) for p, e in pairs])
+        methods = [*_ours(contacts, pairs, exact), *_peers(contacts, pairs, exact)]
+        yield Case("eq4", contacts.name, "relative", methods, WRONG)
+    for contacts in sets:
+        if contacts.name in FIXED:
+            yield fixed_case(contacts)
 
 
-def _peers(given: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Iterator[Method]:
+def _peers(contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Iterator[Method]:
+    matrix = GraspMatrix(contacts.points.shape[1])
     for name, project in PEERS.items():
         if name.startswith("scipy") and not is_installed("scipy"):
             yield missing(name, "scipy")
         else:
-            yield _method(name, _by(project), pairs, exact)
-    known = {p.tobytes(): np.linalg.pinv(G := grasp_matrix(p)) @ G for p in given.points}
-    cached = [(known[p.tobytes()] * (EXTERNAL - INTERNAL), e.ravel()) for p, e in pairs]
-    yield _method("numpy, P known", lambda x: x[0] @ x[1] + INTERNAL * x[1], cached, exact, "contacts do not move")
+            yield force_method(name, _by(project, matrix), pairs, exact)
+
+    def closed(pair: Pair) -> FloatArray:
+        return INTERNAL * pair[1] + closed_form(pair[0], (EXTERNAL - INTERNAL) * pair[1])
+
+    yield force_method("numpy, closed form", closed, pairs, exact, "no G: shift and turn about the centroid")
 
 
-def _by(project: Project) -> Callable[[Pair], FloatArray]:
+def _by(project: Project, matrix: GraspMatrix) -> Callable[[Pair], FloatArray]:
     def force(pair: Pair) -> FloatArray:
         e = pair[1].ravel()
-        return INTERNAL * e + project(grasp_matrix(pair[0]), (EXTERNAL - INTERNAL) * e)
+        return INTERNAL * e + project(matrix(pair[0]), (EXTERNAL - INTERNAL) * e)
 
     return force
 
 
-def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
+def _ours(contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Iterator[Method]:
     law = gx.Coupling(gx.Impedance(EXTERNAL), gx.Impedance(INTERNAL))
 
     def by_split(pair: Pair) -> FloatArray:
-        return law.force(gx.Split(gx.Grasp(pair[0]), tolerance=given.tolerance), pair[1].ravel())
+        return law.force(gx.Grasp(pair[0]).split(tolerance=contacts.tolerance), pair[1].ravel())
 
-    pairs = list(zip(given.points, given.displacements, strict=True))
-    yield _method("GraspFX Split", by_split, pairs, exact)
+    yield force_method("GraspFX Grasp.split, Coupling.force", by_split, pairs, exact)
     for engine in ("interpreted", "compiled"):
-        yield from _direct(given, exact, law, engine)
-    blocks, n = _blocks(law, given), given.points.shape[1]
+        yield from _direct(contacts, pairs, exact, law, engine)
+    blocks, n = _blocks(law, contacts), contacts.points.shape[1]
     calls: list[Callable[[], object]] = [partial(sample, memoryview(block)) for block in blocks]
     yield _tick("GraspFX tick, interpreted", calls, blocks, n, exact)
     if not is_installed("llvmlite"):
@@ -84,14 +95,16 @@ def _ours(given: ContactSet, exact: FloatArray) -> Iterator[Method]:
     yield _tick("GraspFX tick, compiled", [compiled(sample).bound(block) for block in blocks], blocks, n, exact)
 
 
-def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str) -> Iterator[Method]:
+def _direct(
+    contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray, law: gx.Coupling, engine: str
+) -> Iterator[Method]:
     """The direct kernel, a call for each grasp and one call for all of them."""
     if engine == "compiled" and not is_installed("llvmlite"):
         yield missing("GraspFX PointCoupling, compiled", "llvmlite")
         return
-    N, n, _ = given.points.shape
-    own = [PointCoupling(law.external, law.internal, n, tolerance=given.tolerance, engine=engine) for _ in range(N)]
-    for each_own, points, e in zip(own, given.points, given.displacements, strict=True):
+    N, n, _ = contacts.points.shape
+    own = [PointCoupling(law.external, law.internal, n, tolerance=contacts.tolerance, engine=engine) for _ in range(N)]
+    for each_own, points, e in zip(own, contacts.points, contacts.displacements, strict=True):
         each_own.points[:], each_own.displacement[:] = points, e
 
     def force(one: PointCoupling) -> FloatArray:
@@ -99,7 +112,7 @@ def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str)
         return one.force
 
     def computed() -> float:
-        return _error(np.array([force(one) for one in own]), exact)
+        return relative_error(np.array([force(one) for one in own]), exact)
 
     calls = each(lambda compute: compute(), [one.compute for one in own])
     yield Method(f"GraspFX PointCoupling, {engine}", calls, computed, "inputs in place", N)
@@ -112,19 +125,18 @@ def _direct(given: ContactSet, exact: FloatArray, law: gx.Coupling, engine: str)
         one.compute()
         return one.force.copy()
 
-    pairs = list(zip(given.points, given.displacements, strict=True))
-    yield _method("GraspFX PointCoupling, compiled, copying", written, pairs, exact, "inputs and forces copied")
+    yield force_method("GraspFX PointCoupling, compiled, written and read", written, pairs, exact)
     size = direct.size(n, 3)
     block = np.zeros((N, size))
-    block[:, : direct.RANK] = [n, 3, EXTERNAL, 0.0, INTERNAL, 0.0, given.tolerance]
+    block[:, : direct.RANK] = [n, 3, EXTERNAL, 0.0, INTERNAL, 0.0, contacts.tolerance]
     block[:, direct.POINTS : direct.POINTS + 6 * n] = np.hstack(
-        [given.points.reshape(N, -1), given.displacements.reshape(N, -1)]
+        [contacts.points.reshape(N, -1), contacts.displacements.reshape(N, -1)]
     )
     kernel, flat = compiled(couple_all), block.ravel()
 
     def error() -> float:
         kernel(flat, N, size)
-        return _error(block[:, direct.POINTS + 9 * n :].reshape(N, n, 3), exact)
+        return relative_error(block[:, direct.POINTS + 9 * n :].reshape(N, n, 3), exact)
 
     yield Method("GraspFX direct kernel, compiled", lambda: kernel(flat, N, size), error, calls=N)
 
@@ -142,12 +154,12 @@ def sample(S: Any) -> None:
     bilateral(S, True, False)
 
 
-def _blocks(law: gx.Coupling, given: ContactSet) -> list[FloatArray]:
+def _blocks(law: gx.Coupling, contacts: ContactSet) -> list[FloatArray]:
     """The state block of a grasped object for every grasp."""
-    n = given.points.shape[1]
+    n = contacts.points.shape[1]
     filled = []
-    for points, e in zip(given.points, given.displacements, strict=True):
-        arm = given.tolerance * float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum() / n))
+    for points, e in zip(contacts.points, contacts.displacements, strict=True):
+        arm = contacts.tolerance * float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum() / n))
         rules = Rules(attached=True, blend=(arm, arm))
         grasped = GraspedObject(n, 3, 0.001, law, rules, _free)
         grasped.rows[:, at.CONTACT : at.CONTACT + 3] = points
@@ -170,20 +182,6 @@ def _tick(
     def error() -> float:
         run()
         rows = np.array([block[at.ROW : at.ROW + n * at.STRIDE].reshape(n, at.STRIDE) for block in blocks])
-        return _error(rows[:, :, at.LOCAL : at.LOCAL + 3], exact)
+        return relative_error(rows[:, :, at.LOCAL : at.LOCAL + 3], exact)
 
     return Method(name, run, error, calls=len(calls))
-
-
-def _method(
-    name: str, force: Callable[[Any], FloatArray], inputs: Sequence[Any], exact: FloatArray, note: str = ""
-) -> Method:
-    def error() -> float:
-        return _error(np.array([force(x) for x in inputs]).reshape(exact.shape), exact)
-
-    return Method(name, each(force, inputs), error, note, len(inputs))
-
-
-def _error(found: FloatArray, exact: FloatArray) -> float:
-    """The largest over grasps, relative to the largest force of each."""
-    return float((np.abs(found - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))).max())

@@ -13,21 +13,41 @@ Project = Callable[[FloatArray, FloatArray], FloatArray]
 EPS = float(np.finfo(float).eps)
 
 
+SKEW = np.zeros((3, 3, 3))  # r -> the matrix [r x]
+SKEW[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1], [2, 1, 2, 0, 1, 0]] = [-1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
+
+
+class GraspMatrix:
+    """G of n point contacts in space, (6, 3 n): forces, then moments about the origin (eq. 2), made anew in place.
+
+    The identities never change; the moments' part is one product of the points with a constant.
+    """
+
+    def __init__(self, n: int) -> None:
+        self._G = np.zeros((6, 3 * n))
+        self._G[:3] = np.tile(np.eye(3), (1, n))
+        self._product = np.empty((n, 9))
+        self._moments, self._turned = self._G[3:].reshape(3, n, 3), self._product.reshape(n, 3, 3).transpose(1, 0, 2)
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        np.matmul(points, SKEW.reshape(9, 3).T, out=self._product)
+        self._moments[...] = self._turned
+        return self._G
+
+
 def grasp_matrix(points: FloatArray) -> FloatArray:
-    """G of point contacts, (6, 3 n): forces, then moments about the origin (eq. 2)."""
-    n = len(points)
-    G = np.zeros((6, n, 3))
-    G[[0, 1, 2], :, [0, 1, 2]] = 1.0
-    x, y, z = points.T
-    G[3, :, 1], G[3, :, 2] = -z, y
-    G[4, :, 0], G[4, :, 2] = z, -x
-    G[5, :, 0], G[5, :, 1] = -y, x
-    return G.reshape(6, 3 * n)
+    """G of point contacts, an array of its own."""
+    return GraspMatrix(len(points))(points)
 
 
 def by_pinv(G: FloatArray, x: FloatArray) -> FloatArray:
-    """P x with P = G^+ G, as eq. (3) stands."""
-    return np.asarray(np.linalg.pinv(G) @ G @ x)
+    """P x with P = G^+ G (eq. 3), from the right, so that P is not formed."""
+    return np.asarray(np.linalg.pinv(G) @ (G @ x))
+
+
+def by_solve(G: FloatArray, x: FloatArray) -> FloatArray:
+    """Normal equations G G' v = G x; ValueError where G G' is singular."""
+    return np.asarray(np.linalg.solve(G @ G.T, G @ x) @ G)
 
 
 def by_lstsq(G: FloatArray, x: FloatArray) -> FloatArray:
@@ -85,6 +105,7 @@ def by_posv(G: FloatArray, x: FloatArray) -> FloatArray:
 PEERS: dict[str, Project] = {
     "numpy pinv": by_pinv,
     "numpy lstsq": by_lstsq,
+    "numpy solve": by_solve,
     "numpy svd": by_svd,
     "numpy QR": by_qr,
     "scipy QR, pivoted": by_pivoted_qr,
@@ -92,3 +113,26 @@ PEERS: dict[str, Project] = {
     "scipy gelsy": by_gelsy,
     "scipy posv": by_posv,
 }
+
+
+def closed_form(points: FloatArray, x: FloatArray) -> FloatArray:
+    """P x without G: the mean shift and the turn w about the centroid, J w = sum r x d, by cofactors; (n, 3).
+
+    ZeroDivisionError where the contacts are exactly on a line.
+    """
+    n = len(points)
+    mean = np.full(n, 1.0 / n)
+    r = points - mean @ points
+    moments, squares = (r.T @ x).tolist(), (r.T @ r).tolist()
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = squares
+    a, b, c = yy + zz, xx + zz, xx + yy
+    m0, m1, m2 = moments[1][2] - moments[2][1], moments[2][0] - moments[0][2], moments[0][1] - moments[1][0]
+    c00, c11, c22 = b * c - yz * yz, a * c - xz * xz, a * b - xy * xy
+    c01, c02, c12 = xz * yz + xy * c, xy * yz + xz * b, a * yz + xy * xz
+    d = 1.0 / (a * c00 - xy * c01 - xz * c02)
+    p, q, s = (
+        d * (c00 * m0 + c01 * m1 + c02 * m2),
+        d * (c01 * m0 + c11 * m1 + c12 * m2),
+        d * (c02 * m0 + c12 * m1 + c22 * m2),
+    )
+    return np.asarray(mean @ x + r @ np.array([[0.0, s, -q], [-s, 0.0, p], [q, -p, 0.0]]))

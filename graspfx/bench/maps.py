@@ -1,9 +1,8 @@
-"""Maps of stability limits: compiled, by numpy, and by the gain margins of python-control."""
+"""Maps of stability limits: by numpy and compiled, beside eigenvalues with root finding and python-control."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,20 +12,22 @@ from numpy.typing import NDArray
 from graspfx.analysis.maps import external_limit_map, wall_limit_map
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.map_oracle import crossing
+from graspfx.bench.peers.limits import PEERS, Plant
 
 FloatArray = NDArray[np.float64]
-Plants = list[tuple[float, float, float]]
 
 TITLE = "Maps of stability limits"
 LIMITS = """
-Times are per point of a map. The compiled kernel runs on all processors, numpy and python-control on one; compiling
-takes 1 to 4 s once per process and is not in the times. python-control finds all margins of any loop, of which the gain
-margin is used, and interpolates its crossing; it is timed on a few of the points. Errors are of those points, all with
-friction, without delay.
+Times are per point of a map, of the call of `external_limit_map` or `wall_limit_map` with its engine. Up to two million
+points the default is numpy's; the compiled kernel runs on all processors, numpy on one. It is compiled once on a
+machine, which is not in the times (see Start-up for a first map). The peers know no closed form: they sample the plants
+and look for the gain at which the largest eigenvalue of the loop meets the unit circle, or its Nyquist curve the point
+-1; python-control finds all margins of any loop, of which one is used. They are timed on a few of the points. Errors
+are of those points, all with friction, without delay.
 """
 
 T, SPRING, FRICTION, OBJECT = 0.005, 33.0, 0.2, 0.1
-COMPARED = 8  # points that the oracle and python-control are asked for
+COMPARED = 8  # points that the oracle and the peers are asked for
 WRONG = 1e-3
 
 
@@ -52,9 +53,11 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def _methods(
-    limits: Callable[[str], FloatArray], loops: list[Plants], where: tuple[Any, Any], points: int
+    limits: Callable[[str], FloatArray], loops: Sequence[Sequence[Plant]], where: tuple[Any, Any], points: int
 ) -> Iterator[Method]:
-    exact = np.array([crossing(plants, T, float(k)) for plants, k in zip(loops, limits("numpy")[where], strict=True)])
+    exact = np.array(
+        [crossing(list(plants), T, float(k)) for plants, k in zip(loops, limits("numpy")[where], strict=True)]
+    )
 
     def error(engine: str) -> float:
         return _error(limits(engine)[where], exact)
@@ -64,25 +67,20 @@ def _methods(
         yield Method("GraspFX, compiled", partial(limits, "compiled"), partial(error, "compiled"), calls=points)
     else:
         yield missing("GraspFX, compiled", "llvmlite")
-    if is_installed("control"):
-        margins = partial(_margins, loops)
-        yield Method("python-control", margins, lambda: _error(margins(), exact), calls=len(loops))
-    else:
-        yield missing("python-control", "control")
+    for name, limit, package in PEERS:
+        if is_installed(package):
+            several = partial(_limits, limit, loops)
+            yield Method(name, several, partial(_peer_error, several, exact), calls=len(loops))
+        else:
+            yield missing(name, package)
 
 
-def _margins(loops: list[Plants]) -> FloatArray:
-    """Gain margins of plants sampled under zero-order hold: the force moves one forward and the other back."""
-    import control
+def _limits(limit: Callable[[Sequence[Plant], float], float], loops: Sequence[Sequence[Plant]]) -> FloatArray:
+    return np.array([limit(plants, T) for plants in loops])
 
-    found = []
-    for plants in loops:
-        continuous = [([[0.0, 1.0], [-k / m, -b / m]], [[0.0], [1.0 / m]]) for m, b, k in plants]
-        sampled = [control.sample_system(control.ss(A, B, [[1.0, 0.0]], 0.0), T, "zoh") for A, B in continuous]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that it interpolates, for each
-            found.append(float(control.stability_margins(sum(sampled[1:], sampled[0]))[0]))
-    return np.array(found)
+
+def _peer_error(several: Callable[[], FloatArray], exact: FloatArray) -> float:
+    return _error(several(), exact)
 
 
 def _error(found: FloatArray, exact: FloatArray) -> float:

@@ -70,10 +70,17 @@ class Row:
 
 def measure(case: Case, effort: Effort) -> list[Row]:
     """A row per method, in the case's order; what is wrong or missing is not timed."""
-    checked = [check(case, method) for method in case.methods]
+    checked, single = [], {}
+    for i, method in enumerate(case.methods):
+        if method.once:
+            with collector_off():
+                single[i] = [1e-3 * clocked(method.call, 1) / method.calls]
+        checked.append(check(case, method))
     right = [i for i, row in enumerate(checked) if row.state == TIMED]
-    times = interleaved([case.methods[i] for i in right], effort)
-    for i, taken in zip(right, times, strict=True):
+    several = [i for i in right if i not in single]
+    times = {i: single[i] for i in right if i in single}
+    times |= zip(several, interleaved([case.methods[i] for i in several], effort), strict=True)
+    for i, taken in times.items():
         checked[i] = _timed(checked[i], taken, case.methods[i].singly)
     return with_ratios(checked, case.reference)
 

@@ -7,23 +7,28 @@ from collections.abc import Iterator, Sequence
 from graspfx.bench.measure import Row
 from graspfx.bench.pareto import by_case, front
 from graspfx.bench.report import Report, Stamp
+from graspfx.bench.speeds import table as table_of_speeds
 
 NAME = "benchmarks.md"
 PICTURES = "pictures/bench"
 
 HEAD = """# Benchmarks
 
-Run time *against* error. Every method stands beside its peers: same process, same inputs, timed in turns, its result checked against an oracle before anything is timed. This page is written by `graspfx bench --out docs` from [benchmarks.json](benchmarks.json); do not edit it.
+Run time *against* error. Every method stands beside its peers: same process, same inputs, timed in turns, its result checked against an oracle before anything is timed. This page is written by `graspfx bench --out docs --overwrite` from [benchmarks.json](benchmarks.json); do not edit it.
 
 **Times** are per operation, the best of all rounds, which others on the machine disturb least; the median stands in the JSON. Inputs change from operation to operation; Python collects no garbage meanwhile. **Ratio** is to the quickest method of the table, or to the one whose ratio is 1. **Error** is the largest over the inputs.
 ● marks the Pareto front: no other method of the table is both as quick and as exact. A method whose error is beyond its bound is not timed.
 """  # noqa: E501
 
+SHORT = (
+    "A time is that of the whole call in the first column; its error stands behind it. Calls that are slower than what "
+    "is beside them stand here too."
+)
 LIMITATIONS = """
 - Compare ratios within one table. Times of two machines compare only after division by the calibration's step, and not well then: caches, vector units and libraries differ.
 - The best round leaves out what the scheduler and other processes do; the section on jitter is about those.
 - Times are of calls from Python in a warm process: code and data are in the caches, as in a servo loop that does nothing else, and branches are predicted as well as a few different inputs allow.
-- Peers are called as their documentation says, by us; their authors may know a quicker way. They solve more general problems than the one here.
+- Peers are called by us as their users would call them who care for speed: set up once, arrays in place, one BLAS thread for all, which small matrices are quickest with. Their authors may know a quicker way. They solve more general problems than the one here.
 - "interpreted" and "compiled" are the same source, run by Python and compiled.
 - Errors are over the inputs listed and bound nothing else.
 """  # noqa: E501
@@ -31,7 +36,13 @@ LIMITATIONS = """
 
 def page(report: Report) -> str:
     """Markdown."""
-    return "\n".join([HEAD, *_measured(report.stamps), *_sections(report), "## Limitations", LIMITATIONS])
+    measured = _measured(report.stamps)
+    return "\n".join([HEAD, *_short(report), *measured, *_sections(report), "## Limitations", LIMITATIONS])
+
+
+def _short(report: Report) -> Iterator[str]:
+    if text := table_of_speeds(report):
+        yield f"## In short\n\n{SHORT}\n\n{text}\n"
 
 
 def _measured(stamps: dict[str, Stamp]) -> Iterator[str]:

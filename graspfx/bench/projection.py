@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import graspfx as gx
 from graspfx.bench.case import Case, Method, each, is_installed, missing
 from graspfx.bench.cone_problems import INTERNAL, Problem, Problems, problems
-from graspfx.bench.projection_peers import by_clarabel, by_gauss_seidel, gauss_seidel
+from graspfx.bench.projection_peers import SWEEPS, ByClarabel, gauss_seidel
 from graspfx.compile.machine import compiled
 from graspfx.cones.complement import complement, release, settle
 from graspfx.cones.cone import modes_offset
@@ -22,11 +22,12 @@ FloatArray = NDArray[np.float64]
 
 TITLE = "Forces in cones"
 LIMITS = """
-Given are K and e in contact frames; clarabel and Gauss-Seidel need the inverse of K, which is in their time, as is
-clarabel's set-up. "In modes" is what a tick does with numbers for gains: it is given the rigid motions instead of K;
-"warm" starts from the answer for displacements that differ by 1 %. Coulomb's law has no convex problem, so clarabel is
-not there; problems for which no Coulomb answer was found are left out, so that failures do not show. Gauss-Seidel is
-compiled where llvmlite is installed.
+Given are K, its inverse and e in contact frames: clarabel and Gauss-Seidel need the inverse, the others K. Clarabel's
+solver is made once and given new numbers at each call; Gauss-Seidel is compiled where llvmlite is installed. "GraspFX
+unilateral_force" is the public call, in Python; the other rows of ours are kernels of the tick, which nobody calls by
+themselves. "In modes" is what a tick does with numbers for gains: it is given the rigid motions instead of K; "warm"
+starts from the answer for displacements that differ by 1 %, all others from zero. Coulomb's law has no convex problem,
+so clarabel is not there; problems for which no Coulomb answer was found are left out, so that failures do not show.
 """
 
 TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12)
@@ -50,23 +51,33 @@ def _clarabel(kind: Problems) -> Iterator[Method]:
     for tolerance in (1e-8, 1e-12):
         name = f"clarabel to {tolerance:.0e}"
         if is_installed("clarabel"):
-            yield _method(name, kind, partial(_by_clarabel, kind.friction, tolerance))
+            solver = ByClarabel(3 * kind.fingers, kind.friction, tolerance)
+            yield _method(name, kind, partial(_by_clarabel, solver))
         else:
             yield missing(name, "clarabel")
 
 
-def _by_clarabel(mu: float, tolerance: float, p: Problem) -> FloatArray:
-    return by_clarabel(p.K, p.e, mu, tolerance)
+def _by_clarabel(solver: ByClarabel, p: Problem) -> FloatArray:
+    return solver(p.W, p.e)
 
 
 def _gauss_seidel(kind: Problems) -> Iterator[Method]:
-    sweep = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
+    kernel = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
+    theta = 0.0 if kind.law == "coulomb" else 1.0
+    m, N = 3 * kind.fingers, len(kind.given)
+    blocks = np.array([np.concatenate([p.W.ravel(), p.e, np.zeros(m)]) for p in kind.given])
+    flat = blocks.ravel()
     for tolerance in TOLERANCES:
-        yield _method(f"Gauss-Seidel to {tolerance:.0e}", kind, partial(_by_gauss_seidel, kind, sweep, tolerance))
 
+        def call(tolerance: float = tolerance) -> None:
+            if kernel(flat, N, blocks.shape[1], m, kind.friction, theta, tolerance) == SWEEPS:
+                raise RuntimeError(f"not done after {SWEEPS} sweeps")
 
-def _by_gauss_seidel(kind: Problems, sweep: Callable[..., int], tolerance: float, p: Problem) -> FloatArray:
-    return by_gauss_seidel(sweep, p.K, p.e, kind.friction, 0.0 if kind.law == "coulomb" else 1.0, tolerance)
+        def error(call: Callable[[], None] = call) -> float:
+            call()
+            return _error(blocks[:, -m:], kind)
+
+        yield Method(f"Gauss-Seidel to {tolerance:.0e}", call, error, calls=N)
 
 
 def _method(name: str, kind: Problems, force: Callable[[Problem], FloatArray]) -> Method:

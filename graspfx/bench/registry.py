@@ -16,6 +16,7 @@ BENCHMARKS = {
     "contact": "graspfx.bench.contact",
     "bodies": "graspfx.bench.bodies",
     "ticks": "graspfx.bench.ticks",
+    "runs": "graspfx.bench.runs",
     "skips": "graspfx.bench.skips",
     "batches": "graspfx.bench.batches",
     "maps": "graspfx.bench.maps",

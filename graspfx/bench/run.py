@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from graspfx.bench import speeds
 from graspfx.bench.calibration import calibrate
 from graspfx.bench.measure import Row
 from graspfx.bench.page import NAME as PAGE
@@ -14,16 +15,25 @@ from graspfx.bench.page import PICTURES, error_text, page, ratio_text, time_text
 from graspfx.bench.pareto import by_case, front
 from graspfx.bench.registry import benchmark, chosen, rows
 from graspfx.bench.report import NAME, Report, load, stamp
+from graspfx.errors import InputError
 
 
-def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None) -> None:
-    """Runs the named benchmarks, all if none is named.
+def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None, readme: Path | None = None) -> None:
+    """Run the named benchmarks, all if none is named.
 
     With `out` the report goes there, its page and its figures; benchmarks that are not run keep what a report that is
-    already there says of them.
+    already there says of them. With `readme` the table of speeds goes into that file, from the report in `out` if
+    there is one; without names and `out` only the benchmarks that it shows are run.
     """
-    wanted = chosen(names)
+    if readme is not None:
+        if quick:
+            raise InputError("--readme", str(readme), "a full measurement", "leave out --quick")
+        speeds.require_place(readme)
+    wanted = chosen(names or (speeds.BENCHMARKS if readme is not None and out is None else ()))
     kept = Report.load(out / NAME) if out is not None and (out / NAME).is_file() else Report()
+    if readme is not None and not set(speeds.BENCHMARKS) <= {*wanted, *kept.stamps}:
+        lacking = [name for name in speeds.BENCHMARKS if name not in {*wanted, *kept.stamps}]
+        raise InputError("--readme", str(readme), f"all benchmarks that it shows, also {', '.join(lacking)}")
     report = Report()
     for name in wanted:
         run(name, report, quick, quiet=as_json)
@@ -32,8 +42,17 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None)
     if out is not None:
         for name in wanted:
             kept.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
-        write(kept.ordered(chosen([])), out, drawn=wanted)
+        report = kept.ordered(chosen([]))
+        write(report, out, drawn=wanted)
         print(f"wrote {out / NAME}, {out / PAGE} and the pictures in {out / PICTURES}", file=sys.stderr)
+    if readme is not None:
+        speeds.write(report, readme)
+        print(f"wrote the table of speeds in {readme}", file=sys.stderr)
+
+
+def files(names: Sequence[str], out: Path) -> list[Path]:
+    """Files that a report on benchmarks, on all if none is named, may write into a folder."""
+    return [out / NAME, out / PAGE, *(_picture(out, name) for name in chosen(names))]
 
 
 def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
@@ -71,7 +90,7 @@ def show(name: str, rows: Sequence[Row]) -> None:
 def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
     """The report as JSON, its page, and the figures of the benchmarks `drawn`."""
     from graspfx.bench.figures import figure
-    from graspfx.loop.file import make_folder
+    from graspfx.loop.places import make_folder
 
     make_folder(folder)
     report.save(folder / NAME)
@@ -79,4 +98,8 @@ def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
     for name in drawn:
         found = [row for row in report.rows if row.benchmark == name]
         if any(row.time_us is not None for row in found):
-            figure(found, report.stamps[name].title, folder / PICTURES / f"{name}.png")
+            figure(found, report.stamps[name].title, _picture(folder, name))
+
+
+def _picture(folder: Path, name: str) -> Path:
+    return folder / PICTURES / f"{name}.png"

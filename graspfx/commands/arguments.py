@@ -3,17 +3,44 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
+
+SET = "--set"
 
 
 def add_scene(parser: ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="a scene's name, or the path of a .toml or .py file")
+    """Add SCENE and --set."""
+    text = "a scene's name, or the path of a .toml or .py file"
+    parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
 
 
 def add_overrides(parser: ArgumentParser) -> None:
-    values = parser.add_argument("--set", metavar="KEY=VALUE", type=override, action="extend", nargs="+", default=[])
-    values.dest, values.help = "overrides", "replace values of the scene, by dotted keys"
+    """Add --set."""
+    values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
+    values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
+
+
+def scene(text: str) -> str:
+    """Take a scene's name or path, and say of a recording what it is for."""
+    path = Path(text)
+    if text.endswith((".h5", ".part")) or (path.name != text and path.is_dir()):
+        drawn = f"`graspfx plot {text}` draws it over time, `graspfx picture {text}` one instant"
+        raise ArgumentTypeError(f"{text} is a recording, or the folder of one, not a scene: {drawn}")
+    return text
+
+
+def separate(words: Sequence[str]) -> Iterator[str]:
+    """Put a --set before each value of a command: the first word without `=` after a value ends the list."""
+    last, in_list = "", False
+    for word in words:
+        is_value = in_list and "=" in word and not word.startswith("-")
+        if is_value and last != SET:
+            yield SET
+        yield word
+        last, in_list = word, is_value or word == SET
 
 
 def override(text: str) -> tuple[str, Any]:

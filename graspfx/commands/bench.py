@@ -5,18 +5,27 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.output import DONE
+
+EXAMPLE = """  graspfx bench eq4 ticks --quick"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("names", metavar="NAME", nargs="*", help="of benchmarks (all of them)")
     parser.add_argument("--quick", action="store_true", help="a few seconds each, and rougher")
     parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of benchmarks.json, its page and pictures")
+    parser.add_argument("--readme", metavar="FILE", type=Path, help="file whose table of speeds is written anew")
+    add_destination(parser, "DIR", "folder of benchmarks.json, its page and pictures, which --overwrite updates")
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.bench.run import bench
+    from graspfx.bench.threads import one_blas_thread
 
-    bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out)
+    with one_blas_thread():  # before numpy is loaded
+        from graspfx.bench.run import bench, files
+
+        if chosen.out is not None:
+            require_room(chosen, files(chosen.names, chosen.out))
+        bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out, readme=chosen.readme)
     return DONE

@@ -9,12 +9,16 @@ from graspfx.commands.arguments import add_scene
 from graspfx.commands.certified import certify
 from graspfx.commands.output import DONE, doubts, note
 
+EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60"""
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
 
 
 def execute(chosen: Namespace) -> int:
+    from graspfx.scene.axes import axes_notes
+    from graspfx.scene.blend import blend_notes
     from graspfx.scene.engine import engine_plan
     from graspfx.scene.load import load
     from graspfx.scene.plan import plan
@@ -25,5 +29,5 @@ def execute(chosen: Namespace) -> int:
         print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
     certify(scene)
     sys.stdout.flush()
-    note(doubts(scene))
+    note([*doubts(scene), *axes_notes(scene), *blend_notes(scene)])
     return DONE

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.errors import RecordingError
+from graspfx.loop.places import PART, is_part, part_of
 
 if TYPE_CHECKING:
     from graspfx.loop.record import Recording
     from graspfx.scene.model import Scene
 
 DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
+CODES = f"""exit codes:
+  {DONE}    done
+  {WRONG}    an error, said on standard error: bad arguments or scene, a file in the way, a disk that is full
+  {FAULTS}    the run has faults, as of a device that broke off: from there on every force is zero
+  {INTERRUPTED}  interrupted by Ctrl-C; a run's rows so far are in its recording"""
 
 
 def doubts(scene: Scene) -> list[str]:
     """What is no fault of a scene and yet may not be meant."""
+    from graspfx.scene.damping import depth_notes
     from graspfx.scene.settling import unsettled
     from graspfx.scene.units import unit_notes
 
-    return [*unit_notes(scene), *unsettled(scene)]
+    return [*unit_notes(scene), *depth_notes(scene), *unsettled(scene)]
 
 
 def note(notes: Iterable[str]) -> None:
@@ -52,16 +60,35 @@ def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "") ->
     from graspfx.show.plot import figure
 
     require_place(picture)
-    with placing(picture, otherwise):
-        figure(recordings, picture)
+    with placing(picture, otherwise) as file:
+        figure(recordings, file)
+
+
+def say_source(request: Path, file: Path, recording: Recording) -> None:
+    """Note which file was read where that is not what was asked for, or not all there is."""
+    if is_part(file):
+        seconds = len(recording) * recording.period
+        note([f"{file} is read, of a run that goes on or was killed: {seconds:g} s of it" + _instead_of(request, file)])
+    elif part_of(file).is_file():
+        note([f"{file} is read; {part_of(file).name} beside it is of a later run, which goes on or was killed"])
+
+
+def _instead_of(request: Path, file: Path) -> str:
+    return "" if request == file else f"; {file.name.removesuffix(PART)} is not there yet"
 
 
 @contextmanager
-def placing(picture: Path, otherwise: str = "") -> Iterator[None]:
+def placing(picture: Path, otherwise: str = "") -> Iterator[Path]:
+    """Offer a file beside the picture's place to write it to, and move it there when it is whole."""
+    draft = picture.with_name(f".{picture.stem}.{os.getpid()}{picture.suffix}")
     try:
-        yield
+        yield draft
+        draft.replace(picture)
     except OSError as error:
         raise RecordingError(f"{picture}: cannot be written; {error.strerror}{otherwise}") from error
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def require_place(picture: Path) -> None:

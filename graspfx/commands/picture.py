@@ -7,12 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_overrides
-from graspfx.commands.output import name_files, note, placing, require_place, say_faults
+from graspfx.commands.destination import add_destination, destination, require_room
+from graspfx.commands.output import name_files, note, placing, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
+from graspfx.loop.places import NAME, is_part, make_folder, recording_file
 
 if TYPE_CHECKING:
     from graspfx.loop.header import Header
     from graspfx.loop.record import Recording
+
+
+PICTURE = "picture.png"
+EXAMPLE = """  graspfx picture pick-and-place --time 1.7 --view -60 25"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -26,44 +32,58 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs=2,
         help="azimuth and elevation of the viewer (where fingers are seen)",
     )
-    parser.add_argument("--out", metavar="FILE", type=Path, help="the picture (picture.png beside the recording)")
+    meaning = "the picture (picture.png beside the recording, or in out/SCENE, out/SCENE-2, ...)"
+    add_destination(parser, "FILE", meaning)
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.loop.file import make_folder
-    from graspfx.show.portrait import picture
-
-    recording, meshes, home = _recorded(chosen)
-    path: Path = chosen.out or home / "picture.png"
-    require_place(path)
-    make_folder(path.parent)
-    with placing(path):
-        notes = picture(recording, path, chosen.time, view=chosen.view, folder=meshes)
-    note(notes)
-    name_files([path])
-    return say_faults(recording)
-
-
-def _recorded(chosen: Namespace) -> tuple[Recording, Path | None, Path]:
-    """A recording, or a scene that is run for it; where paths of meshes start; and where its pictures go."""
-    from graspfx.loop.file import NAME, recording_file
-    from graspfx.loop.record import Recording
-
     given = Path(chosen.recording)
     folder = given.parent != Path() and given.suffix not in (".toml", ".py")  # a scene's name has no slashes
-    if given.suffix == ".h5" or (given / NAME).is_file() or folder:
-        if chosen.overrides:
-            raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
-        file = recording_file(given) if given.suffix == ".h5" else given / NAME
-        recording = Recording.load(file)
-        return recording, _folder_of(recording.header), file.parent
+    if given.suffix == ".h5" or is_part(given) or recording_file(given).is_file() or folder:
+        return _draw_recording(given, chosen)
+    if chosen.out is not None:
+        _require_room(chosen.out, chosen)
+        return _draw_scene(chosen.out, chosen)
+    with destination(chosen, given.stem) as home:
+        return _draw_scene(home / PICTURE, chosen)
 
+
+def _draw_recording(given: Path, chosen: Namespace) -> int:
+    from graspfx.loop.record import Recording
+
+    if chosen.overrides:
+        raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
+    file = recording_file(given if given.suffix == ".h5" or is_part(given) or given.is_dir() else given / NAME)
+    path: Path = chosen.out or file.parent / PICTURE
+    _require_room(path, chosen)
+    recording = Recording.load(file)
+    say_source(given, file, recording)
+    return _draw(recording, path, _folder_of(recording.header), chosen)
+
+
+def _draw_scene(path: Path, chosen: Namespace) -> int:
     from graspfx.scene.load import load
     from graspfx.scene.run import run
 
     scene = load(chosen.recording, dict(chosen.overrides))
     duration = None if chosen.time is None else max(chosen.time, 0.0) + scene.period
-    return run(scene, duration=duration), scene.source.folder, Path("out") / given.stem
+    return _draw(run(scene, duration=duration), path, scene.source.folder, chosen)
+
+
+def _require_room(path: Path, chosen: Namespace) -> None:
+    require_place(path)
+    require_room(chosen, [path])
+
+
+def _draw(recording: Recording, path: Path, meshes: Path | None, chosen: Namespace) -> int:
+    from graspfx.show.portrait import picture
+
+    make_folder(path.parent)
+    with placing(path) as file:
+        notes = picture(recording, file, chosen.time, view=chosen.view, folder=meshes)
+    note(notes)
+    name_files([path])
+    return say_faults(recording)
 
 
 def _folder_of(header: Header) -> Path | None:

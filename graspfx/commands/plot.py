@@ -6,26 +6,33 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from graspfx.commands.output import DONE, draw, name_files
+from graspfx.commands.destination import add_destination, require_room
+from graspfx.commands.output import DONE, draw, name_files, say_source
 from graspfx.errors import InputError
+
+EXAMPLE = """  graspfx plot out/conventional out/proposed --out out"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or two, or their folders")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of the picture (that of the first recording)")
+    add_destination(parser, "DIR", "folder of the picture (that of the first recording)")
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.loop.file import make_folder, recording_file
+    from graspfx.loop.places import make_folder, recording_file
     from graspfx.loop.record import Recording
     from graspfx.show.summary import print_summary
 
     if len(chosen.recordings) > 2:
         raise InputError("RECORDING", len(chosen.recordings), "one or two recordings")
     paths = [recording_file(path) for path in chosen.recordings]
+    folder: Path = chosen.out or paths[0].parent
+    picture = folder / ("figure.png" if len(paths) == 1 else "comparison.png")
+    require_room(chosen, [picture])
     recordings = [Recording.load(path) for path in paths]
-    folder = make_folder(chosen.out or paths[0].parent)
-    picture = folder / ("figure.png" if len(recordings) == 1 else "comparison.png")
+    for request, path, recording in zip(chosen.recordings, paths, recordings, strict=True):
+        say_source(request, path, recording)
+    make_folder(folder)
     draw(recordings, picture)
     print_summary(recordings, _labels(paths))
     name_files([picture])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_scene
+from graspfx.commands.destination import add_destination, destination, require_room, require_room_of
 from graspfx.commands.output import (
     INTERRUPTED,
     doubts,
@@ -18,41 +19,63 @@ from graspfx.commands.output import (
     require_place,
     say_faults,
 )
+from graspfx.loop.places import NAME
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 
+PICTURE = "figure.png"
+EXAMPLE = """  graspfx run paper-waving --set coupling.internal.stiffness=50 --out out/stiff"""
+
+
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--duration", metavar="S", type=float, help="seconds to simulate instead of the scene's own")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of recording.h5 and figure.png (out/SCENE)")
+    add_destination(parser, "DIR", "folder of recording.h5 and figure.png (out/SCENE, or out/SCENE-2, ...)")
     parser.add_argument("--no-figure", action="store_true", help="draw nothing")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON, and nothing else")
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.commands.stopping import interruptible
-    from graspfx.scene.kept import keep, kept, place
-    from graspfx.scene.run import run
-    from graspfx.show.remarks import remarks
+    from graspfx.scene.kept import kept, place
 
+    if chosen.out is not None:
+        _require_room(chosen.out, chosen)
     where = place(chosen.scene, dict(chosen.overrides))
     known = kept(where) if where is not None else None
     scene, notes = known or _checked(chosen)
     note(notes)
-    folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
-    written, picture = [folder / "recording.h5"], folder / "figure.png"
+    with destination(chosen, Path(chosen.scene).stem, latest=True) as folder:
+        code, complete = _run_into(folder, scene, chosen)
+    if complete and where is not None and known is None:
+        from graspfx.scene.kept import keep
+
+        keep(where, scene, notes)
+    return code
+
+
+def _require_room(folder: Path, chosen: Namespace) -> None:
+    """Refuses where a file of the run is in the way, before anything is loaded."""
     if not chosen.no_figure:
-        require_place(picture)
+        require_place(folder / PICTURE)
+        require_room(chosen, [folder / PICTURE])
+    require_room_of(chosen, folder / NAME)
+
+
+def _run_into(folder: Path, scene: Scene, chosen: Namespace) -> tuple[int, bool]:
+    """Runs a scene and writes its files into a folder; the exit code, and whether the run came to its end."""
+    from graspfx.commands.stopping import interruptible
+    from graspfx.scene.run import run
+    from graspfx.show.remarks import remarks
+
+    written, picture = [folder / NAME], folder / PICTURE
     with interruptible() as stop:
-        recording = run(scene, duration=chosen.duration, out=folder, stop=stop)
+        recording = run(scene, duration=chosen.duration, out=folder, overwrite=chosen.overwrite, stop=stop)
     if not recording.outcome.complete:
         done, meant = len(recording) * scene.period, chosen.duration or scene.duration
         print(f"interrupted after {done:g} of {meant:g} s; {written[0]} holds them", file=sys.stderr)
-        return INTERRUPTED
-    if where is not None and known is None:
-        keep(where, scene, notes)
+        return INTERRUPTED, False
     if not chosen.no_figure:
         draw([recording], picture, f"; the run is in {written[0]}")
         written.append(picture)
@@ -64,7 +87,7 @@ def execute(chosen: Namespace) -> int:
         print_summary([recording])
         name_files(written)
     note(remarks(recording))
-    return say_faults(recording)
+    return say_faults(recording), True
 
 
 def _checked(chosen: Namespace) -> tuple[Scene, list[str]]:

@@ -6,6 +6,8 @@ from argparse import ArgumentParser, Namespace
 
 from graspfx.commands.output import DONE, print_json
 
+EXAMPLE = """  graspfx schema > scene.schema.json"""
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """It takes none."""

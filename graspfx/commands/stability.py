@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_scene
 from graspfx.commands.certified import certify
+from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import DONE, name_files, placing, print_json, require_place
+
+if TYPE_CHECKING:
+    from graspfx.scene.limits.sweep import Sweep
+    from graspfx.scene.model import Scene
+
+
+EXAMPLE = """  graspfx stability paper-spring --sweep coupling.internal.stiffness=20:200:10"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -19,12 +28,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         default=[],
         help="a range of one key; a second one makes a map",
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="folder of stability.png (out/SCENE)")
+    add_destination(parser, "DIR", "folder of stability.png, for a --sweep (out/SCENE, or out/SCENE-2, ...)")
     parser.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.scene.limits.sweep import Sweep, limits_of_scene, swept_limits
+    from graspfx.scene.limits.sweep import Sweep, limits_of_scene
     from graspfx.scene.load import load
 
     sweeps = [Sweep.read(text) for text in chosen.sweep]
@@ -36,16 +45,22 @@ def execute(chosen: Namespace) -> int:
         else:
             certify(scene)
         return DONE
-    from graspfx.loop.file import make_folder
+    with destination(chosen, Path(chosen.scene).stem) as folder:
+        return _draw_into(folder, scene, sweeps, chosen)
+
+
+def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], chosen: Namespace) -> int:
+    from graspfx.loop.places import make_folder
+    from graspfx.scene.limits.sweep import swept_limits
     from graspfx.show.limits import limits_figure
 
-    folder: Path = chosen.out or Path("out") / Path(chosen.scene).stem
     picture = folder / "stability.png"
     require_place(picture)
+    require_room(chosen, [picture])
     limits = swept_limits(scene, sweeps)
     make_folder(folder)
-    with placing(picture):
-        limits_figure(limits, picture, scene.title)
+    with placing(picture) as file:
+        limits_figure(limits, file, scene.title)
     if chosen.json:
         print_json(limits.to_dict())
         return DONE

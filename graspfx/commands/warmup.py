@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from graspfx.commands.arguments import add_overrides
+from graspfx.commands.arguments import add_overrides, scene
 from graspfx.commands.output import DONE, WRONG
+
+EXAMPLE = """  graspfx warmup pick-and-place knob"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("scenes", metavar="SCENE", nargs="*", help="names, or paths of .toml or .py files (the shelf)")
+    parser.add_argument(
+        "scenes", metavar="SCENE", nargs="*", type=scene, help="names, or paths of .toml or .py files (the shelf)"
+    )
     add_overrides(parser)
 
 

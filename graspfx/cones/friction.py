@@ -9,6 +9,11 @@ several answers.
 A finger has d coordinates: its normal, up to two tangents, and as the fourth the torsion of a soft finger in units of
 its patch length, for which the cone is the elliptic limit surface (Howe and Cutkosky 1996).
 
+Where `limits` (0: none) says from where on n limits [N] stand, each cone is cut off at |f_i| <= L_i (`cones.cut`): the
+associated force still minimises the same function. There a coefficient below zero means another cone (NO_CONE,
+HALF_SPACE), which is no matter of friction.
+The slip s that comes out is then the cone's alone, so that what sticks at its limit stays where it holds.
+
 A problem stands in one piece of the buffer from `o` on, m = n d, vectors contact by contact, the normal first:
 
     o            weight w_i per finger (not read for a square)
@@ -31,13 +36,16 @@ from typing import Any
 
 from graspfx.cones.cone import (
     STICK,
+    compliant_share,
     eliminate,
     equations_of_modes,
     equations_of_square,
     jacobian_of_modes,
     jacobian_of_square,
     modes_offset,
+    turn_back,
 )
+from graspfx.cones.cut import limit_width, shorten
 
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # which law the answer satisfies; unresolved: all forces are zero
 ROUNDING = 1e-15  # where Newton stops, relative to the forces at hand
@@ -77,8 +85,9 @@ def turn_modes(
 
 
 def friction_force(
-    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, coulomb: bool, restarts: int
-) -> tuple[int, float, int]:
+    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, coulomb: bool, restarts: int,
+    limits: int = 0, series: int = -1,
+) -> tuple[int, float, int]:  # fmt: skip
     """Scalar gains: K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4), q_k orthonormal.
 
     f = sqrt(W) y, y = R(t), t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k: at most six unknowns,
@@ -86,20 +95,24 @@ def friction_force(
     has no force; a gain below 1e-6 of the other one counts as that. Coulomb's law is sought from the unknowns as they
     are, then from the associated answer, then `restarts` times from around that.
 
+    `series` >= 0 is where one compliance C_i per finger stands: then (K^-1 + C)^-1 is in the place of K, C_i / w_i on
+    each of finger i's coordinates.
+
     Returns the law of the answer, its residual |f - f0 - K (e + s)| [N] (f and s fulfil the law exactly), evaluations.
     """
     high = max(external, internal)
     if high <= 0.0:
-        add_nothing(S, o, n, d)
+        add_nothing(S, o, n, d, limits)
         return COULOMB if coulomb else ASSOCIATED, 0.0, 0
     used = count if external != internal else 0  # equal gains: no finger knows of another
     ke, ki = max(external, LEAST * high), max(internal, LEAST * high)
-    return solve(S, o, n, d, used, ke, ki, -1, 0, True, coulomb, restarts)
+    return solve(S, o, n, d, used, ke, ki, -1, 0, True, coulomb, restarts, limits, series)
 
 
 def friction_force_square(
-    S: Any, o: int, n: int, d: int, square: int, lead: int, symmetric: bool, coulomb: bool, restarts: int
-) -> tuple[int, float, int]:
+    S: Any, o: int, n: int, d: int, square: int, lead: int, symmetric: bool, coulomb: bool, restarts: int,
+    limits: int = 0,
+) -> tuple[int, float, int]:  # fmt: skip
     """The same for any K > 0 in contact frames at `square`, `lead` entries per row; the n d unknowns are e + s.
 
     An asymmetric K has one associated answer too, but no convex function leads there: it can end unresolved.
@@ -112,14 +125,14 @@ def friction_force_square(
             total += abs(S[square + p * lead + q])
         c = max(c, total)
     if c <= 0.0:
-        add_nothing(S, o, n, d)
+        add_nothing(S, o, n, d, limits)
         return COULOMB if coulomb else ASSOCIATED, 0.0, 0
-    return solve(S, o, n, d, m, c, c, square, lead, symmetric, coulomb, restarts)
+    return solve(S, o, n, d, m, c, c, square, lead, symmetric, coulomb, restarts, limits, -1)
 
 
 def solve(
     S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, square: int, lead: int,
-    symmetric: bool, coulomb: bool, restarts: int,
+    symmetric: bool, coulomb: bool, restarts: int, limits: int, series: int,
 ) -> tuple[int, float, int]:  # fmt: skip
     """Coulomb from the unknowns as they are, from the associated answer, from around it; else the associated answer."""
     z = o + 3 * n + 5 * n * d
@@ -132,14 +145,14 @@ def solve(
             S[z + k] = 0.0
     taken = 0
     if coulomb:
-        found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False)
+        found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False, limits, series)
         taken += steps
         if found:
-            finish(S, o, n, d, internal, square)
+            finish(S, o, n, d, internal, square, 0.0, limits, series)
             return COULOMB, residual, taken
         for k in range(count):
             S[z + k] = 0.0
-    found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric)
+    found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric, limits, series)
     taken += steps
     if not found:
         clear(S, o, n, d)
@@ -158,16 +171,18 @@ def solve(
                     S[z + k] = far * (2.0 * (turn - math.floor(turn)) - 1.0)
                     if start % 2:
                         S[z + k] += S[kept + k]
-            found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False)
+            found, residual, steps = newton(
+                S, o, n, d, count, external, internal, square, lead, 0.0, False, limits, series
+            )
             taken += steps
             if found:
-                finish(S, o, n, d, internal, square)
+                finish(S, o, n, d, internal, square, 0.0, limits, series)
                 return COULOMB, residual, taken
         for k in range(count):
             S[z + k] = S[kept + k]
-        _, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric)
+        _, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric, limits, series)
         taken += steps
-    finish(S, o, n, d, internal, square)
+    finish(S, o, n, d, internal, square, 1.0, limits, series)
     return ASSOCIATED, residual, taken
 
 
@@ -179,30 +194,36 @@ def clear(S: Any, o: int, n: int, d: int) -> None:
         S[i] = min(S[i], 0.0)
 
 
-def add_nothing(S: Any, o: int, n: int, d: int) -> None:
+def add_nothing(S: Any, o: int, n: int, d: int, limits: int) -> None:
     """No stiffness: f = f0, no slip."""
     clear(S, o, n, d)
     for i in range(n):
         r = o + 3 * n + n * d + i * d
-        if S[o + 2 * n + i] >= 0.0 and S[r] > 0.0:
+        if S[o + 2 * n + i] >= 0.0 and (S[r] > 0.0 or (limits > 0 and S[o + n + i] < 0.0)):
             S[o + 2 * n + i] = STICK
             for p in range(r, r + d):
                 S[p + n * d] = S[p]
 
 
-def finish(S: Any, o: int, n: int, d: int, c: float, square: int) -> None:
-    """From y = R(t) to f = sqrt(W) y and s = (y - t) / (c sqrt(W))."""
+def finish(S: Any, o: int, n: int, d: int, c: float, square: int, theta: float, limits: int, series: int) -> None:
+    """Write f = sqrt(W) y and s = (y - t) / (c sqrt(W)), y before its limit, r_i c with compliances in series."""
     f, s, t = o + 3 * n + 2 * n * d, o + 3 * n + 3 * n * d, o + 3 * n + 4 * n * d
     for i in range(n):
         root = 1.0 if square >= 0 else math.sqrt(S[o + i])
+        if limits > 0:
+            turn_back(S, o, n, d, i, theta, limits)
         for p in range(i * d, i * d + d):
             S[s + p] = (S[f + p] - S[t + p]) / (c * root) if root > 0.0 else 0.0
+            if series >= 0:
+                S[s + p] /= compliant_share(S, series, i, c)
             S[f + p] *= root
+        if limits > 0:
+            shorten(S, f + i * d, limit_width(S, o + n + i, d), S[limits + i])
 
 
 def newton(
     S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, square: int, lead: int,
-    theta: float, convex: bool,
+    theta: float, convex: bool, limits: int, series: int,
 ) -> tuple[bool, float, int]:  # fmt: skip
     """Semismooth Newton on g = 0 with a line search; returns whether it got there, the residual and the evaluations.
 
@@ -216,9 +237,11 @@ def newton(
     limit = DESCENT if convex else STEPS
     for step in range(limit):
         if square < 0:
-            value, size, worst, residual = equations_of_modes(S, o, n, d, count, external, internal, theta)
+            value, size, worst, residual = equations_of_modes(
+                S, o, n, d, count, external, internal, theta, limits, series
+            )
         else:
-            value, size, worst, residual = equations_of_square(S, o, n, d, internal, square, lead, theta)
+            value, size, worst, residual = equations_of_square(S, o, n, d, internal, square, lead, theta, limits)
         if worst <= ROUNDING * size or 0.5 * best < worst <= CLOSE * size:
             return True, residual, step + 1
         if convex:
@@ -239,9 +262,9 @@ def newton(
             S[dz + k] = -S[g + k]
             S[start + k] = S[z + k]
         if square < 0:
-            jacobian_of_modes(S, o, n, d, count, external, internal, theta)
+            jacobian_of_modes(S, o, n, d, count, external, internal, theta, limits, series)
         else:
-            jacobian_of_square(S, o, n, d, internal, square, lead, theta)
+            jacobian_of_square(S, o, n, d, internal, square, lead, theta, limits)
         if not eliminate(S, H, dz, count):
             return False, residual, step + 1
         slope = 0.0

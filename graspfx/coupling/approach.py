@@ -161,7 +161,9 @@ def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
     """Contact point, normal, gap and weight of the finger in row r, which is at g in the object's frame.
 
     With a coefficient the contact slips until the displacement left is what the last force goes with, e + s along the
-    surface: that of a sliding finger before this sample's motion, that of a free one, which follows, after it.
+    surface: that of a sliding finger before this sample's motion, that of a free one, which follows, after it. Where
+    gains are matrices and contacts slip freely it does so after the motion, touching or not: then w = e + s = K^-1 f,
+    which a force along the normal alone has along the surface too, is what the springs hold, and no energy is made.
     """
     c = r + at.CONTACT
     m = r + at.NORMAL
@@ -173,7 +175,7 @@ def touch(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> None:
         place_contact(S, r, d, S[c] + S[e] - hx, S[c + 1] + S[e + 1] - hy, S[c + 2] + S[e + 2] - hz)
     if touching and (slips or S[at.STICK] != 0.0):
         S[r + at.GAP] = S[m] * (S[c] - gx) + S[m + 1] * (S[c + 1] - gy) + S[m + 2] * (S[c + 2] - gz)
-    elif slips:
+    elif slips or S[at.DENSE] != 0.0:
         hx, hy, hz = along_surface(S, r)
         place_contact(S, r, d, gx - hx, gy - hy, gz - hz)
     else:
@@ -247,7 +249,7 @@ def refactor(S: Any) -> None:
                 S[r + at.SPLIT_CONTACT + a] = S[r + at.CONTACT + a]
                 S[r + at.SPLIT_NORMAL + a] = S[r + at.NORMAL + a]
     if not known:
-        S[at.COUNT] = rigid_modes(
+        S[at.COUNT], S[at.BLENDED] = rigid_modes(
             S, at.ROW, at.STRIDE, at.CONTACT, at.WEIGHT, n, d,
             at.AXES, int(S[at.SHIFTS]), int(S[at.TURNS]), S[at.ARM_LOW], S[at.ARM_HIGH], at.modes(n),
             at.NORMAL, at.PATCH if soft else -1,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from graspfx.objects import kernels as body
 
 # The object, its coupling and its shape. Switches are 0.0 or 1.0.
@@ -41,12 +43,20 @@ RAYS = 36  # without friction, and gains are numbers: forces along the normals
 OBSERVED = 37  # ELASTIC is wanted
 # Of gains that are matrices; the four are kep, ked, kip, kid.
 RULE = 38  # how stiffness, then damping are made of them: equal, literal, symmetric (`gains`)
-TURNED = 40  # the four stand in world axes, and the object turns against those
+AXES_OF_GAINS = 40  # in which they stand: the object's, or none; the world's; the contacts' (`gains`)
 WHOLE = 41  # one flag for each of the four: (n d) x (n d), else n times d x d
 GAINS = 45  # offsets of the four
 SKEW = 49  # the largest sum of squares of K - K', then of D - D', so far
-AXES = 51  # free directions in the object's frame, 6 x 3
-BODY = AXES + 18
+BLENDED = 51  # rotations that are not in the split whole, though they have an arm
+IN_BAND = 52  # samples with such a rotation
+RELEASE = 53  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
+LIMITS = 54  # offset of what limits on forces need (`limit`), 0 without any
+AXES = 55  # free directions in the object's frame, 6 x 3
+# Damping that grows with depth (`depth`).
+GRADUAL = AXES + 18
+DEPTH = GRADUAL + 1  # over which it grows [m]
+STIFFEST = GRADUAL + 2  # of gains that are matrices: the largest eigenvalues of kip, ked and kid
+BODY = GRADUAL + 5
 
 ROW = BODY + body.SIZE  # the first finger
 # A finger's row, offsets from its start. Vectors have three entries; frame O is the object's, W the world's.
@@ -81,6 +91,7 @@ RADIUS = 74  # of a ball fingertip, 0 for a point [m]
 ELASTIC = 75  # LOCAL without damping, four entries, where it is wanted
 ROOT = 79  # of the weight, where there is a projection
 STRIDE = 80
+MADE = 7  # entries per finger that tell from what K and D were made: weight, contact point, normal
 
 
 def modes(n: int) -> int:
@@ -153,7 +164,7 @@ def made(n: int, c: int) -> int:
 
 def skewest(n: int, c: int) -> int:
     """Offset of the K, then the D with the largest skew part so far."""
-    return made(n, c) + 46 + 4 * n + 24 * n * c
+    return made(n, c) + 46 + MADE * n + 24 * n * c
 
 
 def gains(n: int, c: int) -> int:
@@ -172,3 +183,35 @@ def problems(n: int, c: int, matrices: int) -> int:
 def size(n: int, c: int, matrices: int, problem: int) -> int:
     """Entries of the block; `problem` is the size of a friction problem."""
     return problems(n, c, matrices) + 2 * problem
+
+
+# What limits on forces need, from LIMITS on: the limits that the cones are cut off at, n entries, infinite but while
+# they are; those that the devices give; who stands at a limit; the law's forces W, n x 3; then scratch.
+LIMIT_MARGIN = 1.0 - 1e-14  # of a limit is used: then a device's own, which acts last, shortens nothing by rounding
+
+
+def device_limits(S: Any) -> int:
+    return int(S[LIMITS]) + int(S[FINGERS])
+
+
+def saturation(S: Any) -> int:
+    return int(S[LIMITS]) + 2 * int(S[FINGERS])
+
+
+def law_force(S: Any) -> int:
+    return int(S[LIMITS]) + 3 * int(S[FINGERS])
+
+
+def scratch_limits(S: Any) -> int:
+    """Offset of a force, n x 4."""
+    return int(S[LIMITS]) + 6 * int(S[FINGERS])
+
+
+def limit_modes(S: Any) -> int:
+    """Offset of up to six directions, 1 + 4 n entries each."""
+    return int(S[LIMITS]) + 10 * int(S[FINGERS])
+
+
+def limits_size(n: int) -> int:
+    """Entries that limits take."""
+    return 10 * n + 6 * (1 + 4 * n)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.cones.friction import problem_size
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
-from graspfx.coupling.gains import ALONE, LITERAL, SYMMETRIC
+from graspfx.coupling.depth import compliance
+from graspfx.coupling.fade import FADE, release_compliance
+from graspfx.coupling.gains import ALONE, CONTACT, KED, KID, KIP, LITERAL, OBJECT, SYMMETRIC, WORLD
+from graspfx.coupling.law import push
 from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
+from graspfx.grasp.kernels import NO_ARM
 from graspfx.objects import kernels as body
 from graspfx.surfaces import ball, tree, walk
 
@@ -26,10 +30,12 @@ Index = NDArray[np.intp]
 STRUCTURE = (
     at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
     at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
-    at.PROBLEM, at.BRAKE, at.RULE, at.RULE + 1, at.TURNED, *range(at.WHOLE, at.WHOLE + 4),
+    at.PROBLEM, at.BRAKE, at.GRADUAL, at.LIMITS, at.RULE, at.RULE + 1, at.AXES_OF_GAINS,
+    *range(at.WHOLE, at.WHOLE + 4),
     *range(at.GAINS, at.GAINS + 4),
 )  # fmt: skip
 RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
+AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
 
 
 class Shape(Protocol):
@@ -57,7 +63,9 @@ class Rules:
         share: of each finger in the metric, its device's mass over the mean of all; equal if not given.
         fade: gaps (h1, h2) [m] between which a free finger leaves the split; None keeps every finger in it ("follow").
         at_contact: the reaction acts at the contact point, else at the fingertip.
-        blend: rms arms (l1, l2) [m] between which a rotation joins the external space.
+        blend: rms arms (l1, l2) [m] between which a rotation joins the external space; None: as soon as it has any.
+        axes: in which gains that are matrices stand: "object", "world", or "contact", the normal first.
+        damping_depth: over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once.
     """
 
     attached: bool = False
@@ -65,9 +73,11 @@ class Rules:
     friction: float | Sequence[float] = 0.0
     patch: float | Sequence[float] = 0.0
     share: Sequence[float] | None = None
-    fade: tuple[float, float] | None = (0.002, 0.01)
+    fade: tuple[float, float] | None = FADE
     at_contact: bool = False
-    blend: tuple[float, float] = (0.00025, 0.001)
+    blend: tuple[float, float] | None = (0.00025, 0.001)
+    axes: Literal["object", "world", "contact"] = "object"
+    damping_depth: float = 0.0
 
 
 class GraspedObject:
@@ -85,6 +95,7 @@ class GraspedObject:
         shape: None only with attached contacts, which then are at the object's centre.
         fill_body: writes the object's parameters and initial state into its part of the block.
         radius: of the balls that the fingertips are, one or (n,) [m]; zero is a point.
+        limit: largest force of each finger, one or (n,) [N], infinite where there is none; None for none at all.
 
     Raises:
         InputError: unilateral contact without a shape or with a stiffness of zero; a radius that is no length; soft
@@ -102,6 +113,7 @@ class GraspedObject:
         *,
         shape: Shape | None = None,
         radius: ArrayLike = 0.0,
+        limit: ArrayLike | None = None,
     ) -> None:
         n, d = fingers, dimensions
         self.fingers, self.dimensions, self.law = n, d, law
@@ -119,10 +131,17 @@ class GraspedObject:
         square = self.matrices or bool(implicit)
         # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
         rays = not (slips or rules.attached or rules.stick or square or law.equal)
-        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays else 0
+        holds = rules.attached or (rules.stick and not slips)
+        balls = limit is not None and holds and not (square or law.equal)  # limits where there is no friction cone
+        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays or balls else 0
         squares = [per_finger(gain, n, d) for gain in gains] if self.matrices else []
         entries = sum(matrix.size for matrix in squares)
-        end = at.size(n, c, entries, problem)
+        if not 0.0 <= rules.damping_depth < np.inf:
+            raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
+        gradual = rules.damping_depth > 0.0 and not rules.attached and bool(np.any(gains[1]) or np.any(gains[3]))
+        room = n if gradual else 0  # one compliance for each finger, before the problem of the damping
+        limits = at.size(n, c, entries, problem) + room
+        end = limits + (at.limits_size(n) if limit is not None else 0)
         data = None if shape is None else shape.data
         self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
@@ -130,12 +149,21 @@ class GraspedObject:
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
         S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
         S[at.PROBLEM] = at.problems(n, c, entries)
-        S[at.BRAKE] = S[at.PROBLEM] + problem
+        S[at.BRAKE] = S[at.PROBLEM] + problem + room
+        S[at.GRADUAL], S[at.DEPTH] = gradual, rules.damping_depth
+        self.limit: FloatArray | None = None
+        if limit is not None:
+            S[at.LIMITS] = limits
+            S[limits : limits + n] = np.inf
+            self.limit = S[limits + n : limits + 2 * n]
+            self.limit[:] = _limits(limit, n)
         S[at.EQUAL] = law.equal
         S[at.DAMPED] = bool(np.any(gains[1]) or np.any(gains[3]))
         S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
         if self.matrices:
-            self._place_gains(squares)
+            self._place_gains(squares, rules.axes)
+            S[at.RELEASE] = release_compliance(law, n, d)
+            S[at.STIFFEST : at.STIFFEST + 3] = [np.linalg.eigvalsh(squares[k]).max() for k in (KIP, KED, KID)]
         else:
             S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = gains
             if not rules.attached and not (gains[0] and gains[2]):
@@ -147,7 +175,7 @@ class GraspedObject:
         if rules.fade is not None and not rules.attached:
             S[at.FADE] = 1.0
             S[at.NEAR], S[at.FAR] = rules.fade
-        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend
+        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend or (NO_ARM, NO_ARM)
         S[at.BODY : at.BODY + body.SIZE] = state
         S[at.IMPLICIT] = implicit
         self._free_directions()
@@ -172,7 +200,9 @@ class GraspedObject:
         if data is not None:
             S[at.WALKS], S[at.MESH] = end, end + n * ball.STATE
             self._walks = S[end : end + n * ball.STATE].reshape(n, ball.STATE)
-            self._walks[:, walk.REACH] = S[at.FAR] + rows[:, at.RADIUS] if S[at.FADE] else np.inf
+            self._walks[:, walk.REACH] = np.inf
+            if S[at.FADE]:
+                self.set_fade(*S[[at.NEAR, at.FAR]])
             S[end + n * ball.STATE :] = data
         self.body_state = S[at.BODY : at.BODY + body.SIZE]
         self.finger_position = rows[:, at.POSITION : at.POSITION + d]
@@ -220,6 +250,23 @@ class GraspedObject:
         """By how much the fade began too near the surface, at most so far [m]; 0 if it never did."""
         return float(self.block[at.SHORTFALL])
 
+    @property
+    def fade_needed(self) -> float:
+        """Where the fade would have had to begin for the forces so far [m]; 0 if it began there."""
+        return float(self.block[at.NEAR] + self.block[at.SHORTFALL]) if self.block[at.SHORTFALL] else 0.0
+
+    @property
+    def blended(self) -> int:
+        """Samples in which a rotation was in the split with a part of its weight."""
+        return int(self.block[at.IN_BAND])
+
+    def set_fade(self, low: float, high: float) -> None:
+        """Let a free finger leave the split between two gaps [m]."""
+        S = self.block
+        S[at.NEAR], S[at.FAR] = low, high
+        if self._walks is not None:
+            self._walks[:, walk.REACH] = high + self.rows[:, at.RADIUS]
+
     def inward(self) -> FloatArray:
         """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
         d = self.dimensions
@@ -249,6 +296,20 @@ class GraspedObject:
         """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
         return sample(self._S)
 
+    def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
+        """Compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
+
+        Args:
+            at_rest: at the forces of the last sample, which had no rates; else at none, where they are infinite.
+        """
+        S, n = self._S, self.fingers
+        if not S[at.GRADUAL]:
+            return np.zeros(n)
+        if not at_rest:
+            return np.full(n, np.inf)
+        forces = [push(S, i, self.dimensions) for i in range(n)]
+        return np.array([compliance(S, i, f) for i, f in enumerate(forces)]) / self.rows[:, at.WEIGHT]
+
     def check_activity(self) -> None:
         """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.
 
@@ -271,7 +332,12 @@ class GraspedObject:
         o = at.BODY
         turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
         angle = {1: [], 2: [body.ANGLE], 3: [body.QUATERNION + a for a in range(4)]}[d]
-        return {
+        limits: dict[str, Index] = {}
+        if self.limit is not None:
+            law = at.law_force(self.block)
+            limits["saturated"] = np.arange(n) + at.saturation(self.block)
+            limits["law_force"] = (law + np.arange(3 * n).reshape(n, 3))[:, :d]
+        return limits | {
             "finger_position": rows[:, at.POSITION : at.POSITION + d],
             "finger_velocity": rows[:, at.VELOCITY : at.VELOCITY + d],
             "contact_position": rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d],
@@ -308,8 +374,8 @@ class GraspedObject:
         # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
         S[at.MIXED] = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
 
-    def _place_gains(self, squares: Sequence[FloatArray]) -> None:
-        """kep, ked, kip and kid as matrices, for each finger or for all of them together."""
+    def _place_gains(self, squares: Sequence[FloatArray], axes: str) -> None:
+        """Place kep, ked, kip and kid as matrices, for each finger or for all of them together."""
         S, n, d, law = self.block, self.fingers, self.dimensions, self.law
         S[at.DENSE] = 1.0
         o = at.gains(n, d)
@@ -318,9 +384,10 @@ class GraspedObject:
             S[o : o + matrix.size] = matrix.ravel()
             o += matrix.size
         S[at.RULE], S[at.RULE + 1] = RULES[law.rule("stiffness")], RULES[law.rule("damping")]
-        S[at.TURNED] = d > 1 and any(
+        directed = any(
             np.ndim(part.stiffness) > 1 or np.ndim(part.damping) > 1 for part in (law.external, law.internal)
         )
+        S[at.AXES_OF_GAINS] = AXES[axes] if d > 1 and directed else OBJECT
 
 
 def _radii(given: ArrayLike, n: int) -> FloatArray:
@@ -328,6 +395,13 @@ def _radii(given: ArrayLike, n: int) -> FloatArray:
     if radii.shape not in ((), (n,)) or not (np.isfinite(radii) & (radii >= 0.0)).all():
         raise InputError("radius", given, f"a finite length, zero or more, or {n} of them [m]")
     return np.broadcast_to(radii, (n,))
+
+
+def _limits(given: ArrayLike, n: int) -> FloatArray:
+    limits = np.asarray(given, dtype=float)
+    if limits.shape not in ((), (n,)) or not (limits > 0.0).all():
+        raise InputError("limit", given, f"a force above zero, or {n} of them [N]", "inf where there is no limit")
+    return np.broadcast_to(limits, (n,))
 
 
 def _least(gain: float | FloatArray) -> float:

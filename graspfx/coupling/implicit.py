@@ -7,6 +7,7 @@ from typing import Any
 from graspfx.cones.complement import pivot, release
 from graspfx.coupling import block as at
 from graspfx.coupling.assemble import add_gains, into_frames
+from graspfx.coupling.depth import soften
 from graspfx.objects import kernels as body
 
 LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none
@@ -92,8 +93,14 @@ def fill_part(S: Any, m: int, elastic: bool, held: bool) -> None:
         add_gains(S, B, m, per * S[at.EXTERNAL_DAMPING], per * S[at.INTERNAL_DAMPING], 0.0, per)
     if not held:
         return
+    if not elastic and S[at.GRADUAL] != 0.0:
+        if S[at.SINGULAR] != 0.0:
+            for p in range(m):
+                S[B + p * m + p] *= 1.0 + LEAST
+        into_frames(S, at.LOCAL, at.known(n, c))
+        soften(S, B, m, -1, per, at.known(n, c))
     for p in range(m):
-        if not elastic and S[at.SINGULAR] != 0.0:
+        if not elastic and S[at.SINGULAR] != 0.0 and S[at.GRADUAL] == 0.0:
             S[B + p * m + p] *= 1.0 + LEAST
         S[diagonal + p] = S[B + p * m + p]
         S[marks + p] = 0.0 if is_held(S, p, c) else 1.0

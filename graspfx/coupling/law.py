@@ -98,3 +98,12 @@ def bilateral(S: Any, elastic: bool, damping: bool) -> None:
         e * S[at.INTERNAL_STIFFNESS],
         r * S[at.INTERNAL_DAMPING],
     )
+
+
+def push(S: Any, i: int, d: int) -> float:
+    """The normal force of finger i on the object [N]."""
+    r = at.ROW + i * at.STRIDE
+    total = 0.0
+    for a in range(d):
+        total += S[r + at.NORMAL + a] * S[r + at.LOCAL + a]
+    return total

@@ -8,18 +8,20 @@ from graspfx.cones.complement import complement, release, settle
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
+from graspfx.coupling.depth import damping_share, soften
 from graspfx.coupling.implicit import LEAST, assemble_implicitly, is_held
-from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.law import bilateral, keep_elastic, push
 
 
 def attached(S: Any) -> int:
     """Bilateral contact: eq. (4) as it stands, for the object's new state under the implicit integrator."""
     n = int(S[at.FINGERS])
     damped = S[at.DAMPED] != 0.0
-    if S[at.OBSERVED] != 0.0:
+    apart = S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0
+    if apart:
         attach(S, n, False)
         keep_elastic(S)
-    if damped or S[at.OBSERVED] == 0.0:
+    if damped or not apart:
         attach(S, n, damped)
     return 0
 
@@ -61,7 +63,7 @@ def unilateral(S: Any, again: bool) -> int:
             anew = True
     if fault == 0 and anew:
         return AGAIN
-    if S[at.OBSERVED] != 0.0:
+    if S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0:
         keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         if alone:
@@ -69,15 +71,6 @@ def unilateral(S: Any, again: bool) -> int:
         else:
             fault = damp(S)
     return fault
-
-
-def push(S: Any, i: int, d: int) -> float:
-    """The normal force of finger i on the object [N]."""
-    r = at.ROW + i * at.STRIDE
-    total = 0.0
-    for a in range(d):
-        total += S[r + at.NORMAL + a] * S[r + at.LOCAL + a]
-    return total
 
 
 def separate(S: Any) -> None:
@@ -106,6 +99,8 @@ def damp_alone(S: Any) -> None:
         if S[r + at.TOUCHING] == 0.0:
             continue
         b = S[r + at.WEIGHT] * S[at.INTERNAL_DAMPING]
+        if S[at.GRADUAL] != 0.0:
+            b *= damping_share(S, i, push(S, i, d))
         speed = 0.0
         for a in range(d):
             speed += S[r + at.NORMAL + a] * S[r + at.RATE + a]
@@ -148,9 +143,29 @@ def project(S: Any) -> int:
         # a sticking finger is released whole, which is no cone: where going back and forth does not end, only let go
         if unresolved == 0 or not stick:
             break
+    if S[at.DENSE] != 0.0 and not stick:
+        retain(S, q, e, state)
     settle(S, A, size, q, e, n, c, stick, state)
     out_of_frames(S, q, at.LOCAL)
     return UNRESOLVED * unresolved
+
+
+def retain(S: Any, q: int, e: int, state: int) -> None:
+    """Keep e + s of contacts that slip freely: s stands at q, but the normals of fingers that push have none."""
+    n = int(S[at.FINGERS])
+    c = int(S[at.COORDINATES])
+    for i in range(n):
+        for a in range(c):
+            p = i * c + a
+            if a > 0 or S[state + i] == 0.0:
+                S[e + p] += S[q + p]
+    out_of_frames(S, e, at.RETAINED)
+    into_frames(S, at.DISPLACEMENT, e)
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        if S[r + at.WEIGHT] == 0.0:
+            for a in range(4):
+                S[r + at.RETAINED + a] = 0.0
 
 
 def damp(S: Any) -> int:
@@ -168,6 +183,7 @@ def damp(S: Any) -> int:
         into_frames(S, at.LOCAL, f0)
         size = assemble(S, False)
         make_regular(S, n, c)
+        soften(S, A, size, q, 1.0, f0)
         for p in range(n * c):
             S[marks + p] = 0.0 if is_held(S, p, c) else 1.0
         release(S, A, size, q, size, n * c, marks, diagonal)

@@ -9,6 +9,7 @@ from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.friction import friction_force, turn_modes
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import UNRESOLVED
+from graspfx.coupling.depth import pose_compliances
 from graspfx.coupling.law import bilateral, keep_elastic
 from graspfx.coupling.slip import brake, grip, pose_problem
 
@@ -23,7 +24,7 @@ def press(S: Any) -> int:
         fault = along_normals(S, int(S[at.PROBLEM]), True)
     else:
         fault = grip(S)
-    if S[at.OBSERVED] != 0.0:
+    if S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0:
         keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         if S[at.EXTERNAL_DAMPING] <= S[at.INTERNAL_DAMPING]:
@@ -44,6 +45,8 @@ def along_normals(S: Any, o: int, elastic: bool) -> int:
             r = at.ROW + i * at.STRIDE
             push = S[r + at.NORMAL] * S[r + at.LOCAL]
             pulls = pulls or push < 0.0
+            if S[at.LIMITS] != 0.0:
+                pulls = pulls or push > S[int(S[at.LIMITS]) + i]
             S[r + at.TOUCHING] = 1.0 if push > 0.0 else 0.0
         if not pulls:
             return 0
@@ -61,7 +64,8 @@ def along_normals(S: Any, o: int, elastic: bool) -> int:
         S[o + 3 * n + i] = x
         S[o + 4 * n + i] = 0.0 if elastic else f0
     turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, 1, at.modes(n), count, modes_offset(o, n, 1, count))
-    law, _, _ = friction_force(S, o, n, 1, count, external, internal, False, 0)
+    series = -1 if elastic else pose_compliances(S, o, 1)
+    law, _, _ = friction_force(S, o, n, 1, count, external, internal, False, 0, int(S[at.LIMITS]), series)
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         f = S[o + 5 * n + i]

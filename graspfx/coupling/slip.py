@@ -6,11 +6,13 @@ import math
 from typing import Any
 
 from graspfx.cones.cone import FREE, STICK, modes_offset
+from graspfx.cones.cut import force_size
 from graspfx.cones.friction import COULOMB, LEAST, friction_force, friction_force_square, turn_modes
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import UNRESOLVED, set_anchor
 from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
+from graspfx.coupling.depth import is_whole, pose_compliances, soften
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic
 
@@ -26,7 +28,7 @@ def rub(S: Any) -> int:
     it sticks; RETAINED tells the next sample where the contact of one that slips or is free has to be.
     """
     fault = grip(S)
-    if S[at.OBSERVED] != 0.0:
+    if S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0:
         keep_elastic(S)
     if fault == 0 and S[at.DAMPED] != 0.0:
         fault = brake(S)
@@ -60,9 +62,10 @@ def grip(S: Any) -> int:
     if square:
         size = assemble_implicitly(S, True, False, False) if S[at.IMPLICIT] != 0.0 else assemble(S, True)
         even = made_symmetric(S, at.square(n), size, n * c)
-        law, residual, _ = friction_force_square(S, o, n, c, at.square(n), size, even, True, RESTARTS)
+        cut = 0 if S[at.IMPLICIT] != 0.0 else int(S[at.LIMITS])
+        law, residual, _ = friction_force_square(S, o, n, c, at.square(n), size, even, True, RESTARTS, cut)
     else:
-        law, residual, _ = friction_force_modes(S, o, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], True)
+        law, residual, _ = friction_force_modes(S, o, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], True, -1)
     S[at.LAW], S[at.RESIDUAL] = law, residual
     out_of_frames(S, force, at.LOCAL)
     for p in range(n * c):
@@ -76,9 +79,16 @@ def grip(S: Any) -> int:
         if S[r + at.WEIGHT] == 0.0:
             for a in range(4):
                 S[r + at.RETAINED + a] = 0.0
-        if c > 3 and status != STICK:
-            set_anchor(S, r, S[r + at.RETAINED + 3])
     return UNRESOLVED if law == NONE else 0
+
+
+def move_anchors(S: Any) -> None:
+    """From here on the torsion of soft fingers that do not stick counts from the object's rotation now."""
+    if S[at.COORDINATES] > 3.0:
+        for i in range(int(S[at.FINGERS])):
+            r = at.ROW + i * at.STRIDE
+            if S[r + at.STATUS] != STICK:
+                set_anchor(S, r, S[r + at.RETAINED + 3])
 
 
 def brake(S: Any) -> int:
@@ -105,14 +115,16 @@ def brake(S: Any) -> int:
         into_frames(S, at.LOCAL, start)
         into_frames(S, at.RATE, known)
         law = 0
-        if not (S[at.RAYS] == 0.0 and all_touch(S) and stays(S, start, force)):
+        if not (S[at.RAYS] == 0.0 and all_touch(S) and is_whole(S) and stays(S, start, force)):
             if S[at.DENSE] != 0.0:
                 assemble(S, False)
                 raise_least(S, at.square(n), m)
+                soften(S, at.square(n), m, -1, 1.0, start)
                 even = made_symmetric(S, at.square(n), m, m)
-                law, _, _ = friction_force_square(S, o, n, c, at.square(n), m, even, False, 0)
+                law, _, _ = friction_force_square(S, o, n, c, at.square(n), m, even, False, 0, int(S[at.LIMITS]))
             else:
-                law, _, _ = friction_force_modes(S, o, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], False)
+                series = pose_compliances(S, o, c)
+                law, _, _ = friction_force_modes(S, o, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], False, series)
     out_of_frames(S, force, at.LOCAL)
     return UNRESOLVED if law == NONE else 0
 
@@ -126,13 +138,15 @@ def stays(S: Any, start: int, force: int) -> bool:
     return sticks(S, force)
 
 
-def friction_force_modes(S: Any, o: int, external: float, internal: float, coulomb: bool) -> tuple[int, float, int]:
+def friction_force_modes(
+    S: Any, o: int, external: float, internal: float, coulomb: bool, series: int
+) -> tuple[int, float, int]:
     """`friction_force` for the modes that stand in the block."""
     n = int(S[at.FINGERS])
     c = int(S[at.COORDINATES])
     count = 0 if external == internal else int(S[at.COUNT])
     turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, c, at.modes(n), count, modes_offset(o, n, c, count))
-    return friction_force(S, o, n, c, count, external, internal, coulomb, RESTARTS)
+    return friction_force(S, o, n, c, count, external, internal, coulomb, RESTARTS, int(S[at.LIMITS]), series)
 
 
 def pose_problem(S: Any, o: int, touching: bool) -> None:
@@ -147,7 +161,7 @@ def pose_problem(S: Any, o: int, touching: bool) -> None:
 
 
 def sticks(S: Any, q: int) -> bool:
-    """Whether all contact forces at q lie inside their cones."""
+    """Whether all contact forces at q lie inside their cones and limits."""
     n = int(S[at.FINGERS])
     c = int(S[at.COORDINATES])
     for i in range(n):
@@ -156,6 +170,8 @@ def sticks(S: Any, q: int) -> bool:
         for a in range(1, c):
             along += S[r + a] * S[r + a]
         if not S[r] > NOTHING or math.sqrt(along) > S[at.ROW + i * at.STRIDE + at.COEFFICIENT] * S[r]:
+            return False
+        if S[at.LIMITS] != 0.0 and force_size(S, r, c) > S[int(S[at.LIMITS]) + i]:
             return False
     return True
 

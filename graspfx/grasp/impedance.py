@@ -92,6 +92,19 @@ class Coupling:
         pairs: tuple[Pair, ...] = get_args(Pair)
         return all(_equal(*self._pair(which)) for which in pairs)
 
+    def turned(self, R: ArrayLike) -> Coupling:
+        """Write matrices that stand in other axes in those of the contact forces: R K R'; numbers have no axes.
+
+        Args:
+            R: (d, d), or (n, d, d) with one for each contact: from the axes in which the gains stand.
+        """
+        turn = np.asarray(R, dtype=float)
+        external, internal = (
+            Impedance(_turned(part.stiffness, turn), _turned(part.damping, turn))
+            for part in (self.external, self.internal)
+        )
+        return Coupling(external, internal, self.form)
+
     def stiffness(self, split: Split) -> FloatArray:
         """K of f = K e + D e', (m, m) [N/m], read-only; kept until another split is asked for."""
         return self._matrix("stiffness", split)
@@ -262,6 +275,24 @@ def _fits_each_finger(gain: FloatArray, finger: NDArray[np.int64], n: int, torsi
     return (
         gain.shape in ((d, d), (n, d, d)) and not torsion.any() and bool((np.bincount(finger, minlength=n) == d).all())
     )
+
+
+def _turned(gain: Gain, R: FloatArray) -> Gain:
+    """R K R' of each finger's matrix; of a full one as far as it has one R for all."""
+    K, d = np.asarray(gain), R.shape[-1]
+    if K.ndim < 2:
+        return gain
+    if K.ndim == 2 and K.shape != (d, d):
+        n = K.shape[0] // d
+        whole = np.zeros(K.shape)
+        whole.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = R
+        return _even(whole @ K @ whole.T)
+    return _even(R @ K @ np.swapaxes(R, -1, -2))
+
+
+def _even(K: FloatArray) -> FloatArray:
+    """A turned matrix without the skew part that rounding leaves."""
+    return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
 
 
 def _gain(name: str, given: ArrayLike) -> Gain:

@@ -11,6 +11,8 @@ from typing import Any
 
 from graspfx.spatial import orthogonalise
 
+NO_ARM = 1e-9  # [m]: an rms arm up to this is rounding, and contacts lie on a line
+
 
 def smoothstep(x: float, low: float, high: float) -> float:
     """0 up to `low`, 1 from `high` on, 3 t^2 - 2 t^3 between."""
@@ -25,7 +27,7 @@ def smoothstep(x: float, low: float, high: float) -> float:
 def rigid_modes(
     S: Any, rows: int, stride: int, point: int, weight: int, n: int, d: int,
     axes: int, shifts: int, turns: int, low: float, high: float, out: int, normal: int = 0, patch: int = -1,
-) -> int:  # fmt: skip
+) -> tuple[int, int]:  # fmt: skip
     """Orthonormal rigid motions of weighted contacts, q_k(i) = sqrt(w_i) (u_k + a_k x c_i) / norm, and their blend.
 
     The external projector is P = sum_k beta_k q_k q_k' (eq. 3) on displacements scaled by sqrt(w). Rotations enter with
@@ -33,7 +35,8 @@ def rigid_modes(
 
     `axes` holds `shifts` unit directions of free translation, then `turns` unit axes of free rotation about the
     origin of the points, three entries each, all in the points' frame. Mode k is written at
-    out + k (1 + 3 n): beta_k, then three entries per finger. Returns the number of modes.
+    out + k (1 + 3 n): beta_k, then three entries per finger. Returns the number of modes, and how many rotations with
+    an arm of their own, more than `NO_ARM`, are not in it whole.
 
     With `patch` >= 0 a finger has a fourth entry, torsion about its normal in units of its patch length rho:
     sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for one that exerts none.
@@ -48,7 +51,7 @@ def rigid_modes(
             base = rows + i * stride
         total += w
     if total <= 0.0:
-        return 0
+        return 0, 0
     root = math.sqrt(total)
     base += point
     x0, y0, z0 = S[base], S[base + 1], S[base + 2]
@@ -100,7 +103,7 @@ def rigid_modes(
                 S[o + 4 + width * i] = w * S[r + patch] * (ax * S[m] + ay * S[m + 1] + az * S[m + 2])
     orthogonalise(S, out + shifts * size, turns, size)
 
-    count = shifts
+    count, blended = shifts, 0
     for k in range(turns):
         o = out + (shifts + k) * size
         norm = 0.0
@@ -108,13 +111,15 @@ def rigid_modes(
             norm += S[o + j] * S[o + j]
         norm = math.sqrt(norm)
         beta = smoothstep(norm / root, low, high)
+        if beta < 1.0 and norm > NO_ARM * root:
+            blended += 1
         if beta > 0.0:
             to = out + count * size
             S[to] = beta
             for j in range(1, size):
                 S[to + j] = S[o + j] / norm
             count += 1
-    return count
+    return count, blended
 
 
 def gain_matrix(

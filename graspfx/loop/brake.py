@@ -8,7 +8,8 @@ from typing import Any
 from graspfx.analysis.passivity_observer import balance
 from graspfx.analysis.passivity_observer import brake as least_damping
 from graspfx.coupling import block as at
-from graspfx.coupling.sample import react
+from graspfx.coupling.limit import limit_again
+from graspfx.coupling.react import react
 from graspfx.loop import ledger
 from graspfx.loop.ledger import modes
 from graspfx.objects import kernels as body
@@ -22,7 +23,8 @@ def control(S: Any, B: Any, T: float) -> bool:
 
     Damping a W Q_j d/T (`passivity_observer.brake`) with a at most m/(2 T), m the least mass that a step of any mode
     moves: held for a sample, damping of that size takes the most energy that it can, and of twice that size none.
-    Then each finger's force is brought back into its cone. Returns whether any force has changed.
+    Then each finger's force is brought back into its cone and within the limits.
+    Returns whether any force has changed.
     """
     for j in range(3):
         B[DAMPING + j] = 0.0
@@ -41,6 +43,8 @@ def control(S: Any, B: Any, T: float) -> bool:
     B[DAMPING], B[DAMPING + 1], B[DAMPING + 2] = found
     for i in range(n):
         push(S, B, i)
+    if S[at.LIMITS] != 0.0:
+        limit_again(S)
     react(S)
     return True
 

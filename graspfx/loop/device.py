@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.errors import InputError
 from graspfx.loop.plant import Kernel, Plant, unaltered
 
 FloatArray = NDArray[np.float64]
@@ -23,7 +24,7 @@ class Features:
     dimensions: int  # d
     workspace: tuple[FloatArray, FloatArray] | None = None  # lower, upper corner, (d,) each [m]
     continuous_force: float | None = None  # [N]
-    peak_force: float | None = None  # [N]
+    peak_force: float | None = None  # largest at a fingertip in every direction [N]; unless `LimitedDevice` says more
     stiffness: float | None = None  # largest stiffness it displays stably at its rate [N/m]
     damping: float | None = None  # largest virtual damping at its rate [N s/m]
     mass: float | None = None  # effective mass at a fingertip [kg]
@@ -54,8 +55,9 @@ class Device(Protocol):
     def write(self, forces: FloatArray) -> None:
         """Display forces (k, d) [N] to the operator until the next `write`.
 
-        The device's own limit is applied here, last; a force that is not finite is displayed as zero
-        and raises DeviceError.
+        The device's own limit is applied here, last: forces that keep within `features.peak_force`, or within the
+        `largest_force` that was read, are displayed as they are, and what is cut off here nobody else knows of. A
+        force that is not finite is displayed as zero and raises DeviceError.
         """
 
     def stop(self) -> None:
@@ -67,6 +69,19 @@ class Device(Protocol):
     def __enter__(self) -> Self: ...
 
     def __exit__(self, *exc: object) -> None: ...
+
+
+@runtime_checkable
+class LimitedDevice(Protocol):
+    """A device whose largest force depends on where it stands."""
+
+    @property
+    def largest_force(self) -> FloatArray:
+        """What each fingertip can display in every direction where it was read last, (k,), above zero [N].
+
+        Of a `FusedDevice` it is a piece of its block, which `reading` keeps up to date.
+        """
+        ...
 
 
 @runtime_checkable
@@ -141,6 +156,21 @@ class FusedDevice(SimulatedDevice, Protocol):
     def fault_text(self, code: int) -> str:
         """What a number other than 0 means, as an error says it, by the figures in the block."""
         ...
+
+
+def limit_port(device: FusedDevice) -> int | None:
+    """Where in its block a device has its largest forces, from the beginning; None for one whose never change.
+
+    Raises:
+        InputError: `largest_force` is no piece of the block.
+    """
+    if not isinstance(device, LimitedDevice):
+        return None
+    piece, block = device.largest_force, device.state
+    start = (piece.ctypes.data - block.ctypes.data) // block.itemsize
+    if not (piece.flags.c_contiguous and np.shares_memory(piece, block) and 0 <= start <= block.size - piece.size):
+        raise InputError("largest_force", type(device).__qualname__, "a piece of the device's own block, `state`")
+    return start
 
 
 def fused(device: Device) -> FusedDevice | None:

@@ -9,6 +9,9 @@ from math import prod
 from types import MappingProxyType
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w
+# what a recording of every format has, of fingers and, by the name's last part, of objects
+ESSENTIAL = ("finger_position", "finger_velocity", "contact_position", "finger_force", "touching", "device_energy")
+ESSENTIAL_OF_OBJECTS = ("position", "velocity", "wrench")
 WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
 
 
@@ -39,6 +42,8 @@ class Layout:
         simulated: whether true positions are known.
         observed: whether the energy of each grasp is booked.
         controlled: whether what leaks is damped.
+        limits: whether some device tells a largest force.
+        absent: names of columns that a recording of an earlier format does not have.
     """
 
     dimensions: int
@@ -51,6 +56,8 @@ class Layout:
     simulated: bool = True
     observed: bool = False
     controlled: bool = False
+    limits: bool = False
+    absent: tuple[str, ...] = ()
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
@@ -58,6 +65,8 @@ class Layout:
         columns: dict[str, Column] = {}
         start = 0
         for name, axes, unit, meaning in self._quantities():
+            if name in self.absent:
+                continue
             shape = tuple(count for _, count in axes)
             where = slice(start, start + prod(shape))
             columns[name] = Column(name, where, shape, tuple(axis for axis, _ in axes), unit, meaning)
@@ -69,6 +78,11 @@ class Layout:
         """Numbers per tick."""
         return sum(prod(column.shape) for column in self.columns.values())
 
+    def is_essential(self, name: str) -> bool:
+        """Whether no recording can lack a column."""
+        folder, _, last = name.rpartition("/")
+        return name in ESSENTIAL or (folder.count("/") == 1 and last in ESSENTIAL_OF_OBJECTS)
+
     def _quantities(self) -> Iterator[tuple[str, tuple[tuple[str, int], ...], str, str]]:
         d = self.dimensions
         n = ("finger", len(self.fingers))
@@ -79,14 +93,19 @@ class Layout:
         yield "finger_force", (n, axis), "N", "of the finger on the object"
         if self.moments:
             yield "finger_moment", (n, turn), "N m", "of the finger on the object"
+        if self.limits:
+            yield "displayed_force", (n, axis), "N", "on the operator, after every limit, before output delay"
+            yield "law_force", (n, axis), "N", "of the finger on the object by eq. (4), before limits"
         yield "touching", (n,), "1", "whether the finger exerts a force"
+        if self.limits:
+            yield "saturated", (n,), "1", "whether the finger's force stands at its limit"
         if self.slips:
             yield "status", (n,), "1", "0 free, 1 stick, 2 slide"
         if self.gaps:
             yield "gap", (n,), "m", "distance to the surface, negative inside"
         if self.simulated:
             yield "true_position", (n, axis), "m", "of the simulated fingertip"
-        yield "device_energy", (n,), "J", "work done so far on the fingertip by the commanded force"
+        yield "device_energy", (n,), "J", "work done so far on the fingertip by the displayed force"
         for name in self.objects:
             at = f"objects/{name}/"
             yield at + "position", (axis,), "m", "of the object's centre"
@@ -110,7 +129,7 @@ class Layout:
         yield at + "work", mode, "J", "of the held forces on the fingers' motion against the object"
         yield at + "stored", mode, "J", "in the springs of eq. (4)"
         yield at + "damped", mode, "J", "taken by the damping of eq. (4)"
-        yield at + "slipped", mode, "J", "taken where contacts slide or let go"
+        yield at + "slipped", mode, "J", "taken where contacts slide or let go, or beyond a limit"
         yield at + "reshaped", mode, "J", "taken where the split, a weight or a skew stiffness changes what is stored"
         yield at + "leaked", mode, "J", "made by holding the springs' forces over samples"
         yield at + "balance", mode, "J", "taken beyond what is stored, with frictions; below zero energy was made"

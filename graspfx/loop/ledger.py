@@ -6,7 +6,7 @@ against the object in its axes. With the displacement h that the springs hold, f
     stored      V_j = 1/2 a_j'h
     damped      fd_j'd
     braked      fb_j'd
-    slipped     a_j'(d - h+ + h)           taken by contacts that slide, slip or let go
+    slipped     a_j'(d - h+ + h)           taken by contacts that slide, slip or let go, or lies beyond a limit
     reshaped    1/2 (a_j'h+ - a_j+'h)      taken where the split, a weight or a skew stiffness changes what is stored
     leaked      1/2 (a_j+ - a_j)'(h+ - h)  made by holding the force: 1/2 Dh'K Dh where nothing changes
 
@@ -173,7 +173,7 @@ def load(S: Any, B: Any) -> None:
     if S[at.EQUAL] != 0.0:  # the law has no use for modes
         for k in range(18):
             B[AXES + k] = S[at.AXES + k]
-        B[COUNT] = rigid_modes(
+        B[COUNT], _ = rigid_modes(
             B, ROWS, STRIDE, CONTACT, WEIGHT, n, int(S[at.DIMENSIONS]), AXES, int(S[at.SHIFTS]), int(S[at.TURNS]),
             S[at.ARM_LOW], S[at.ARM_HIGH], modes(n), NORMAL, PATCH if width > 3 else -1,
         )  # fmt: skip

@@ -91,7 +91,7 @@ class Recorder:
             self._write(block)
 
     def finish(
-        self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", fade_shortfall: float = 0.0
+        self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
     ) -> Recording:
         """Writes what is left, closes the sinks and gives the recording of the rows that were kept.
 
@@ -99,12 +99,12 @@ class Recorder:
             wall_time: that the run took [s].
             complete: False for a run that broke off.
             engine: that ran the ticks.
-            fade_shortfall: by how much free fingers began to fade too near the surface, at most [m].
+            coupling: what the objects' couplings tell, as `Outcome` has it.
         """
         self.drain()
         rest = self._block[: self.used]
         self._kept += [rest] if self._keep else []
-        self._outcome = Outcome(tuple(self.faults), wall_time, complete, fade_shortfall, engine)
+        self._outcome = Outcome(tuple(self.faults), wall_time, complete, engine=engine, **coupling)
         try:
             if self.used or len(self.faults) > self._told:
                 self._write(rest)
@@ -216,8 +216,31 @@ class Recording:
 
     @property
     def finger_force(self) -> FloatArray:
-        """On the object, (N, n, d) [N]; the devices display its negative."""
+        """On the object, (N, n, d) [N]: the wrench is G times it, always."""
         return self.array("finger_force")
+
+    @cached_property
+    def displayed_force(self) -> FloatArray:
+        """On the operator, after every limit that the framework knows, before output delay, (N, n, d) [N].
+
+        The negative of `finger_force`, since the object receives what was displayed.
+        """
+        found = self.optional("displayed_force")
+        return -self.finger_force if found is None else found
+
+    @property
+    def law_force(self) -> FloatArray | None:
+        """Of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
+        return self.optional("law_force")
+
+    @cached_property
+    def saturated(self) -> BoolArray | None:
+        """Whether a finger's force stands at its limit, (N, n); None where no device tells a largest force.
+
+        Others of the same object may differ from `law_force` too, for one law couples them.
+        """
+        found = self.optional("saturated")
+        return None if found is None else np.not_equal(found, 0.0)
 
     @property
     def finger_moment(self) -> FloatArray | None:
@@ -246,7 +269,7 @@ class Recording:
 
     @property
     def device_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by the force that its device is told to display, (N, n) [J]."""
+        """Work done so far on each fingertip by `displayed_force`, (N, n) [J]."""
         return self.array("device_energy")
 
     @cached_property
@@ -349,6 +372,8 @@ class Recording:
             finger_position=self.finger_position,
             contact_position=self.contact_position,
             finger_force=self.finger_force,
+            displayed_force=self.displayed_force,
+            saturated=self.saturated,
             touching=self.touching,
             gap=self.gap,
             device_energy=self.device_energy,
@@ -357,6 +382,7 @@ class Recording:
             wall_time=self.wall_time,
             engine=self.outcome.engine,
             fade_shortfall=self.outcome.fade_shortfall,
+            blended=self.outcome.blended,
             true_position=self.true_position,
             faults=len(self.faults),
             law=[motion.law for motion in self.objects.values() if motion.law is not None],
@@ -364,24 +390,30 @@ class Recording:
             energy=list(self.energy.values()),
         )
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Writes the recording as HDF5.
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Writes the recording as HDF5; the file appears when it is whole.
+
+        Args:
+            path: of the file.
+            overwrite: whether a file that is there already is replaced.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecordingError: the file is there already, or cannot be written.
         """
-        from graspfx.loop.file import FileSink
+        from graspfx.loop.sink import save
 
-        sink = FileSink(path, self.layout, self.header)
-        sink.write(self.rows, self.faults)
-        sink.close(self.outcome)
+        save(path, self.rows, self.layout, self.header, self.outcome, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:
-        """A recording from a file; also from one whose run was killed, as far as it was written.
+        """A recording from a file; also of a run that goes on or was killed, as far as it was written.
+
+        Args:
+            path: of the file, or of the folder in which it is recording.h5. Where there is only the part that a run
+                writes until it ends, recording.h5.part, it is read: its outcome is not `complete`.
 
         Raises:
-            RecordingError: there is no recording in the file.
+            RecordingError: there is no recording in the file, or its bytes were changed since it was written.
         """
         from graspfx.loop.file import read
 

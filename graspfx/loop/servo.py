@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.coupling.grasped import fault_text
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop import tick as at
-from graspfx.loop.device import Device
+from graspfx.loop.device import Device, LimitedDevice
 from graspfx.loop.engine import ENGINES, Engine
 from graspfx.loop.header import RunFault
 from graspfx.loop.layout import Layout
@@ -64,9 +64,14 @@ class Servo:
         self._told: list[str] = []  # faults of parts that are no kernels
 
     @property
-    def fade_shortfall(self) -> float:
-        """By how much free fingers began to fade too near the surface, at most so far [m]."""
-        return max(held.grasped.shortfall for held in self.objects)
+    def coupling(self) -> dict[str, Any]:
+        """What its objects' couplings tell of the run so far, as entries of an `Outcome`."""
+        grasps = [held.grasped for held in self.objects]
+        return {
+            "fade_shortfall": max(each.shortfall for each in grasps),
+            "fade_needed": max(each.fade_needed for each in grasps),
+            "blended": max(each.blended for each in grasps),
+        }
 
     @property
     def faulted(self) -> bool:
@@ -204,8 +209,22 @@ class Servo:
         except DeviceError as error:
             self._tell(k, str(error))
             return
+        if port.limit is not None and not self._take_limits(k, port):
+            return
         port.position[...], port.velocity[...] = position, velocity
         port.memory[0] = 1.0
+
+    def _take_limits(self, k: int, port: Port) -> bool:
+        """The largest forces that a device has where it stands; what is none is a fault."""
+        device = self.stations[port.station].device
+        assert isinstance(device, LimitedDevice)
+        assert port.limit is not None
+        port.limit[...] = device.largest_force
+        if (port.limit > 0.0).all():
+            return True
+        told = ", ".join(f"{force:g}" for force in port.limit)
+        self._tell(k, f"a device's largest force is {told} N; expected above zero: all forces are zero")
+        return False
 
     def _display(self, k: int, port: Port) -> None:
         device: Device = self.stations[port.station].device

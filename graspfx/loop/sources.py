@@ -13,7 +13,7 @@ from graspfx.loop.parts import Parts
 Index = NDArray[np.intp]
 
 COMPUTED = ("finger_position", "finger_velocity", "contact_position", "finger_force", "finger_moment",
-            "touching", "status", "gap")  # fmt: skip
+            "law_force", "touching", "saturated", "status", "gap")  # fmt: skip
 OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "residual", "wrench")
 
 

@@ -34,10 +34,13 @@ def summarise(
     engine: str = "",
     true_position: FloatArray | None = None,
     fade_shortfall: float = 0.0,
+    blended: int = 0,
     faults: int = 0,
     law: Sequence[NDArray[np.int8]] = (),
     residual: Sequence[FloatArray] = (),
     energy: Sequence[Mapping[str, FloatArray]] = (),
+    displayed_force: FloatArray | None = None,
+    saturated: BoolArray | None = None,
 ) -> dict[str, Any]:
     """A run in numbers, SI units; None for what this run does not have.
 
@@ -49,11 +52,15 @@ def summarise(
         finger_distance_mean, finger_distance_least: between two fingers [m]; None for another number of them.
         tracking_error: RMS distance between an object's centre and the centre of its fingers [m].
         peak_force: per finger [N].
+        peak_displayed_force: per finger, of the force on the operator [N]; None if not given.
+        saturated: per finger, the share of ticks in which its force stands at its limit; None without limits.
         force_vibration: RMS over fingers and ticks of what is above 5 Hz in a finger's force [N].
         finger_vibration: RMS over fingers and ticks of what is above 5 Hz in a fingertip's position, true if known [m].
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
         fade_shortfall: by how much `coupling.fade` began too near for the forces, at most [m]; None if it did not.
+        blended: share of samples in which a rotation of a grasp was in the band of `coupling.blend`, where forces are
+            not those of eq. (4); None if none was.
         associated: share of samples in which an object's forces satisfy the associated law instead of Coulomb's; None
             without a coefficient of friction.
         friction_residual: the largest of either law [N]; None without a coefficient.
@@ -77,10 +84,12 @@ def summarise(
         wall_time: that the run took [s].
         engine: that ran the ticks; empty if not known.
         true_position: (N, n, d), of simulated fingertips [m].
-        fade_shortfall: as in the recording's outcome [m].
+        fade_shortfall, blended: as in the recording's outcome [m], [samples].
         faults: how many there were.
         law, residual: (N,) per object with a coefficient of friction, as recorded.
         energy: per observed object, the columns of its ledger.
+        displayed_force: (N, n, d) [N].
+        saturated: (N, n).
     """
     N, n, _ = finger_position.shape
     groups = [[i for i in range(n) if finger_objects[i] == k] for k in range(len(object_position))]
@@ -107,12 +116,15 @@ def summarise(
         "finger_distance_mean": _mean(apart),
         "finger_distance_least": float(apart.min()) if apart.size else None,
         "tracking_error": _rms(np.concatenate(errors)) if errors else None,
-        "peak_force": [_peak(np.linalg.norm(finger_force[:, i], axis=1)) for i in range(n)],
+        "peak_force": _peaks(finger_force),
+        "peak_displayed_force": None if displayed_force is None else _peaks(displayed_force),
+        "saturated": None if saturated is None else [_mean(saturated[:, i]) for i in range(n)],
         "force_vibration": vibration(finger_force, period),
         "finger_vibration": vibration(finger_position if true_position is None else true_position, period),
         "object_vibration": vibration(np.stack(object_position, axis=1), period),
         "port_energy": [float(device_energy[-1, i]) if N else None for i in range(n)],
         "fade_shortfall": fade_shortfall or None,
+        "blended": blended / N if blended and N else None,
         "associated": _mean(np.stack(law) == 1) if law else None,
         "friction_residual": _peak(np.stack(residual)) if residual else None,
         **_books(energy),
@@ -199,6 +211,11 @@ def _mean(values: NDArray[Any]) -> float | None:
 
 def _peak(values: FloatArray) -> float | None:
     return float(values.max()) if values.size else None
+
+
+def _peaks(force: FloatArray) -> list[float | None]:
+    """The largest length of each finger's force [N]."""
+    return [_peak(np.linalg.norm(force[:, i], axis=1)) for i in range(force.shape[1])]
 
 
 def _rms(values: FloatArray) -> float | None:

@@ -1,4 +1,4 @@
-"""The tick of a scene as a script: read, couple, display; record, move."""
+"""The tick of a scene as a script: read, couple, limit, display; record, move."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
-from graspfx.coupling.sample import let_go, sample
+from graspfx.coupling.limit import limit
+from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
-from graspfx.loop.device import Device, FusedDevice, fused
+from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port
 from graspfx.loop.observer import MET, Observer
 from graspfx.loop.parts import Moved, Mover, Parts, Station, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
@@ -60,7 +61,8 @@ class Port:
     position: FloatArray
     velocity: FloatArray
     command: FloatArray
-    memory: FloatArray  # whether it could be read; then the three above
+    memory: FloatArray  # whether it could be read; then the three above, and the limits
+    limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
 
 
 @dataclass
@@ -78,7 +80,7 @@ class Tick:
 
     script: Script
     own: FloatArray
-    begin: list[str] = field(default_factory=list)  # read, couple, display
+    begin: list[str] = field(default_factory=list)  # read, couple, limit, display
     end: list[str] = field(default_factory=list)  # let go after a fault, record, move
     ports: list[Port] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
@@ -138,6 +140,7 @@ class _Writer:
             else script.memory("plant", _shown(m))
             for m in parts.moved
         ]
+        self.limit_of: dict[int, tuple[str, int]] = {}  # where the largest force of each finger stands
         self.entry_of = self._fingers()
 
     def written(self, record: bool) -> Tick:
@@ -158,6 +161,8 @@ class _Writer:
         for name, held in zip(self.blocks, self.parts.objects, strict=True):
             for j, f in enumerate(held.fingers.tolist()):
                 found[f] = name, at.ROW + j * at.STRIDE
+                if held.grasped.limit is not None:
+                    self.limit_of[f] = name, at.device_limits(held.grasped.block) + j
         return found
 
     def _latched(self, kind: int, index: int) -> str:
@@ -197,11 +202,11 @@ class _Writer:
                 sensed = range(port.sensed, port.sensed + len(device.sensed))
                 yield from copied(name, sensed, plant, device.sensed)
                 yield f"code = {self.script.kernel(device.reading)}({name}, 0)"
-                seen = self._seen(used, name, port.position, port.velocity)
+                seen = self._seen(used, name, port.position, port.velocity, limit_port(device))
                 yield from under("code != 0", [self._latched(STATION, i)], seen)
             else:
-                name, position, velocity, _ = self._port(i, station)
-                yield from under(f"{name}[0] != 0.0", self._seen(used, name, position, velocity))
+                name, position, velocity, limit = self._port(i, station)
+                yield from under(f"{name}[0] != 0.0", self._seen(used, name, position, velocity, limit))
 
     def _plant_of(self, device: Device) -> str | None:
         """The memory of the native plant that moves a device."""
@@ -210,20 +215,24 @@ class _Writer:
                 return name
         return None
 
-    def _port(self, i: int, station: Station) -> tuple[str, int, int, int]:
+    def _port(self, i: int, station: Station) -> tuple[str, int, int, int | None]:
         k, size = len(station.fingers), len(station.fingers) * self.d
-        memory = np.zeros(1 + 3 * size)
-        arrays = memory[1:].reshape(3, k, self.d)
-        self.tick.ports.append(Port(i, arrays[0], arrays[1], arrays[2], memory))
-        return self.script.memory("port", memory), 1, 1 + size, 1 + 2 * size
+        limited = isinstance(station.device, LimitedDevice)
+        memory = np.zeros(1 + 3 * size + (k if limited else 0))
+        arrays, last = memory[1 : 1 + 3 * size].reshape(3, k, self.d), 1 + 3 * size
+        self.tick.ports.append(Port(i, arrays[0], arrays[1], arrays[2], memory, memory[last:] if limited else None))
+        return self.script.memory("port", memory), 1, 1 + size, last if limited else None
 
-    def _seen(self, fingers: Index, name: str, position: int, velocity: int) -> Iterator[str]:
+    def _seen(self, fingers: Index, name: str, position: int, velocity: int, limit: int | None) -> Iterator[str]:
         for c, f in enumerate(fingers.tolist()):
             if f >= 0:
                 block, row = self.entry_of[f]
                 for to, source in ((at.POSITION, position), (at.VELOCITY, velocity)):
                     start = source + c * self.d
                     yield from copied(block, range(row + to, row + to + self.d), name, range(start, start + self.d))
+                if limit is not None and f in self.limit_of:
+                    block, entry = self.limit_of[f]
+                    yield from copied(block, [entry], name, [limit + c])
 
     # Couple -------------------------------------------------------------------------------------------------------
 
@@ -237,6 +246,12 @@ class _Writer:
             number = next(number for number, mover in enumerate(self.parts.movers) if i in mover.objects)
             lost = under(f"code == {LOST}", [f"{self.own}[{STUCK + number}] = 1.0"])
             lines = [f"code = {self.script.kernel(sample)}({block})"]
+            if self.parts.objects[i].grasped.limit is not None:  # what the object receives is what is displayed
+                lines = [
+                    f"code = {self.script.kernel(couple)}({block})",
+                    f"code = {self.script.kernel(limit)}({block}, code)",
+                    f"code = {self.script.kernel(conclude)}({block}, code)",
+                ]
             lines += under("code != 0", [self._latched(OBJECT_, i), *lost])
             if self.parts.observers:
                 observer, book = self.parts.observers[i], self.books[i]
@@ -327,7 +342,11 @@ class _Writer:
     def _record(self) -> Iterator[str]:
         width = self.parts.layout.width
         yield f"row = r * {width}"
-        own = {"device_energy": (self.energy, self.n), "true_position": (self.before, self.n * self.d)}
+        own = {
+            "displayed_force": (self.displayed, self.n * self.d),
+            "device_energy": (self.energy, self.n),
+            "true_position": (self.before, self.n * self.d),
+        }
         for column, (name, entry) in sorted(sources(self.parts, self.blocks, self.books, self.own, own)):
             yield f"rows[row + {column}] = {name}[{entry}]"
 

@@ -1,4 +1,4 @@
-"""Rigid bodies: what one is to the loop, how its block is filled, and the native one."""
+"""Native rigid bodies, with four integrators: what a body is to the loop, and how its block is filled."""
 
 from __future__ import annotations
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.coupling import block as at
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
@@ -21,7 +20,7 @@ from graspfx.loop.measures import STATISTICS, statistic
 from graspfx.loop.record import Recording
 from graspfx.processors import processors
 from graspfx.scene.overrides import overridden
-from graspfx.scene.run import header_of, require_memory, ticks_of
+from graspfx.scene.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.scene.variants import Group, Variants
 
 if TYPE_CHECKING:
@@ -121,12 +120,14 @@ def run_batch(
     statistics: Sequence[str] = STATISTICS,
     threads: int | None = None,
 ) -> Batch:
-    """Simulate many variants of a scene at once, thousands in seconds; each is the scene with some values replaced.
+    """Simulate many variants of a scene at once; each is the scene with some values replaced.
 
-    The runs are those of `gx.run`, to the last bit but for the sign of a zero. Only a few variants are built as whole
-    scenes: one for every value of each key. All others are put together from what each value changes, and some of
-    these, with all combinations of extremes, are built to check that they are the same, bit by bit; where keys act on
-    one another their combinations are built too. Every value is thereby checked as the scene's own.
+    The runs are those of `gx.run`, to the last bit but for the sign of a zero. One variant for every value of each key
+    is built as a whole scene, which takes some milliseconds: a grid of a hundred values of two keys takes seconds, as
+    many different values as runs take no less than runs one by one. All others are put together from what each value
+    changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit by
+    bit; where keys act on one another their combinations are built too. Every value is thereby checked as the scene's
+    own.
 
     Variants whose ticks are all alike, with one law and no finger that lets go or slips, run side by side, some
     nanoseconds each tick. All others run one by one with the program that `gx.run` has for them.
@@ -159,6 +160,7 @@ def run_batch(
     with plugins.unchanged():
         variants = Variants(scene, lists, numbers)
         groups = variants.groups()
+    warn_of_axes(scene)
     count = threads or processors()
     done = Runs(scene, variants, len(numbers), duration, count)
     if keep == "measures":
@@ -253,14 +255,12 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
     """How a run went, by what its buffers hold at the end."""
     program = group.program
     servo, tick = program.servo, program.tick
-    shortfall = 0.0
-    for name, array in tick.script.arrays.items():
-        if any(array is held.grasped.block for held in servo.objects):
-            shortfall = max(shortfall, float(ended.arena[program.places[name]][at.SHORTFALL]))
+    program.fill(ended.arena)
+    coupling = servo.coupling
     if ended.fault < 0:
-        return Outcome(engine="compiled", fade_shortfall=shortfall)
+        return Outcome(engine="compiled", **coupling)
     program.fill(ended.told)  # the figures in a fault's words are those in its parts' buffers
-    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", fade_shortfall=shortfall)
+    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
 
 
 def _grid(

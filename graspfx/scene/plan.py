@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
+from graspfx.coupling import block as at
+from graspfx.scene.damping import is_damped, why_not_gradual
+from graspfx.scene.grasps import grasps
 from graspfx.scene.making.holding import descriptions, holdings
+from graspfx.scene.making.limiting import hidden_text, limit_text
 from graspfx.scene.making.meshes import mesh_name, mesh_notes, scene_mesh
 from graspfx.scene.making.surroundings import meeting
+from graspfx.scene.making.wiring import wires
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
 from graspfx.scene.tables.parts import Device, Object
@@ -42,7 +45,9 @@ KERNELS = {
     "fade": "fade",
     "split": "refactor",
     "torsion": "twist",
+    "damping by depth": "damping_share",
     "energy": "watch",
+    "limit": "limit",
 }
 NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # of objects that are no others' to move
 
@@ -67,10 +72,12 @@ def _rows(scene: Scene) -> Iterator[Row]:
     yield _metric(scene)
     yield _impedance(scene)
     yield _projection(scene)
+    yield _gradual(scene)
     yield _torsion(scene)
+    yield from _limits(scene)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
-    yield "write", True, "the negative of each finger's force"
+    yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
     for thing in scene.object:
         yield _named(scene, thing, "move"), True, _body(scene, thing)
         yield _named(scene, thing, "turn"), *_turn(scene, thing)
@@ -107,7 +114,7 @@ def _listing(names: list[str]) -> str:
 
 
 def _velocity(scene: Scene) -> Row:
-    damped = _damped(scene)
+    damped = is_damped(scene)
     return (
         "rate of displacement",
         damped,
@@ -161,6 +168,11 @@ def _weights(scene: Scene) -> Row:
         return "fade", True, f"equal gains have no split to leave, but {reader} fingers by their gap all the same"
     if coupling.absent == "follow":
         return "fade", False, "absent = 'follow': a free finger stays in the split"
+    if coupling.fade == "auto":
+        gaps = {held.name: 1e3 * held.grasped.block[[at.NEAR, at.FAR]] for held in grasps(scene)}
+        between = {f"{low:.3g} and {high:.3g} mm": name for name, (low, high) in gaps.items()}
+        said = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
+        return "fade", True, f"auto: a free finger leaves the split between {said} from the surface"
     low, high = (1e3 * gap for gap in coupling.fade)
     return "fade", True, f"a free finger leaves the split between {low:g} and {high:g} mm from the surface"
 
@@ -196,6 +208,9 @@ def _split(scene: Scene) -> Iterator[Row]:
     yield "split", True, f"eq. (3), {_resplit(scene)}"
     turning = [thing for thing in scene.object if scene.turns(thing)]
     if turning:
+        if scene.coupling.blend == "off":
+            yield "split: rotation", True, "joins the external space as soon as contacts have an arm: blend = 'off'"
+            return
         low, high = (1e3 * arm for arm in scene.coupling.blend)
         yield "split: rotation", True, f"joins the external space between {low:g} and {high:g} mm of arm"
     else:
@@ -229,6 +244,14 @@ def _projection(scene: Scene) -> Row:
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
 
 
+def _gradual(scene: Scene) -> Row:
+    why = why_not_gradual(scene)
+    if why:
+        return "damping by depth", False, why
+    depth = 1e3 * scene.coupling.damping_depth
+    return "damping by depth", True, f"it grows up to its value over {depth:g} mm of depth: no step at a touch"
+
+
 def _metric(scene: Scene) -> Row:
     if scene.coupling.metric == "equal":
         return "metric", False, "equal: every finger counts the same in the split"
@@ -242,6 +265,34 @@ def _torsion(scene: Scene) -> Row:
     limit = ", at most mu rho f_n" if any(scene.coefficients) else ""
     why = f"{count} soft of {len(scene.finger)} fingers: about the normal{limit}; it acts on the object"
     return "torsion", True, f"{why}, and devices that display forces do not display it"
+
+
+def _limits(scene: Scene) -> Iterator[Row]:
+    """The limits that devices tell, how forces are brought within them, and devices that may have one unseen."""
+    wired = wires(scene, scene.source.folder)
+    given, hidden = limit_text(scene, wired), hidden_text(scene, wired)
+    if given:
+        ways = {limits_inside(scene, thing) for thing in scene.object}
+        way = "inside the projection, on cones cut at the limit" if True in ways else ""
+        way += ", or " if len(ways) > 1 else ""
+        way += "scaled: squeezing first, in the cones, along the same wrench" if False in ways else ""
+        yield "limit", True, f"{given}; {way}; before the reaction, so that the object receives what is displayed"
+    else:
+        yield "limit", False, "no device tells a largest force"
+    if hidden:
+        why = "what its `write` itself cuts off is neither recorded nor kept from the object"
+        yield "private limit", False, f"not visible: {hidden} tells no largest force (features.peak_force); {why}"
+
+
+def limits_inside(scene: Scene, thing: Object) -> bool:
+    """Whether the projection itself keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
+    attached = scene.coupling.contact == "attached"
+    if thing.dynamics == "native" and thing.integrator == "implicit":
+        return False
+    fingers = [i for i, k in enumerate(scene.finger_objects) if scene.object[k] is thing]
+    if not attached and any(scene.coefficients[i] for i in fingers):
+        return True
+    return _scalar(scene)
 
 
 def _energy(scene: Scene) -> Row:
@@ -286,7 +337,3 @@ def equal_gains(scene: Scene) -> bool:
     """kep = kip and ked = kid: the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
     return external.stiffness == internal.stiffness and external.damping == internal.damping
-
-
-def _damped(scene: Scene) -> bool:
-    return any(np.any(np.asarray(each.damping)) for each in (scene.coupling.external, scene.coupling.internal))

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sys
+import warnings
 from collections.abc import Callable
 from os import PathLike
 from time import perf_counter
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
+from graspfx.loop.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.numeric import number
 from graspfx.scene.making.build import build, make_layout
@@ -28,6 +30,7 @@ def run(
     duration: float | None = None,
     *,
     out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
     stop: Callable[[], bool] | None = None,
 ) -> Recording:
     """Simulate a scene on its own clock (time = tick x period); two runs are bit-identical.
@@ -35,8 +38,9 @@ def run(
     Args:
         scene: from `load`, or made in Python.
         duration: instead of the scene's own [s]; rounded to whole periods.
-        out: a folder in which recording.h5 is written while the run goes on, readable also if it is killed. The rows
-            are then only there until the run is over.
+        out: a folder in which recording.h5 is written; it may exist. While the run goes on its rows are only there, in
+            recording.h5.part, which `Recording.load` reads also after the run was killed.
+        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
         stop: asked again and again, before every tick or, where ticks run compiled, before 64 of them; the first True
             ends the run there, and what was recorded is marked as incomplete.
 
@@ -44,29 +48,45 @@ def run(
         InputError: a duration that is not a positive time, or more ticks than there is room for.
         SceneError: a finger that starts out of its device's reach.
         DeviceError: a device that does not open.
-        RecordingError: `out` cannot be written to.
+        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written; where
+            rows were written already, the error says where they are.
     """
     if not isinstance(scene, Readable):
         raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
-    size = 8 * make_layout(scene, simulated=True).width  # bytes of a tick
+    warn_of_axes(scene)
+    size = 8 * make_layout(scene, simulated=True, limits=True).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
+    if out is not None and not overwrite:
+        require_vacancy_of(recording_path(out, "out") / NAME)
     with build(scene) as servo:
         header = header_of(scene)
         sinks: list[Sink] = []
         if out is not None:
-            from graspfx.loop.file import NAME, FileSink, make_folder
+            from graspfx.loop.sink import FileSink
 
             file = make_folder(out) / NAME
-            _require_room(ticks, size, f"the disk of {file.parent}", shutil.disk_usage(file.parent).free)
-            sinks.append(FileSink(file, servo.layout, header))
+            free = shutil.disk_usage(file.parent).free
+            _require_room(ticks, 2 * size, f"the disk of {file.parent}", free)  # the part, and the recording from it
+            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite))
         with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()
             servo.run(ticks, recorder, stop)
             took, done = perf_counter() - began, servo.ticks == ticks
             recording = recorder.finish(
-                took if done else None, complete=done, engine=servo.engine.name, fade_shortfall=servo.fade_shortfall
+                took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
             )
     return recording if out is None else Recording.load(file)
+
+
+def warn_of_axes(scene: Scene) -> None:
+    """Warn of gains that are matrices in axes in which they create energy on a turning object."""
+    if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
+        return
+    from graspfx.grasp.impedance import ActiveCouplingWarning
+    from graspfx.scene.axes import axes_notes
+
+    for text in axes_notes(scene):
+        warnings.warn(text, ActiveCouplingWarning, stacklevel=3)
 
 
 def _ticks(scene: Scene, duration: float | None, size: int) -> int:

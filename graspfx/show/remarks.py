@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.cones.cone import SLIDE
+from graspfx.coupling.fade import BAND
 
 if TYPE_CHECKING:
     from graspfx.loop.record import Recording
@@ -22,7 +24,19 @@ def remarks(recording: Recording) -> list[str]:
     """A sentence for each; none for a run of attached contacts, or without a tick."""
     if recording.gap is None or not len(recording):
         return []
-    return [*_untouched(recording, recording.gap), *_lost(recording), *_chatter(recording)]
+    return [*_shortfall(recording), *_untouched(recording, recording.gap), *_lost(recording), *_chatter(recording)]
+
+
+def _shortfall(recording: Recording) -> Iterator[str]:
+    """Free fingers that left the split where they could still touch again."""
+    needed = recording.outcome.fade_needed
+    if needed > 0.0:
+        h1 = 1e-4 * math.ceil(1e4 * needed)
+        short = _length(recording.outcome.fade_shortfall)
+        yield (
+            f"free fingers began to leave the split {short} too near for the forces of this run: "
+            f"set coupling.fade = [{h1:.4g}, {h1 + BAND:.4g}]"
+        )
 
 
 def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:

@@ -1,9 +1,10 @@
-"""The conformance kits: what every device and every scene promises, checked on one from pytest."""
+"""The conformance kits: promises of devices and scenes, checked from pytest as far as they can be seen."""
 
 from __future__ import annotations
 
 from graspfx.testing.device import check_device
 from graspfx.testing.promise import ConformanceError
+from graspfx.testing.report import BlindSpot, DeviceReport
 from graspfx.testing.scene import check_scene
 
-__all__ = ["ConformanceError", "check_device", "check_scene"]
+__all__ = ["BlindSpot", "ConformanceError", "DeviceReport", "check_device", "check_scene"]

@@ -1,9 +1,9 @@
-"""What every device promises: the protocol, finite numbers, no force after a fault, no memory of another device."""
+"""Conformance of devices: checks of the protocol as far as it can be seen, and a report of what cannot."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, cast
 
@@ -11,10 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Device, Features, SimulatedDevice
+from graspfx.loop.device import Device, Features, LimitedDevice, SimulatedDevice
 from graspfx.loop.hand import Hand
 from graspfx.loop.plant import Plant
-from graspfx.testing.promise import Promise
+from graspfx.testing.promise import Promise, Promises
+from graspfx.testing.report import (
+    ALONE,
+    ALWAYS,
+    HARDWARE,
+    NO_LIMIT,
+    NOT_NEWTONS,
+    SIMULATED,
+    BlindSpot,
+    DeviceReport,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -29,15 +39,20 @@ def check_device(
     period: float = 0.005,
     force: float = 0.1,
     start: ArrayLike | None = None,
-) -> None:
-    """Check that a device keeps the promises of `graspfx.loop.device`; ConformanceError at the first broken one.
+) -> DeviceReport:
+    """Check what can be seen of the promises of `graspfx.loop.device`; ConformanceError at the first broken one.
 
-    Every device: features told before it is opened, what is not known None; positions and velocities of the right
-    shape, finite, in arrays of its own; time that does not run back; forces taken, those that are not finite refused
-    with DeviceError; stop, close twice, context manager. A simulated device, moved by a plant of its own: every finger
-    gets its own force and goes its way; the force limit holds; no force is left after one that is not finite, after
-    stop and after close; it stands still alone and follows a hand; two runs are the same to the bit. With a factory,
-    two of its devices in one process: they do not know each other.
+    Of every device it sees: features told before it is opened, what is not known None; positions and velocities of the
+    right shape, finite, in arrays of its own; time that does not run back; forces taken, those that are not finite
+    refused with DeviceError; stop, close twice, context manager. What its actuators do and what its numbers mean it
+    does not see: hardware that never limits its force, keeps it after `stop`, and reports millimetres passes.
+
+    Of a simulated device, moved by a plant of its own, it sees besides: every finger gets its own force and goes its
+    way; the force limit holds, if one is told; no force is left after one that is not finite, after stop and after
+    close; it stands still alone and follows a hand; two runs are the same to the bit. With a factory, two of its
+    devices in one process: they do not know each other.
+
+    The report lists both: what was checked, and what is not visible. `print` shows it.
 
     Args:
         device: not yet open; or a function without arguments that makes one. It is closed afterwards.
@@ -46,27 +61,43 @@ def check_device(
         start: where the fingers of a simulated device are put, (k, d) or (d,) [m]; by default the middle of its
             workspace, or zero.
     """
+    promises = Promises("device")
     if hasattr(device, "open") and not isinstance(device, type):
-        one = cast("Device", device)
-        _check_one(one, period, force, start)
+        bench = _check_one(cast("Device", device), promises, period, force, start)
     elif callable(device):
-        _check_one(device(), period, force, start)
-        _check_two(device(), device(), period, force, start)
+        bench = _check_one(device(), promises, period, force, start)
+        _check_two(device(), device(), promises, period, force, start)
     else:
         raise InputError("device", device, "a device, or a function that makes one")
+    return DeviceReport(tuple(promises.texts), tuple(_blind_spots(bench, factory=not hasattr(device, "open"))))
+
+
+def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
+    if bench.plant is None:
+        yield from HARDWARE
+    else:
+        yield from SIMULATED
+        if bench.features.peak_force is None:
+            yield NO_LIMIT
+        if not bench.newtons:
+            yield NOT_NEWTONS
+    if not factory:
+        yield ALONE
+    yield from ALWAYS
 
 
 class _Bench:
     """A device on the bench, alone; a simulated one with its plant, placed and ready to be moved."""
 
-    def __init__(self, device: Device, period: float, start: ArrayLike | None) -> None:
-        self.device, self.period = device, period
-        self.features = _features(device)
+    def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
+        self.device, self.promises, self.period = device, promises, period
+        self.features = _features(device, promises)
         self.shape = self.features.fingers, self.features.dimensions
         self.start = _start(self.features, start)
         self.plant: Plant | None = None
+        self.newtons = True  # whether efforts are forces, as far as is known
         if isinstance(device, SimulatedDevice):
-            with Promise(
+            with promises(
                 "a simulated device shows `plant(devices)`, which moves its fingertips from where they are placed"
             ):
                 self.plant = type(device).plant([device])
@@ -98,15 +129,15 @@ class _Bench:
         return f
 
 
-def _check_one(device: Device, period: float, force: float, start: ArrayLike | None) -> None:
-    bench = _Bench(device, period, start)
+def _check_one(device: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> _Bench:
+    bench = _Bench(device, promises, period, start)
     if bench.features.peak_force is not None:
         force = min(force, 0.5 * bench.features.peak_force)
-    with Promise("`with device` gives the device itself") as promise:
+    with bench.promises("`with device` gives the device itself") as promise:
         promise.holds(device.__enter__() is device, "another object")
     kept = False
     try:
-        with Promise("`open(period)` makes it ready"):
+        with bench.promises("`open(period)` makes it ready"):
             device.open(period)
         _check_reading(bench)
         _check_ticks(bench)
@@ -121,10 +152,11 @@ def _check_one(device: Device, period: float, force: float, start: ArrayLike | N
         if not kept:
             with suppress(Exception):  # the promise broken first is the one to tell
                 device.close()
+    return bench
 
 
-def _features(device: Device) -> Features:
-    with Promise("features are told before `open`, and what is not known is None, never zero") as promise:
+def _features(device: Device, promises: Promises) -> Features:
+    with promises("features are told before `open`, and what is not known is None, never zero") as promise:
         features = device.features
         k, d = features.fingers, features.dimensions
         promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, which is no count of channels")
@@ -152,7 +184,7 @@ def _features(device: Device) -> Features:
 
 
 def _check_reading(bench: _Bench) -> None:
-    with Promise("`read` gives positions and velocities (fingers, dimensions), finite, and a time") as promise:
+    with bench.promises("`read` gives positions and velocities (fingers, dimensions), finite, and a time") as promise:
         reading: Any = bench.device.read()
         promise.holds(isinstance(reading, tuple) and len(reading) == 3, f"{reading!r}, which are no three things")
         for name, value in zip(("positions", "velocities"), reading[:2], strict=True):
@@ -162,16 +194,22 @@ def _check_reading(bench: _Bench) -> None:
             promise.holds(np.isfinite(value).all(), f"{name} that are not finite")
         time: Any = reading[2]
         promise.holds(isinstance(time, float) and math.isfinite(time), f"the time {time!r}")
-    with Promise("positions and velocities are arrays of the device's own") as promise:
+    with bench.promises("positions and velocities are arrays of the device's own") as promise:
         promise.holds(not np.shares_memory(reading[0], reading[1]), "one array for both")
         if bench.plant is not None:
             true = bench.plant.position, bench.plant.velocity
             shared = any(np.shares_memory(ours, its) for ours in reading[:2] for its in true)
             promise.holds(not shared, "the plant's true motion, which a caller could write to")
 
+    if isinstance(bench.device, LimitedDevice):
+        with Promise("`largest_force` is a force above zero for each finger, where it was read last") as promise:
+            largest = np.asarray(bench.device.largest_force, dtype=float)
+            promise.holds(largest.shape == bench.shape[:1], f"of shape {largest.shape}, not {bench.shape[:1]}")
+            promise.holds((largest > 0.0).all(), f"{largest.tolist()} N")
+
 
 def _check_ticks(bench: _Bench) -> None:
-    with Promise("`read` and `write` once a period; time does not run back") as promise:
+    with bench.promises("`read` and `write` once a period; time does not run back") as promise:
         last = -math.inf
         for _ in range(TICKS):
             bench.tick(np.zeros(bench.shape))
@@ -180,7 +218,7 @@ def _check_ticks(bench: _Bench) -> None:
             promise.holds(time >= last, f"the time {time} s after {last} s")
             last = time
     if bench.plant is not None:
-        with Promise("the time of a simulated device is the count of ticks times the period") as promise:
+        with bench.promises("the time of a simulated device is the count of ticks times the period") as promise:
             bench.plant.place(bench.start)
             for k in range(TICKS):
                 time = bench.device.read()[2]
@@ -190,12 +228,13 @@ def _check_ticks(bench: _Bench) -> None:
 
 def _check_efforts(bench: _Bench, force: float) -> None:
     k, limit = bench.features.fingers, bench.features.peak_force
-    with Promise("zero force is no effort, and a force is one") as promise:
+    with bench.promises("zero force is no effort, and a force is one") as promise:
         promise.holds(not bench.held(np.zeros(bench.shape)).any(), "an effort with zero force written")
         effort = bench.held(bench.push(force))
         promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, not {bench.shape}")
         promise.holds(effort.any(axis=1).all(), f"no effort on a finger that is given {force} N")
-    with Promise("each finger gets its own force, also when the forces add up to zero") as promise:
+        bench.newtons = np.allclose(effort, bench.push(force), rtol=ROUNDING, atol=0.0)
+    with bench.promises("each finger gets its own force, also when the forces add up to zero") as promise:
         for i in range(k):
             effort = bench.held(bench.push(force, i))
             others = np.delete(effort, i, axis=0)
@@ -207,19 +246,20 @@ def _check_efforts(bench: _Bench, force: float) -> None:
             effort = bench.held(squeeze)
             promise.holds(effort[0].any() and effort[1].any(), "no effort for a symmetric squeeze")
     if limit is not None:
-        with Promise("the force limit is applied here, last") as promise:
-            newtons = np.allclose(bench.held(bench.push(force)), bench.push(force), rtol=ROUNDING, atol=0.0)
+        with bench.promises("the force limit is applied here, last") as promise:
             effort, more = bench.held(bench.push(10.0 * limit)), bench.held(bench.push(100.0 * limit))
             found = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
             promise.holds(np.allclose(effort, more, rtol=ROUNDING, atol=0.0), found)
             norm = float(np.linalg.norm(effort, axis=1).max())
-            promise.holds(not newtons or norm <= limit * (1.0 + ROUNDING), f"{norm} N, and the limit is {limit} N")
+            promise.holds(
+                not bench.newtons or norm <= limit * (1.0 + ROUNDING), f"{norm} N, and the limit is {limit} N"
+            )
     bench.device.stop()
 
 
 def _check_motion(bench: _Bench, force: float) -> None:
     plant = cast("Plant", bench.plant)
-    with Promise("the plant starts where it is placed, at rest, and keeps its arrays") as promise:
+    with bench.promises("the plant starts where it is placed, at rest, and keeps its arrays") as promise:
         position, velocity = plant.position, plant.velocity
         promise.holds(position.shape == velocity.shape == bench.shape, f"shape {position.shape}, not {bench.shape}")
         bench.tick(bench.push(force))
@@ -227,25 +267,25 @@ def _check_motion(bench: _Bench, force: float) -> None:
         promise.holds(plant.position is position and plant.velocity is velocity, "other arrays than before")
         away = float(np.abs(position - bench.start).max())
         promise.holds(away <= ROUNDING and not velocity.any(), f"{away} m away, or moving")
-    with Promise("positions are read to the resolution that is told") as promise:
+    with bench.promises("positions are read to the resolution that is told") as promise:
         error = float(np.abs(bench.device.read()[0] - plant.position).max())
         promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"{error} m off")
-    with Promise("with no force and no hand it stands still") as promise:
+    with bench.promises("with no force and no hand it stands still") as promise:
         _run(bench, TICKS, np.zeros(bench.shape))
         away = float(np.abs(plant.position - bench.start).max())
         promise.holds(away <= ROUNDING, f"it moved by {away} m")
-    with Promise("a force moves its own finger, in its direction") as promise:
+    with bench.promises("a force moves its own finger, in its direction") as promise:
         for i in range(bench.features.fingers):
             _run(bench, TICKS + (bench.features.delay or 0), bench.push(force, i))
             moved = plant.position - bench.start
             promise.holds(moved[i, 0] > 0.0, f"finger {i} moved by {moved[i, 0]} m under {force} N")
             away = float(np.abs(np.delete(moved, i, axis=0)).max(initial=0.0))
             promise.holds(away <= ROUNDING, f"others than finger {i} moved, by {away} m")
-    with Promise("a hand pulls the fingertips to where it means them to be") as promise:
+    with bench.promises("a hand pulls the fingertips to where it means them to be") as promise:
         _run(bench, round(1.0 / bench.period), np.zeros(bench.shape), bench.hand(50.0, 5.0, PULL))
         left = float(np.abs(plant.position - bench.start - PULL).max())
         promise.holds(left < 0.5 * PULL, f"{left} m of {PULL} m are left after a second with 50 N/m and 5 N s/m")
-    with Promise("two runs are the same to the bit") as promise:
+    with bench.promises("two runs are the same to the bit") as promise:
         runs = [_run(bench, TICKS, bench.push(force), bench.hand(50.0, 1.0, PULL)) for _ in range(2)]
         promise.holds(np.array_equal(runs[0], runs[1]), "another motion in the second run")
 
@@ -265,7 +305,8 @@ def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None
 
 
 def _check_not_finite(bench: _Bench, force: float) -> None:
-    with Promise("a force that is not finite is displayed as zero and raises DeviceError") as promise:
+    seen = "is displayed as zero and raises" if bench.plant is not None else "raises"
+    with bench.promises(f"a force that is not finite {seen} DeviceError") as promise:
         for bad in (math.nan, math.inf, -math.inf):
             for i in range(bench.features.fingers):
                 _refused(bench.device, bench.push(force))  # something to be kept, unless a fault keeps the device shut
@@ -287,7 +328,8 @@ def _refused(device: Device, forces: FloatArray) -> bool:
 
 
 def _check_stop(bench: _Bench, force: float) -> None:
-    with Promise("`stop` is zero force, now, and may be called again") as promise:
+    seen = "is zero force, now, and may be" if bench.plant is not None else "returns, also when it is"
+    with bench.promises(f"`stop` {seen} called again") as promise:
         bench.device.write(bench.push(force))
         for _ in range(2):
             bench.device.stop()
@@ -295,19 +337,22 @@ def _check_stop(bench: _Bench, force: float) -> None:
 
 
 def _check_close(bench: _Bench) -> None:
-    with Promise("`close` leaves no force, and returns when it is called again") as promise:
+    seen = "leaves no force, and returns when" if bench.plant is not None else "returns, also when"
+    with bench.promises(f"`close` {seen} it is called again") as promise:
         bench.device.close()
         promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
         bench.device.close()
-    with Promise("leaving `with device` lets errors pass") as promise:
+    with bench.promises("leaving `with device` lets errors pass") as promise:
         error = DeviceError("an error inside `with`")
         promise.holds(not bench.device.__exit__(DeviceError, error, None), "the error was swallowed")  # type: ignore[func-returns-value]
 
 
-def _check_two(a: Device, b: Device, period: float, force: float, start: ArrayLike | None) -> None:
-    with Promise("two devices of a kind in one process do not know each other") as promise:
+def _check_two(a: Device, b: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> None:
+    simulated = isinstance(a, SimulatedDevice)
+    seen = "do not know each other" if simulated else "share no arrays, and one reads when the other is closed"
+    with promises(f"two devices of a kind in one process {seen}") as promise:
         promise.holds(a is not b, "the factory gave one device twice")
-        one, two = _Bench(a, period, start), _Bench(b, period, start)
+        one, two = _Bench(a, promises, period, start), _Bench(b, promises, period, start)
         try:
             a.open(period)
             b.open(period)

@@ -21,10 +21,11 @@ class Promise:
     Args:
         text: what is promised.
         what: who promises it.
+        record: texts of promises that held, to which this one is added if it does.
     """
 
-    def __init__(self, text: str, what: str = "device") -> None:
-        self.text, self.what = text, what
+    def __init__(self, text: str, what: str = "device", record: list[str] | None = None) -> None:
+        self.text, self.what, self._record = text, what, record
 
     def __enter__(self) -> Promise:
         return self
@@ -32,7 +33,25 @@ class Promise:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         if isinstance(error, Exception) and not isinstance(error, ConformanceError):
             raise ConformanceError(self.text, f"{type(error).__name__}: {error}", self.what) from error
+        if error is None and self._record is not None and self.text not in self._record:
+            self._record.append(self.text)
 
     def holds(self, kept: object, found: str) -> None:
         if not kept:
             raise ConformanceError(self.text, found, self.what)
+
+
+class Promises:
+    """Promises put to the test one after another, of which those that hold are noted.
+
+    Attributes:
+        texts: of the promises that held, in their order.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self.texts: list[str] = []
+
+    def __call__(self, text: str) -> Promise:
+        """Put a promise to the test, in a `with` statement."""
+        return Promise(text, self._what, self.texts)

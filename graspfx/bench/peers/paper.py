@@ -1,9 +1,10 @@
-"""Equation (4) and its devices and object as a reader of the paper would write them: plain numpy."""
+"""Equation (4) with its devices and object in plain numpy, by a user who knows that the fingers are attached."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import cos, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,39 +45,100 @@ class Springs:
 
 
 class PaperProgram:
-    """Semi-implicit Euler for fingers and object, the pseudoinverse of the grasp matrix in every tick."""
+    """Semi-implicit Euler for fingers and object by numpy, as a user would write it who cares for its speed.
+
+    The fingers are attached, so that G, P and K of eq. (4) never change in the object's frame: one product gives all
+    forces and the wrench there, another turns them into the world. Arrays are updated in place; the few numbers of the
+    object are Python's, which are quicker than short arrays.
+    """
 
     def __init__(self, given: Springs) -> None:
-        self.given = given
+        self.given = g = given
+        n, d = g.anchors.shape
+        G = grasp_matrix(g.anchors)
+        P = np.linalg.pinv(G) @ G
+        K = g.external * P + g.internal * (np.eye(n * d) - P)
+        moments = np.zeros((3, n * d))  # about x, y and z, in the plane about z
+        moments[3 - len(G[d:]) :] = G[d:]
+        rows = [K, G[:d] @ K, (moments @ K)[-d:] if d > 1 else K[:0]]
+        self._law = np.vstack(rows)  # forces (n d), then the resultant (d), then the moment's last d entries
+        self._local, self._world = np.empty((len(self._law) // d, d)), np.empty((len(self._law) // d, d))
+        self._e, self._step, self._turned = np.empty((n, d)), np.empty((n, d)), np.empty((n, d))
+        self._flat_e, self._flat_local = self._e.reshape(-1), self._local.reshape(-1)
+        self._decay = 1.0 - g.T * g.finger_friction / g.finger_mass
+        self._pull = g.T * g.hand / g.finger_mass
+        self._rest = self._pull * g.rest
+        self._push = g.T / g.finger_mass
         self.reset()
 
     def reset(self) -> None:
         g = self.given
         n, d = g.anchors.shape
         self.fingers, self.finger_velocities = g.start.copy(), np.zeros((n, d))
-        self.position, self.velocity = np.zeros(d), np.zeros(d)
-        self.angle, self.quaternion = 0.0, np.array([0.0, 0.0, 0.0, 1.0])
-        self.spin = np.zeros({1: 0, 2: 1, 3: 3}[d])
+        self.position, self._velocity = np.zeros(d), [0.0] * d
+        self._place = [0.0] * d
+        self._angle, self._turn = 0.0, (0.0, 0.0, 0.0, 1.0)
+        self._spin = (0.0, 0.0, 0.0)
+        self._rotation, self._back = np.eye(d), np.eye(d)  # R and R'
 
     def tick(self) -> None:
+        g, x, v, e, step = self.given, self.fingers, self.finger_velocities, self._e, self._step
+        n, d = x.shape
+        np.subtract(x, self.position, out=step)
+        np.matmul(step, self._rotation, out=e)  # in the object's frame: (x - p) R - a
+        e -= g.anchors
+        self._law.dot(self._flat_e, out=self._flat_local)
+        world = np.matmul(self._local, self._back, out=self._world)
+        v *= self._decay
+        v += self._rest
+        v -= np.multiply(x, self._pull, out=step)
+        v -= np.multiply(world[:n], self._push, out=step)
+        x += np.multiply(v, g.T, out=step)
+        moments = self._local if d == 2 else world  # in the plane a moment does not turn with the object
+        self._advance(world[n].tolist(), moments[n + 1].tolist() if d > 1 else ())
+
+    def _advance(self, force: list[float], moment: Sequence[float]) -> None:
+        """The object by a period: velocity, then place; spin, then turn."""
         g, T = self.given, self.given.T
-        d = g.dimensions
-        forces, wrench = coupling(g, self.fingers, self.position, self.rotation())
-        pulls = g.hand * (g.rest - self.fingers) - g.finger_friction * self.finger_velocities - forces
-        self.finger_velocities = self.finger_velocities + T * pulls / g.finger_mass
-        self.fingers = self.fingers + T * self.finger_velocities
-        self.velocity = self.velocity + T * (wrench[:d] - g.viscosity * self.velocity) / g.mass
-        self.position = self.position + T * self.velocity
-        self.spin = self.spin + T * (wrench[d:] - g.rotational_viscosity * self.spin) / g.inertia
-        if d == 2:
-            self.angle += T * self.spin[0]
-        if d == 3:
-            w = np.append(self.spin, 0.0)
-            self.quaternion = self.quaternion + 0.5 * T * quaternion_product(w, self.quaternion)
-            self.quaternion = self.quaternion / np.linalg.norm(self.quaternion)
+        for a, f in enumerate(force):
+            self._velocity[a] += T * (f - g.viscosity * self._velocity[a]) / g.mass
+            self._place[a] += T * self._velocity[a]
+        self.position[:] = self._place
+        if len(force) == 2:
+            spin = self._spin[2] + T * (moment[1] - g.rotational_viscosity * self._spin[2]) / g.inertia
+            self._spin = (0.0, 0.0, spin)
+            self._angle += T * spin
+            c, s = cos(self._angle), sin(self._angle)
+            self._back[:] = (c, s), (-s, c)
+            self._rotation[:] = (c, -s), (s, c)
+        elif len(force) == 3:
+            decay, push = 1.0 - T * g.rotational_viscosity / g.inertia, T / g.inertia
+            p, q, r = (decay * w + push * m for w, m in zip(self._spin, moment, strict=True))
+            self._spin = p, q, r
+            x, y, z, w = self._turn
+            h = 0.5 * T
+            x, y, z, w = (
+                x + h * (p * w + q * z - r * y),
+                y + h * (q * w + r * x - p * z),
+                z + h * (r * w + p * y - q * x),
+                w - h * (p * x + q * y + r * z),
+            )
+            size = 1.0 / sqrt(x * x + y * y + z * z + w * w)
+            self._turn = x, y, z, w = x * size, y * size, z * size, w * size
+            self._rotation[:] = (
+                (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
+                (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
+                (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
+            )
+            self._back[:] = self._rotation.T
+
+    @property
+    def forces(self) -> FloatArray:
+        """Forces (n, d) on the object in the last tick [N]."""
+        return self._world[: len(self.fingers)]
 
     def rotation(self) -> FloatArray:
-        return rotation_matrix(self.given.dimensions, self.angle, self.quaternion)
+        return self._rotation.copy()
 
 
 def coupling(
@@ -120,9 +182,3 @@ def rotation_matrix(d: int, angle: float, quaternion: Sequence[float] | FloatArr
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def quaternion_product(p: FloatArray, q: FloatArray) -> FloatArray:
-    """Of x y z w."""
-    vector = p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])
-    return np.append(vector, p[3] * q[3] - p[:3] @ q[:3])

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from graspfx.objects.bullet import NO_LIMIT, new_client, pybullet
 
 Three = Sequence[float]
+UNUSED = '<flag contact="disable" constraint="disable" sensor="disable" actuation="disable"/>'  # of MuJoCo's steps
 
 
 class RigidPeer(Protocol):
@@ -63,6 +64,11 @@ def free_body(bullet: Any, client: int, mass: float, moments: Sequence[float], T
 class InPyBullet:
     """Its damping off; viscosity as a force and a moment, -b v of the velocities before the step."""
 
+    _place: Any
+    _turn: Any
+    _velocity: Any
+    _spin: Any
+
     def __init__(self, given: Rigid, T: float) -> None:
         self._bullet = bullet = pybullet()
         self._client = client = new_client()
@@ -82,14 +88,18 @@ class InPyBullet:
 
     def run(self, forces: Sequence[float]) -> None:
         bullet, client, body, b = self._bullet, self._client, self._body, self._rotational_viscosity
-        for force in forces:
-            push = (force - self._viscosity * self._velocity[0], 0.0, 0.0)
-            bullet.applyExternalForce(body, -1, push, self._place, bullet.WORLD_FRAME, physicsClientId=client)
+        push, twist, step = bullet.applyExternalForce, bullet.applyExternalTorque, bullet.stepSimulation
+        place, motion, frame = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.WORLD_FRAME
+        viscosity, where, turn = self._viscosity, self._place, self._turn
+        velocity, spin = self._velocity, self._spin
+        for force in forces:  # by position, the fastest way to call them
+            push(body, -1, (force - viscosity * velocity[0], 0.0, 0.0), where, frame, client)
             if b:
-                moment = [-b * w for w in self._spin]
-                bullet.applyExternalTorque(body, -1, moment, bullet.WORLD_FRAME, physicsClientId=client)
-            bullet.stepSimulation(physicsClientId=client)
-            self._read()
+                twist(body, -1, (-b * spin[0], -b * spin[1], -b * spin[2]), frame, client)
+            step(client)
+            where, turn = place(body, client)
+            velocity, spin = motion(body, client)
+        self._place, self._turn, self._velocity, self._spin = where, turn, velocity, spin
 
     def _read(self) -> None:
         bullet, client = self._bullet, self._client
@@ -115,7 +125,7 @@ class InMuJoCo:
         )
         text = " ".join(repr(float(moment)) for moment in given.moments)
         self._model = self._mujoco.MjModel.from_xml_string(f"""
-            <mujoco><option timestep="{T!r}" gravity="0 0 0" integrator="{integrator}"/>
+            <mujoco><option timestep="{T!r}" gravity="0 0 0" integrator="{integrator}">{UNUSED}</option>
               <worldbody><body>{slides}
                 <joint type="ball" damping="{given.rotational_viscosity!r}"/>
                 <inertial pos="0 0 0" mass="{given.mass!r}" diaginertia="{text}"/></body></worldbody>

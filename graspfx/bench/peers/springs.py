@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
+from graspfx.bench.peers.rigid import UNUSED
 
 AXES = ("1 0 0", "0 1 0", "0 0 1")
 
@@ -40,7 +41,7 @@ class MuJoCoSprings:
             for i in range(len(given.anchors))
         )
         self._model = self._mujoco.MjModel.from_xml_string(f"""
-            <mujoco><option timestep="{given.T!r}" gravity="0 0 0"/><worldbody>
+            <mujoco><option timestep="{given.T!r}" gravity="0 0 0">{UNUSED}</option><worldbody>
               <body>{_slides(d, given.viscosity, 0.0, np.zeros(d))}{turn}
                 <inertial pos="0 0 0" mass="{given.mass!r}" diaginertia="{moments}"/>{sites}</body>{fingers}
               </worldbody><tendon>{springs}</tendon></mujoco>""")
@@ -52,12 +53,30 @@ class MuJoCoSprings:
     def tick(self) -> None:
         self._mujoco.mj_step(self._model, self._data, self._steps)
 
+    def rollout(self, ticks: int) -> FloatArray:
+        """Run from the start in one call that keeps every state, (ticks, 1 + positions + velocities)."""
+        rollout: Any = import_module("mujoco.rollout")
+        kind = self._mujoco.mjtState.mjSTATE_FULLPHYSICS
+        first = np.empty(self._mujoco.mj_stateSize(self._model, kind))
+        self.reset()
+        self._mujoco.mj_getState(self._model, self._data, first, kind)
+        states, _ = rollout.rollout(self._model, self._data, first, nstep=ticks, skip_checks=False)
+        return np.asarray(states[0])
+
+    def pose(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position (d,) and rotation (d, d) of the object in a state that `rollout` has kept."""
+        q = state[1 : 1 + self._model.nq]
+        return q[: self._given.dimensions].copy(), self._rotation_of(q)
+
     @property
     def position(self) -> FloatArray:
         return np.array(self._data.qpos[: self._given.dimensions])
 
     def rotation(self) -> FloatArray:
-        d, q = self._given.dimensions, self._data.qpos
+        return self._rotation_of(self._data.qpos)
+
+    def _rotation_of(self, q: FloatArray) -> FloatArray:
+        d = self._given.dimensions
         if d < 3:
             return rotation_matrix(d, float(q[d]) if d == 2 else 0.0, ())
         w, x, y, z = q[3:7].tolist()

@@ -19,7 +19,13 @@ from graspfx.scene.checks.lengths import length_faults as _length
 from graspfx.scene.checks.meeting import meeting_faults
 from graspfx.scene.checks.settings import reason, setting_faults
 from graspfx.scene.checks.solids import mass_faults, shape_faults
-from graspfx.scene.checks.touching import control_faults, metric_faults, own_coefficient, soft_faults
+from graspfx.scene.checks.touching import (
+    contact_axes_faults,
+    control_faults,
+    metric_faults,
+    own_coefficient,
+    soft_faults,
+)
 from graspfx.scene.checks.viscosity import may_turn, viscosity_faults
 from graspfx.scene.making import bodies
 from graspfx.scene.making.wiring import wiring_faults
@@ -89,6 +95,7 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
         for quantity in ("stiffness", "damping"):
             yield _gain(scene, share, quantity)
         yield _stiff(scene, share)
+        yield contact_axes_faults(scene, share)
     yield _fade(scene)
     yield _blend(scene)
 
@@ -280,12 +287,16 @@ def _stiff(scene: SceneTable, share: str) -> Iterator[Found]:
 
 
 def _fade(scene: SceneTable) -> Iterator[Found]:
+    if scene.coupling.fade == "auto":
+        return
     low, high = scene.coupling.fade
     if not 0.0 <= low < high:
         yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {shown([low, high])}"
 
 
 def _blend(scene: SceneTable) -> Iterator[Found]:
+    if scene.coupling.blend == "off":
+        return
     low, high = scene.coupling.blend
     if not 0.0 < low < high:
         yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {shown([low, high])}"

@@ -52,6 +52,28 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
         yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
 
 
+def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Found]:
+    """Find matrices that are none in contact axes: k_n along the normal, one k_t along the surface."""
+    coupling, d = scene.coupling, scene.dimensions
+    if coupling.axes != "contact":
+        return
+    for quantity in ("stiffness", "damping"):
+        at: Location = ("coupling", share, quantity)
+        gain = np.asarray(getattr(getattr(coupling, share), quantity), dtype=float)
+        if gain.ndim < 2:
+            continue
+        if gain.shape[-1] != d:
+            yield at, "an m x m matrix has no contact axes: give one d x d matrix, or one per finger"
+            continue
+        even = gain * np.eye(d)
+        if np.array_equal(even, gain) and (gain[..., d - 1, d - 1] == gain[..., 1 % d, 1 % d]).all():
+            continue
+        form = {1: "[[k_n]]", 2: "[[k_n, 0], [0, k_t]]", 3: "[[k_n, 0, 0], [0, k_t, 0], [0, 0, k_t]]"}[d]
+        yield at, f"contact axes expect {form}, the normal first: along the surface no direction is another's better"
+    if share == "external" and coupling.contact == "attached" and any(thing.shape is None for thing in scene.object):
+        yield ("coupling", "axes"), "'contact' expects objects with a shape, which have normals"
+
+
 def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
     """Devices that do not tell the mass that limits the damping which control adds."""
     if scene.coupling.passivity != "control":

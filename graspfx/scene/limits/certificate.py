@@ -15,6 +15,7 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.modes import Mode, modes
 from graspfx.analysis.passivity_grasp import CouplingLimits, coupling_limits
 from graspfx.analysis.pushing import kept
+from graspfx.analysis.series import in_series
 from graspfx.errors import InputError
 from graspfx.loop.record import Recording
 from graspfx.scene.limits.cone_edge import said_of_grip, sliding_notes
@@ -305,7 +306,8 @@ def gone_without(scene: Scene, found: Linearised, near: Linearisation, chosen: t
     P = held.T @ held
     I = np.eye(len(P))  # noqa: E741 (the identity's letter)
     ked, kid = _number(coupling.external.damping), _number(coupling.internal.damping)
-    damping = near.damping if math.isnan(ked + kid) else ked * P + kid * (I - P)
+    compliance = found.compliance[np.isin(found.finger_of_column, chosen)]
+    damping = near.damping if math.isnan(ked + kid) else in_series(ked * P + kid * (I - P), compliance)
     return near.with_changes(stiffness=kep * P + kip * (I - P), damping=damping)
 
 
@@ -316,6 +318,8 @@ def _passive(scene: Scene, found: Linearised) -> tuple[CouplingLimits | None, st
     dampings = [_number(part.damping) for part in (coupling.external, coupling.internal)]
     if any(math.isnan(value) for value in dampings):
         return None, "its damping is given by matrices"
+    if found.compliance.any():
+        return None, "its damping grows with depth, and is not whole here"
     if linear.delay.any():
         return None, "its devices display forces late"
     if linear.integrator != "exact":

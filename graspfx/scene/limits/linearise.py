@@ -10,20 +10,24 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
+from graspfx.analysis.series import in_series
 from graspfx.coupling import block as at
+from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.matrix import Grasp
 from graspfx.grasp.split import Split
+from graspfx.loop.parts import Held
 from graspfx.loop.record import Recording
 from graspfx.objects import kernels as body
 from graspfx.scene.limits.cone_edge import EDGE, edge_directions
 from graspfx.scene.limits.from_recording import recorded, set_pose
 from graspfx.scene.limits.ground import LOW, Ground, ground_under
-from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics, still_hands
+from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics
 from graspfx.scene.limits.place import Place, provisional, squeezed
 from graspfx.scene.limits.resting import Grip
 from graspfx.scene.limits.scaled_gains import ScaledGains
-from graspfx.scene.making.build import grasped_object, make_law
+from graspfx.scene.making.build import grasped_object, make_law, set_fade
+from graspfx.scene.making.still import still_hands
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +56,7 @@ class Linearised:
         standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
+        compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
     """
 
     linear: Linearisation
@@ -68,6 +73,7 @@ class Linearised:
     standing: tuple[Ground | None, ...] = field(repr=False)
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
+    compliance: FloatArray = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +94,7 @@ class _Part:
     split: Split
     gains: ScaledGains
     damping: FloatArray
+    compliance: FloatArray
     G: FloatArray
     G_e: FloatArray
     G_c: FloatArray
@@ -143,6 +150,9 @@ def _part(scene: Scene, index: int, where: str, recording: Recording | None) -> 
     start = np.array([finger.start for finger in scene.finger], dtype=float)
     grasped.meet(start[fingers])
     grip = Grip(grasped, np.array(scene.free(table)))
+    inward = np.zeros_like(start)
+    inward[fingers] = grasped.inward()
+    set_fade(scene, [Held(table.name, grasped, fingers)], start, inward)
     initial = grasped.block.copy()
     place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
@@ -189,9 +199,14 @@ def _matrices(
         assumed.append("contacts stick")
     if rules.contact != "attached":
         assumed.append("no finger lets go")
-    law = make_law(scene, fingers)
+    law = make_law(scene, fingers, index)
+    if rules.axes != "world":
+        law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
     gains = ScaledGains(law, split, n, normals)
-    D = gains.held(law.damping(split))
+    compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
+    if np.isinf(compliance).any():
+        assumed.append("no damping where nothing presses yet: it grows with depth")
+    D = gains.held(in_series(law.damping(split), compliance))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
     if J is None:
@@ -235,6 +250,7 @@ def _matrices(
         split=split,
         gains=gains,
         damping=D,
+        compliance=compliance,
         G=G,
         G_e=G_e,
         G_c=_wrenches(contacts, grip),
@@ -255,6 +271,12 @@ def _force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> Fl
         normal[:, None] if free else np.eye(d) for normal, free in zip(grip.grasped.inward(), smooth, strict=True)
     ]
     return _block_diagonal(blocks)
+
+
+def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
+    """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
+    return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
@@ -339,6 +361,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         standing=tuple(part.standing for part in parts),
         stiffness=stiffness,
         conventional=conventional,
+        compliance=np.concatenate([part.compliance for part in parts]),
     )
 
 

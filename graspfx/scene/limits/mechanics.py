@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 from graspfx.loop.device import Features
-from graspfx.loop.plant import Hand
-from graspfx.scene.making.holding import Holding, hold, holdings
+from graspfx.scene.making.still import Held
 from graspfx.scene.making.wiring import wires
 from graspfx.scene.model import Scene
-from graspfx.scene.tables.hands import Moving, Rest
-from graspfx.scene.tables.reading import listed
 
 FloatArray = NDArray[np.float64]
 
@@ -47,15 +44,6 @@ class Mechanics:
     damping: FloatArray
     delay: NDArray[np.int64]
     assumed: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Held:
-    """A hand without its motion and turns: the fingers that it holds, and when it is closed most [s]."""
-
-    hand: Hand
-    fingers: list[int]
-    closed: float
 
 
 def device_masses(scene: Scene) -> FloatArray:
@@ -97,25 +85,6 @@ def mechanics(scene: Scene, position: FloatArray, hands: Sequence[Held]) -> Mech
             for a in range(d):
                 total[np.ix_(held.fingers, [a], held.fingers, [a])] = part[a][:, None, :, None]
     return Mechanics(mass, friction, K.reshape(n * d, n * d), B.reshape(n * d, n * d), delay, tuple(sorted(assumed)))
-
-
-def still_hands(scene: Scene, start: FloatArray, inward: FloatArray) -> Iterator[Held]:
-    """The hands of a scene as they would close if they neither moved nor turned."""
-    for holding in holdings(scene):
-        yield _still(scene, holding, start, inward)
-
-
-def _still(scene: Scene, holding: Holding, start: FloatArray, inward: FloatArray) -> Held:
-    table, closed = holding.table, 0.0
-    if isinstance(table, Moving):
-        table = table.model_copy(update={"motion": Rest(kind="rest"), "turn": None})
-        if isinstance(table.squeeze, int | float):
-            closed = table.squeeze_ramp
-        else:
-            most = max(listed(table.squeeze), key=lambda step: step.to)
-            closed = most.begin + most.duration if most.to > 0.0 else 0.0  # they begin with none
-        holding = replace(holding, table=table)
-    return Held(hold(scene, scene.source.folder, holding, start, inward), holding.fingers, closed)
 
 
 @dataclass(frozen=True)

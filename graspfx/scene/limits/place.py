@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from graspfx.objects import kernels as body
 from graspfx.scene.limits.cone_edge import grip_margins
 from graspfx.scene.limits.ground import bearers
-from graspfx.scene.limits.mechanics import still_hands
 from graspfx.scene.limits.resting import SHIFT, Grip, settle
+from graspfx.scene.making.still import still_hands
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

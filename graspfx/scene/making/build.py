@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.coupling.fade import FADE, gaps, release_compliance
 from graspfx.coupling.grasped import GraspedObject, Rules
 from graspfx.errors import DeviceError
 from graspfx.grasp.impedance import Coupling, Impedance
@@ -20,7 +21,10 @@ from graspfx.loop.parts import Held, Moved, Mover, Station
 from graspfx.loop.servo import Servo
 from graspfx.scene.making.bodies import fill, make_shape
 from graspfx.scene.making.holding import Holding, hold, holdings
+from graspfx.scene.making.limiting import force_limits
+from graspfx.scene.making.meshes import scene_mesh
 from graspfx.scene.making.movers import make_movers
+from graspfx.scene.making.still import most_forces
 from graspfx.scene.making.wiring import Wire, wires
 
 if TYPE_CHECKING:
@@ -49,7 +53,8 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
     with ExitStack() as stack:
         wired = wires(scene, scene.source.folder)
         masses = _masses(scene, wired)
-        objects = [_held(scene, i, masses) for i in range(len(scene.object))]
+        limits = force_limits(len(scene.finger), wired)
+        objects = [_held(scene, i, masses, limits) for i in range(len(scene.object))]
         movers = list(make_movers(scene, [held.grasped.body_state for held in objects], stack))
         for mover in movers:
             if any(objects[i].grasped.implicit for i in mover.objects):
@@ -59,20 +64,25 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
         inward = np.zeros_like(start)
         for held in objects:
             inward[held.fingers] = held.grasped.inward()
+        set_fade(scene, objects, start, inward)
         moved = list(_moved(scene, wired, start, inward))
         for wire in wired:
             if live or isinstance(wire.device, SimulatedDevice):
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
         stations = [Station(wire.device, wire.fingers) for wire in wired]
-        layout = make_layout(scene, simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired))
+        layout = make_layout(
+            scene,
+            simulated=all(isinstance(wire.device, SimulatedDevice) for wire in wired),
+            limits=limits is not None,
+        )
         observers = list(_observers(scene, wired, objects, movers))
         yield Servo(
             scene.period, layout, stations, objects, movers, moved, observers, engine or scene.engine, record=record
         )
 
 
-def make_layout(scene: Scene, *, simulated: bool) -> Layout:
+def make_layout(scene: Scene, *, simulated: bool, limits: bool) -> Layout:
     """The columns of a recording of the scene; simulated devices also tell their true positions."""
     return Layout(
         dimensions=scene.dimensions,
@@ -85,6 +95,7 @@ def make_layout(scene: Scene, *, simulated: bool) -> Layout:
         simulated=simulated,
         observed=scene.coupling.passivity != "off",
         controlled=scene.coupling.passivity == "control",
+        limits=limits,
     )
 
 
@@ -101,13 +112,22 @@ def _masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray | None:
     return masses
 
 
-def _held(scene: Scene, index: int, masses: FloatArray | None) -> Held:
-    grasped, fingers = grasped_object(scene, index, masses)
+def _held(scene: Scene, index: int, masses: FloatArray | None, limits: FloatArray | None) -> Held:
+    grasped, fingers = grasped_object(scene, index, masses, limits)
     return Held(scene.object[index].name, grasped, fingers)
 
 
-def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple[GraspedObject, NDArray[np.intp]]:
-    """An object as the coupling sees it, and the numbers of its fingers; `masses` of all devices, if weighed."""
+def grasped_object(
+    scene: Scene, index: int, masses: FloatArray | None, limits: FloatArray | None = None
+) -> tuple[GraspedObject, NDArray[np.intp]]:
+    """An object as the coupling sees it, and the numbers of its fingers.
+
+    Args:
+        scene: the scene.
+        index: of the object.
+        masses: of all fingers' devices [kg], if weighed.
+        limits: largest forces of all fingers [N], infinite where there is none; None where forces have no limit.
+    """
     table, d = scene.object[index], scene.dimensions
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     folder = scene.source.folder
@@ -116,22 +136,47 @@ def grasped_object(scene: Scene, index: int, masses: FloatArray | None) -> tuple
         len(fingers),
         d,
         scene.period,
-        make_law(scene, fingers),
+        make_law(scene, fingers, index),
         Rules(
             attached=rules.contact == "attached",
             stick=rules.friction == "stick",
             friction=[scene.coefficients[i] for i in fingers],
             patch=[scene.finger[i].patch or 0.0 for i in fingers],
             share=None if masses is None else (masses[fingers] / masses[fingers].mean()).tolist(),
-            fade=rules.fade if rules.absent == "fade" else None,
+            fade=None if rules.absent == "follow" else FADE if rules.fade == "auto" else rules.fade,
             at_contact=rules.reaction == "contact",
-            blend=rules.blend,
+            blend=None if rules.blend == "off" else rules.blend,
+            axes=rules.axes,
+            damping_depth=rules.damping_depth,
         ),
         lambda state: fill(scene, table, state, folder),
         shape=make_shape(table, folder),
         radius=[scene.finger[f].radius for f in fingers],
+        limit=None if limits is None else limits[fingers],
     )
     return grasped, fingers
+
+
+def set_fade(scene: Scene, objects: Sequence[Held], start: FloatArray, inward: FloatArray) -> None:
+    """Let `coupling.fade = "auto"` begin where the squeeze of the hands asks for it: fingers have met their objects.
+
+    h1 = 1/2 |1/kep - 1/kip| sum |f|, |f| the most with which a hand squeezes, and 2 mm at least; h2 = h1 + 8 mm.
+    """
+    rules = scene.coupling
+    if rules.fade != "auto" or rules.absent == "follow" or rules.contact == "attached":
+        return
+    compliance = [release_compliance(each.grasped.law, len(each.fingers), scene.dimensions) for each in objects]
+    if not any(compliance):
+        return
+    contacts = start.copy()
+    for each in objects:
+        contacts[each.fingers] = each.grasped.contact_position
+    forces = most_forces(scene, start, inward, contacts)
+    for each, soft in zip(objects, compliance, strict=True):
+        found = gaps(soft * float(forces[each.fingers].sum()))
+        if found != FADE:
+            each.grasped.set_fade(*found)
+            each.grasped.meet(start[each.fingers])
 
 
 def _observers(
@@ -156,14 +201,17 @@ def _observers(
         )
 
 
-def make_law(scene: Scene, fingers: NDArray[np.intp]) -> Coupling:
-    """The gains of eq. (4) for the fingers of one object."""
+def make_law(scene: Scene, fingers: NDArray[np.intp], index: int) -> Coupling:
+    """Make the gains of eq. (4) for the fingers of one object; those in the object's axes stand in its body's."""
     external, internal = scene.coupling.external, scene.coupling.internal
-    return Coupling(
+    law = Coupling(
         external=Impedance(_own(external.stiffness, fingers), _own(external.damping, fingers)),
         internal=Impedance(_own(internal.stiffness, fingers), _own(internal.damping, fingers)),
         form=scene.coupling.form,
     )
+    # the body of a mesh has its principal axes, the file others
+    mesh = scene_mesh(scene.object[index], scene.source.folder) if scene.coupling.axes == "object" else None
+    return law if mesh is None else law.turned(mesh.unit.axes.T)
 
 
 def _own(gain: Gains, fingers: NDArray[np.intp]) -> float | FloatArray:

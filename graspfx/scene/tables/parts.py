@@ -83,10 +83,15 @@ class World(Table):
 
 
 class Impedance(Table):
-    """Stiffness and damping of eq. (4), as a number, one per finger, or matrices."""
+    """Stiffness and damping of eq. (4), as a number, one per finger, or matrices in the axes of `coupling.axes`."""
 
     stiffness: Gain = Field(description="[N/m]")
     damping: Gain = Field(default=0.0, description="[N s/m]")
+
+
+_by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
+PairOrAuto = Annotated[Annotated[Literal["auto"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
+PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
 
 
 def _friction(value: Any) -> Any:
@@ -112,6 +117,12 @@ class Coupling(Table):
     external: Impedance
     internal: Impedance
     form: Literal["literal", "symmetric"] = "literal"
+    axes: Literal["object", "world", "contact"] = Field(
+        default="object",
+        description="in which gains that are matrices stand: those in which the object's shape is described, in which "
+        "springs create no energy; the world's; or each contact's, the normal first, as diag(k_n, k_t) or "
+        "diag(k_n, k_t, k_t)",
+    )
     reaction: Literal["fingertip", "contact"] = "fingertip"
     friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
         default=0.0, description="0 (slips freely), 'stick' (holds where it touched) or a coefficient of Coulomb's law"
@@ -120,12 +131,22 @@ class Coupling(Table):
         default="equal", description="how fingers count in the split and the gains: the same, or by device mass"
     )
     absent: Literal["fade", "follow"] = "fade"
-    fade: Pair = Field(default=(0.002, 0.01), description="gaps between which a free finger leaves the split [m]")
+    fade: PairOrAuto = Field(
+        default="auto",
+        description="gaps between which a free finger leaves the split [m]; 'auto': [0.002, 0.01], and more where the "
+        "gains and the hands' squeeze ask for it",
+    )
     passivity: Literal["off", "observe", "control"] = Field(
         default="off", description="energies by mode: none, booked and recorded, or also damped where they are made"
     )
-    blend: Pair = Field(
-        default=(0.00025, 0.001), description="rms arms between which a rotation joins the external space [m]"
+    damping_depth: NotNegative = Field(
+        default=0.0,
+        description="over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once",
+    )
+    blend: PairOrOff = Field(
+        default=(0.00025, 0.001),
+        description="rms arms between which a rotation joins the external space [m]; 'off': as soon as it has an arm, "
+        "eq. (4) to the letter",
     )
 
 

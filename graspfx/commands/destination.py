@@ -1,0 +1,113 @@
+"""Where a command's files go: a folder of its own in out/, or the one that --out names; over nothing that is there."""
+
+from __future__ import annotations
+
+import os
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from itertools import count
+from pathlib import Path
+
+from graspfx.commands.output import note
+from graspfx.errors import RecordingError
+from graspfx.loop.places import LATEST, make_folder, obstacle, require_vacancy, require_vacancy_of
+
+OUT = Path("out")
+REMEDY = "choose another --out, or write over it with --overwrite"
+
+
+def add_destination(parser: ArgumentParser, metavar: str, meaning: str) -> None:
+    """Add --out and --overwrite."""
+    parser.add_argument("--out", metavar=metavar, type=Path, help=meaning)
+    parser.add_argument("--overwrite", action="store_true", help="write over files that are there")
+
+
+def require_room(chosen: Namespace, files: Iterable[Path]) -> None:
+    """Refuse, unless with --overwrite, where a file that the command would write is there.
+
+    Raises:
+        RecordingError: it is.
+    """
+    if not chosen.overwrite:
+        require_vacancy(files, REMEDY)
+
+
+def require_room_of(chosen: Namespace, recording: Path) -> None:
+    """Refuse, unless with --overwrite, where a recording, or the part of a run, is there.
+
+    Raises:
+        RecordingError: it is.
+    """
+    if not chosen.overwrite:
+        require_vacancy_of(recording, REMEDY)
+
+
+@contextmanager
+def destination(chosen: Namespace, name: str, *, latest: bool = False) -> Iterator[Path]:
+    """Choose the folder of --out, or a new one: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
+
+    A new folder that stays empty is removed again.
+
+    Args:
+        chosen: has `out` and `overwrite`.
+        name: of the scene.
+        latest: whether out/latest is to point to the new folder.
+    """
+    if chosen.out is not None:
+        yield chosen.out
+        return
+    folder = make_folder(OUT / name) if chosen.overwrite else _new_folder(name)
+    previous = _point_to(folder) if latest else None
+    try:
+        yield folder
+    finally:
+        with suppress(OSError):
+            folder.rmdir()  # which an empty one can be
+            if latest:
+                _point_to(previous)
+            OUT.rmdir()
+
+
+def _new_folder(name: str) -> Path:
+    make_folder(OUT)
+    for number in count(1):
+        folder = OUT / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordingError(f"{folder}: no folder can be made there; {obstacle(error)}") from error
+        return folder
+    raise AssertionError
+
+
+def _point_to(folder: Path | None) -> Path | None:
+    """Make out/latest lead to a folder (to none: remove it), and return the folder to which it led.
+
+    A link, or where there are none, as for most users of Windows, a file with the folder's name, which every command
+    that reads recordings follows.
+    """
+    link, draft = OUT / LATEST, OUT / f".{LATEST}.{os.getpid()}"
+    previous = _target(link)
+    if folder is None:
+        link.unlink(missing_ok=True)
+        return previous
+    try:
+        if link.is_dir() and not link.is_symlink():
+            raise FileExistsError(None, "a folder is in its way")
+        try:
+            draft.symlink_to(folder.name, target_is_directory=True)
+        except (OSError, NotImplementedError):
+            draft.write_text(folder.name + "\n", encoding="utf-8")
+        draft.replace(link)
+    except OSError as error:
+        note([f"{link}: cannot be made to lead to {folder.name}; {error.strerror}"])
+    return previous
+
+
+def _target(link: Path) -> Path | None:
+    if link.is_symlink():
+        return OUT / link.readlink()
+    return OUT / link.read_text(encoding="utf-8").strip() if link.is_file() else None

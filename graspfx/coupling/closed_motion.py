@@ -1,0 +1,98 @@
+"""The energy that a coupling creates while its object goes round a closed motion under fingers that stay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.coupling import block as at
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.objects import kernels as body
+from graspfx.spatial import exponential, product, quaternion_matrix
+
+FloatArray = NDArray[np.float64]
+
+TURN = 0.5  # [rad]: to either side
+SAMPLES = 24  # of a motion: for a smooth force the mean over one period converges faster than any power of them
+CREATES = 1e-6  # of the peak: less is rounding
+
+
+@dataclass(frozen=True)
+class LoopEnergy:
+    """The energies of one closed motion.
+
+    Attributes:
+        created: what the object was given beyond what the fingers spent [J].
+        peak: the largest that the springs stored, 1/2 f'e [J].
+    """
+
+    created: float
+    peak: float
+
+    @property
+    def share(self) -> float:
+        """What was created over the peak; 0 where nothing was stored."""
+        return self.created / self.peak if self.peak > 0.0 else 0.0
+
+
+def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
+    """Find the closed motion on which the springs of a coupling create most, of a few that any grasp allows.
+
+    The contacts stay in the object and the fingers where they are. The object turns by +-0.5 rad about each free axis,
+    while it goes aside and back along each free direction and each diagonal of two, by half the way that such a turn
+    takes its contacts. The work is the integral of wrench'(v, w); the object's block is left as it was.
+
+    Args:
+        grasped: with contacts that it has met, or that are attached.
+        fingers: (n, d) [m].
+    """
+    kept, found = grasped.block.copy(), LoopEnergy(0.0, 0.0)
+    S = grasped.block
+    S[at.ATTACHED] = 1.0
+    S[at.IMPLICIT] = S[at.DAMPED] = S[at.OBSERVED] = 0.0
+    S[at.BODY + body.ANGULAR_VELOCITY : at.BODY + body.ANGULAR_VELOCITY + 3] = 0.0
+    start = S.copy()
+    try:
+        for axis, way in list(_motions(grasped, fingers)):
+            S[:] = start
+            found = max(found, _round(grasped, fingers, axis, way), key=lambda each: abs(each.share))
+    finally:
+        grasped.block[:] = kept
+    return found
+
+
+def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int, FloatArray]]:
+    """Axes of turns, 0 to 2, with the amplitude (d,) of the way aside."""
+    d, S = grasped.dimensions, grasped.body_state
+    free = S[body.FREE : body.FREE + 6] != 0.0
+    arm = math.sqrt(float(((fingers - S[body.POSITION : body.POSITION + d]) ** 2).sum(axis=1).mean()))
+    units = [np.eye(3)[a] for a in range(d) if free[a]]
+    units += [(a + s * b) / math.sqrt(2.0) for i, a in enumerate(units) for b in units[i + 1 :] for s in (1.0, -1.0)]
+    for axis in np.flatnonzero(free[3:]).tolist():
+        for unit in units:
+            yield axis, 0.5 * TURN * arm * unit[:d]
+
+
+def _round(grasped: GraspedObject, fingers: FloatArray, axis: int, way: FloatArray) -> LoopEnergy:
+    d, S = grasped.dimensions, grasped.body_state
+    centre = S[body.POSITION : body.POSITION + d].copy()
+    start = S[body.QUATERNION : body.QUATERNION + 4].tolist()
+    created = peak = 0.0
+    for phase in 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES:
+        sine, cosine = math.sin(phase), math.cos(phase)
+        turn = [0.0, 0.0, 0.0]
+        turn[axis] = TURN * sine
+        S[body.POSITION : body.POSITION + d] = centre + (1.0 + cosine) * way
+        q = product(*exponential(*turn), *start)
+        S[body.QUATERNION : body.QUATERNION + 4] = q
+        quaternion_matrix(S, body.ROTATION, *q)
+        grasped.finger_position[:] = fingers
+        grasped.sample()
+        power = -sine * float(S[body.FORCE : body.FORCE + d] @ way) + TURN * cosine * float(S[body.MOMENT + axis])
+        created += 2.0 * math.pi / SAMPLES * power
+        peak = max(peak, 0.5 * float((grasped.force * (fingers - grasped.contact_position)).sum()))
+    return LoopEnergy(created, peak)

@@ -1,0 +1,46 @@
+"""How far from the surface a free finger can still be when the others' forces bring it back in touch."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.grasp.impedance import Coupling, per_finger
+
+FADE = (0.002, 0.01)  # [m]: the gaps of a fade where the forces do not ask for more
+BAND = FADE[1] - FADE[0]  # [m]
+
+
+def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
+    """Compute 1/2 |Kep^-1 - Kip^-1| [m/N], the largest singular value for matrices.
+
+    The others' external forces displace a free finger's contact by up to this times the sum of their forces, the gap
+    below which a free finger can touch again. Zero where a stiffness has no inverse, and for equal gains.
+    """
+    n, d = fingers, dimensions
+    kep, kip = law.external.stiffness, law.internal.stiffness
+    if isinstance(kep, float) and isinstance(kip, float):
+        return 0.5 * abs(1.0 / kep - 1.0 / kip) if kep > 0.0 and kip > 0.0 else 0.0
+    inverse: list[NDArray[np.float64]] = []
+    for gain in (per_finger(kep, n, d), per_finger(kip, n, d)):
+        if np.linalg.eigvalsh(gain).min() <= 0.0:
+            return 0.0
+        inverse.append(np.asarray(np.linalg.inv(gain), dtype=np.float64))
+    if inverse[0].ndim != inverse[1].ndim:
+        inverse = [_whole(each) for each in inverse]
+    return 0.5 * float(np.linalg.norm(inverse[0] - inverse[1], 2, axis=(-2, -1)).max())
+
+
+def gaps(needed: float) -> tuple[float, float]:
+    """The gaps of a fade that begins no nearer than needed, and takes the default's 8 mm [m]."""
+    return FADE if needed <= FADE[0] else (needed, needed + BAND)
+
+
+def _whole(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrices of the fingers (n, d, d) as one (n d, n d)."""
+    if blocks.ndim == 2:
+        return blocks
+    n, d, _ = blocks.shape
+    whole = np.zeros((n * d, n * d))
+    whole.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = blocks
+    return whole

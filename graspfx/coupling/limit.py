@@ -1,0 +1,184 @@
+"""The step `limit` of a sample: the law's forces within what the devices display, before the object receives them.
+
+A limit at the device alone creates energy, for the object receives what nobody displayed. The normal way is inside the
+projection: the cones are cut off at |f_i| <= L_i and the sample is asked once more, so that the elastic force stays the
+gradient of a convex function (`graspfx.cones.cut`). Whatever is still too long is scaled (`graspfx.coupling.scaling`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from graspfx.cones.cut import HALF_SPACE, NO_CONE, force_size, shorten
+from graspfx.cones.friction import UNRESOLVED as NONE
+from graspfx.coupling import block as at
+from graspfx.coupling.approach import UNRESOLVED
+from graspfx.coupling.assemble import into_frames, out_of_frames
+from graspfx.coupling.depth import pose_compliances
+from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.projection import damp_alone
+from graspfx.coupling.rays import press
+from graspfx.coupling.react import react
+from graspfx.coupling.scaling import scale
+from graspfx.coupling.slip import friction_force_modes, pose_problem, rub
+
+NEARLY = 1.0 - 1e-12  # of a limit: a force of that size stands at it
+
+
+def limit(S: Any, fault: int) -> int:
+    """Bring the forces of a sample within the limits; returns `fault`, or UNRESOLVED.
+
+    The law's own forces stay in the block, and who stands at a limit. Nothing changes where all are short enough.
+    """
+    keep_law(S)
+    if fault != 0 or not exceeds(S):
+        return fault
+    n = int(S[at.FINGERS])
+    inside = is_inside(S)
+    if inside:
+        for i in range(n):
+            S[int(S[at.LIMITS]) + i] = at.LIMIT_MARGIN * S[at.device_limits(S) + i]
+        fault = within(S)
+        for i in range(n):
+            S[int(S[at.LIMITS]) + i] = math.inf
+    if fault == 0:
+        scale(S, True)
+        mark(S, inside)
+    return fault
+
+
+def limit_again(S: Any) -> None:
+    """Scale what was added to the forces since `limit` and the reaction to them; it counts as the law's."""
+    add_to_law(S, -1.0)
+    react(S)
+    add_to_law(S, 1.0)
+    scale(S, False)
+    mark(S, False)
+
+
+def forget_limits(S: Any) -> None:
+    """No law's force, and nobody at a limit."""
+    n = int(S[at.FINGERS])
+    for k in range(4 * n):
+        S[at.saturation(S) + k] = 0.0
+
+
+def keep_law(S: Any) -> None:
+    """The forces as they are, in world axes, as the law's; nobody stands at a limit yet."""
+    react(S)
+    n = int(S[at.FINGERS])
+    for i in range(n):
+        S[at.saturation(S) + i] = 0.0
+        for a in range(3):
+            S[at.law_force(S) + 3 * i + a] = S[at.ROW + i * at.STRIDE + at.FORCE + a]
+
+
+def add_to_law(S: Any, sign: float) -> None:
+    """Add the forces in world axes to the law's, or take them off."""
+    for i in range(int(S[at.FINGERS])):
+        for a in range(3):
+            S[at.law_force(S) + 3 * i + a] += sign * S[at.ROW + i * at.STRIDE + at.FORCE + a]
+
+
+def exceeds(S: Any) -> bool:
+    """Whether some finger's force, or its elastic one, is beyond the limit."""
+    longest = 0.0
+    for i in range(int(S[at.FINGERS])):
+        r, most = at.ROW + i * at.STRIDE, at.LIMIT_MARGIN * S[at.device_limits(S) + i]
+        if force_size(S, r + at.LOCAL, width(S)) > most or force_size(S, r + at.ELASTIC, width(S)) > most:
+            longest = 1.0
+    return longest > 0.0
+
+
+def width(S: Any) -> int:
+    """How many of a force's four entries the limit counts: torsion too where friction bounds it with the force."""
+    return 4 if S[at.FRICTION] != 0.0 else 3
+
+
+def mark(S: Any, inside: bool) -> None:
+    """Mark the fingers whose force stands at the limit; inside the projection, also whose elastic force does."""
+    for i in range(int(S[at.FINGERS])):
+        r, least = at.ROW + i * at.STRIDE, NEARLY * at.LIMIT_MARGIN * S[at.device_limits(S) + i]
+        if force_size(S, r + at.LOCAL, width(S)) >= least:
+            S[at.saturation(S) + i] = 1.0
+        if inside and force_size(S, r + at.ELASTIC, width(S)) >= least:
+            S[at.saturation(S) + i] = 1.0
+
+
+def is_inside(S: Any) -> bool:
+    """Whether the projection itself can be asked for forces within limits.
+
+    Not with the implicit integrator, nor where gains are matrices and there is no coefficient of friction.
+    """
+    return bool(S[at.IMPLICIT] == 0.0 and (S[at.FRICTION] != 0.0 or S[at.DENSE] == 0.0))
+
+
+def within(S: Any) -> int:
+    """The forces of the cut cones: the elastic one, then damping; returns 0 or UNRESOLVED."""
+    if S[at.FRICTION] != 0.0:
+        return rub(S)
+    if S[at.RAYS] != 0.0:
+        return press(S)
+    if S[at.EQUAL] != 0.0:
+        within_alone(S)
+        return 0
+    return within_balls(S)
+
+
+def within_alone(S: Any) -> None:
+    """Equal gains: every finger by itself, elastic force and sum shortened one after the other."""
+    n = int(S[at.FINGERS])
+    for i in range(n):
+        r = at.ROW + i * at.STRIDE
+        for a in range(4):
+            S[r + at.LOCAL + a] = S[r + at.ELASTIC + a]
+    shorten_all(S)
+    keep_elastic(S)
+    if S[at.DAMPED] != 0.0:
+        if S[at.ATTACHED] != 0.0:
+            bilateral(S, False, True)
+            for i in range(n):
+                r = at.ROW + i * at.STRIDE
+                for a in range(4):
+                    S[r + at.LOCAL + a] += S[r + at.ELASTIC + a]
+        else:
+            damp_alone(S)
+        shorten_all(S)
+
+
+def shorten_all(S: Any) -> None:
+    """Every force to its limit."""
+    for i in range(int(S[at.FINGERS])):
+        shorten(S, at.ROW + i * at.STRIDE + at.LOCAL, width(S), S[int(S[at.LIMITS]) + i])
+
+
+def within_balls(S: Any) -> int:
+    """Attached and sticking contacts: the forces nearest to the law's, by K^-1 and then by D^-1, with |f_i| <= L_i.
+
+    Fingers that the law has let go of stay free, and those that it holds only push.
+    """
+    fault = ball_force(S, int(S[at.PROBLEM]), at.DISPLACEMENT, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS])
+    keep_elastic(S)
+    if fault == 0 and S[at.DAMPED] != 0.0:
+        fault = ball_force(S, int(S[at.BRAKE]), at.RATE, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING])
+    return fault
+
+
+def ball_force(S: Any, o: int, what: int, external: float, internal: float) -> int:
+    """The elastic force into LOCAL, or damping by what is a RATE added to the one that is there."""
+    n, c = int(S[at.FINGERS]), int(S[at.COORDINATES])
+    m = n * c
+    pose_problem(S, o, True)
+    for i in range(n):
+        S[o + n + i] = NO_CONE if S[at.ATTACHED] != 0.0 else HALF_SPACE
+    into_frames(S, what, o + 3 * n)
+    if what == at.RATE:
+        into_frames(S, at.LOCAL, o + 3 * n + m)
+    else:
+        for p in range(m):
+            S[o + 3 * n + m + p] = 0.0
+    series = pose_compliances(S, o, c) if what == at.RATE else -1
+    law, _, _ = friction_force_modes(S, o, external, internal, False, series)
+    out_of_frames(S, o + 3 * n + 2 * m, at.LOCAL)
+    return UNRESOLVED if law == NONE else 0

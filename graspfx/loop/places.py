@@ -1,0 +1,104 @@
+"""Where the files of a run stand: the recording, the part that a run writes until it ends, and what is in their way."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from os import PathLike
+from pathlib import Path
+
+from graspfx.errors import InputError, RecordingError
+
+NAME = "recording.h5"  # of the file in a run's folder
+PART = ".part"  # ending of a recording that is being written, or whose run was killed
+LATEST = "latest"  # in a folder of runs, the link to the last of them, or a file with its name
+LONGEST_NAME = 4096  # bytes of a file that stands for a link
+
+
+def make_folder(path: str | PathLike[str]) -> Path:
+    """Make a folder for files of a run, if it is not there.
+
+    Raises:
+        RecordingError: it cannot be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{folder}: no folder can be made there; {obstacle(error)}") from error
+    return folder
+
+
+def obstacle(error: OSError) -> str:
+    """Say why no folder can be made."""
+    in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
+    return "a file is in its way" if in_the_way else str(error.strerror)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the disk keep the names in a folder, where the system can."""
+    with suppress(OSError):  # Windows opens no folder
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def part_of(place: Path) -> Path:
+    """Name the file that a run writes until it ends and there is a recording."""
+    return place.with_name(place.name + PART)
+
+
+def is_part(place: Path) -> bool:
+    """Say whether a file's name is that of a part."""
+    return place.name.endswith(PART)
+
+
+def recording_path(path: str | PathLike[str], name: str = "recording") -> Path:
+    """Take a path as it came, or say what is expected of the argument of that name.
+
+    Raises:
+        InputError: not a path.
+    """
+    if not isinstance(path, str | PathLike):
+        raise InputError(name, path, "the path of a file or of its folder")
+    return Path(path)
+
+
+def recording_file(path: str | PathLike[str]) -> Path:
+    """Choose the file that is read for a path: the recording, or its part where there is no other.
+
+    A folder stands for recording.h5 in it; `latest` may be a file that names a folder.
+    """
+    place = recording_path(path)
+    if place.name == LATEST and place.is_file() and place.stat().st_size <= LONGEST_NAME:
+        place = place.parent / place.read_text(encoding="utf-8", errors="replace").strip()
+    if place.is_dir():
+        place = place / NAME
+    part = part_of(place)
+    return part if part.is_file() and not place.exists() else place
+
+
+def require_vacancy(files: Iterable[Path], remedy: str = "choose another place, or pass overwrite=True") -> None:
+    """Refuse to write where a file is already, also the part of a recording; a part without a byte is none.
+
+    Raises:
+        RecordingError: the first file in the way, and what to do.
+    """
+    for file in files:
+        if is_part(file):
+            if file.exists() and (file.is_dir() or file.stat().st_size > 0):
+                raise RecordingError(f"{file}: is there already, of a run that goes on or was killed; {remedy}")
+        elif file.exists() or file.is_symlink():
+            raise RecordingError(f"{file}: is there already; {remedy}")
+
+
+def require_vacancy_of(place: Path, remedy: str = "choose another place, or pass overwrite=True") -> None:
+    """Refuse to write a recording where it, or its part, is already.
+
+    Raises:
+        RecordingError: the file in the way, and what to do.
+    """
+    require_vacancy([place, part_of(place)], remedy)

@@ -1,0 +1,79 @@
+"""The report of the conformance kit for devices: promises that were checked, and those that it cannot see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class BlindSpot:
+    """A promise of a device that passing the kit does not show to be kept.
+
+    Attributes:
+        promise: what the protocol asks for.
+        reason: why the kit cannot see it, or what it has seen instead.
+    """
+
+    promise: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.promise} ({self.reason})"
+
+
+@dataclass(frozen=True, repr=False)
+class DeviceReport:
+    """Promises of a device that were checked and are kept, and those that the kit could not see.
+
+    Attributes:
+        checks: promises in the order in which they were checked; each is worded as far as it was.
+        not_visible: promises that a driver may break and still pass: to be tried on the bench, with a force gauge and
+            a ruler, before a person holds the device.
+    """
+
+    checks: tuple[str, ...]
+    not_visible: tuple[BlindSpot, ...]
+
+    def __str__(self) -> str:
+        parts = (("checked", self.checks), ("not visible", self.not_visible))
+        return "\n".join(f"{name}:\n" + "\n".join(f"  - {each}" for each in lines) for name, lines in parts)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+HARDWARE = (
+    BlindSpot("`stop` and `close` are zero force", "the kit does not see the wire, only that the calls return"),
+    BlindSpot(
+        "a force that is not finite is displayed as zero", "it sees that DeviceError is raised, not what is displayed"
+    ),
+    BlindSpot("the force limit is applied, last", "it writes small forces only, and does not see what is displayed"),
+    BlindSpot("a force reaches its own finger, in its direction, in newtons", "it does not see what the actuators do"),
+    BlindSpot(
+        "positions are in metres, velocities in metres a second, each of its own finger and axis",
+        "it sees their shape and that they are finite: millimetres pass",
+    ),
+    BlindSpot("the time is that of the reading, in seconds", "it sees that it does not run back"),
+    BlindSpot("the device loses its force when nobody writes any more", "it cannot let the program die"),
+)
+"""What is not visible in a device without a plant."""
+
+SIMULATED = (BlindSpot("velocities are the rate of the positions", "it sees that they are finite"),)
+"""What is not visible in a simulated device, moved by its plant."""
+
+NO_LIMIT = BlindSpot("a force limit", "`features.peak_force` is None, so that none was looked for")
+NOT_NEWTONS = BlindSpot(
+    "forces, and their limit, in newtons",
+    "efforts are in other units: it sees whose they are, and that they have an end",
+)
+ALONE = BlindSpot(
+    "two devices of a kind do not know each other", "one device was given: give a function that makes one"
+)
+ALWAYS = (
+    BlindSpot("`read` and `write` neither wait nor allocate more than they must", "no clock is looked at"),
+    BlindSpot(
+        "mass, friction, stiffness, damping and delay are those that `features` tells",
+        "it sees that the numbers make sense",
+    ),
+)
+"""What is not visible in any device."""
