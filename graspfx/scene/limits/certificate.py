@@ -20,7 +20,7 @@ from graspfx.errors import InputError
 from graspfx.loop.record import Recording
 from graspfx.scene.limits.cone_edge import said_of_grip, sliding_notes
 from graspfx.scene.limits.linearise import Linearised, linearise
-from graspfx.scene.limits.whole import Family, Reach, reach
+from graspfx.scene.limits.whole import Family, Reach, bounded, reach
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -73,8 +73,7 @@ class Certificate:
         assumed: what that takes for granted.
         passive: largest gains that are passive to any operator, or None.
         why_not_passive: in a few words, where there is None.
-        grip: f_t/(mu f_n) at rest by the finger's name, 1 on the edge of its friction cone; of fingers that have a
-            coefficient and press.
+        grip: f_t/(mu f_n) at rest by the finger's name, 1 on the cone's edge; of fingers with a coefficient.
         edge: the fingers on their cones' edges, which count as sticking.
         notes: what sliding of those could do.
     """
@@ -104,21 +103,16 @@ class Certificate:
             "at": self.at,
             "stable": self.stable,
             "spectral_radius": self.spectral_radius,
-            "limits": [{name: plain(value) for name, value in vars(row).items()} for row in self.limits],
+            "limits": [{name: bounded(value) for name, value in vars(row).items()} for row in self.limits],
             "assumed": list(self.assumed),
             "passive": None
             if self.passive is None
-            else {"internal": plain(self.passive.internal), "external": plain(self.passive.external)},
+            else {"internal": bounded(self.passive.internal), "external": bounded(self.passive.external)},
             "why_not_passive": self.why_not_passive,
             "grip": dict(self.grip),
             "edge": list(self.edge),
             "notes": list(self.notes),
         }
-
-
-def plain(value: Any) -> Any:
-    """Give a value as JSON has it: None for a number that is infinite or none."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:

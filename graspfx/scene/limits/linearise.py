@@ -25,7 +25,7 @@ from graspfx.scene.limits.ground import LOW, Ground, ground_under
 from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics
 from graspfx.scene.limits.place import Place, provisional, squeezed
 from graspfx.scene.limits.resting import Grip
-from graspfx.scene.limits.scaled_gains import ScaledGains
+from graspfx.scene.limits.scaled_gains import ScaledGains, block_diagonal, force_directions
 from graspfx.scene.making.build import grasped_object, make_law, set_fade
 from graspfx.scene.making.still import still_hands
 from graspfx.scene.model import Scene
@@ -189,7 +189,7 @@ def _matrices(
     tips = contacts if J is None else g.finger_position - centre
     weights = g.rows[:, at.SHARE].copy()
     split = Split(Grasp(contacts, free=grip.free.tolist()), metric=None if (weights == 1.0).all() else weights)
-    normals = _force_directions(scene, grip, fingers)
+    normals = force_directions(scene, grip, fingers)
     if normals is not None and normals.shape[1] == n:
         assumed.append("contacts without friction: forces along the normals alone")
     elif normals is not None:
@@ -261,18 +261,6 @@ def _matrices(
     )
 
 
-def _force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> FloatArray | None:
-    """Directions (m, p) in which contacts carry forces, where some have no friction; None where all carry all."""
-    d, rules = grip.d, scene.coupling
-    smooth = [not scene.coefficients[i] for i in fingers]
-    if rules.contact == "attached" or rules.friction == "stick" or d == 1 or not any(smooth):
-        return None
-    blocks = [
-        normal[:, None] if free else np.eye(d) for normal, free in zip(grip.grasped.inward(), smooth, strict=True)
-    ]
-    return _block_diagonal(blocks)
-
-
 def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
     """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
     frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
@@ -318,7 +306,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
     apart = friction - np.diag(np.diag(friction))
 
     def turned(blocks: Sequence[FloatArray]) -> FloatArray:
-        return V.T @ _block_diagonal(blocks) @ V
+        return V.T @ block_diagonal(blocks) @ V
 
     def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
         return turned([part.gains(shifts, turns, internal) for part in parts])
@@ -326,14 +314,14 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
     def conventional(k: float) -> FloatArray:
         return turned([part.gains.alone(k) for part in parts])
 
-    G, G_e = (_block_diagonal([getattr(part, name) for part in parts]) @ V for name in ("G", "G_e"))
+    G, G_e = (block_diagonal([getattr(part, name) for part in parts]) @ V for name in ("G", "G_e"))
     linear = Linearisation(
         period=scene.period,
         mass=mass,
         friction=np.diag(friction),
         G=G,
-        inertia=_block_diagonal([part.inertia for part in parts]),
-        viscosity=_block_diagonal([part.viscosity for part in parts]),
+        inertia=block_diagonal([part.inertia for part in parts]),
+        viscosity=block_diagonal([part.viscosity for part in parts]),
         stiffness=stiffness(1.0, 1.0, 1.0),
         damping=turned([part.damping for part in parts]),
         hand_stiffness=V.T @ moved.stiffness[np.ix_(columns, columns)] @ V,
@@ -343,7 +331,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         preload=_preload(parts, V),
         G_displacement=G_e,
         ground=_ground(parts),
-        G_contact=_block_diagonal([part.G_c for part in parts]) @ V if parts[0].integrator == "implicit" else None,
+        G_contact=block_diagonal([part.G_c for part in parts]) @ V if parts[0].integrator == "implicit" else None,
     )
     assumed = dict.fromkeys([*(text for part in parts for text in part.assumed), *moved.assumed])
     return Linearised(
@@ -357,7 +345,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         splits=tuple(part.split for part in parts),
         margins=np.concatenate([part.margins for part in parts]),
         edge=tuple(int(i) for part in parts for i in part.edge),
-        slip=(V.T @ _block_diagonal([p.slip[0] for p in parts]), V.T @ _block_diagonal([p.slip[1] for p in parts])),
+        slip=(V.T @ block_diagonal([p.slip[0] for p in parts]), V.T @ block_diagonal([p.slip[1] for p in parts])),
         standing=tuple(part.standing for part in parts),
         stiffness=stiffness,
         conventional=conventional,
@@ -386,15 +374,6 @@ def _ground(parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray] | None:
     none = [np.zeros((len(part.G), len(part.G))) for part in parts]
     grounds = [part.ground for part in parts]
     return (
-        _block_diagonal([zero if g is None else g.stiffness for zero, g in zip(none, grounds, strict=True)]),
-        _block_diagonal([zero if g is None else g.damping for zero, g in zip(none, grounds, strict=True)]),
+        block_diagonal([zero if g is None else g.stiffness for zero, g in zip(none, grounds, strict=True)]),
+        block_diagonal([zero if g is None else g.damping for zero, g in zip(none, grounds, strict=True)]),
     )
-
-
-def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
-    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
-    row = column = 0
-    for block in blocks:
-        whole[row : row + len(block), column : column + block.shape[1]] = block
-        row, column = row + len(block), column + block.shape[1]
-    return whole

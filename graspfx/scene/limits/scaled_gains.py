@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from graspfx.analysis.pushing import condensed
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.split import Split
+from graspfx.scene.limits.resting import Grip
+from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
@@ -57,3 +60,25 @@ class ScaledGains:
         kept = np.arange(m) < p
         normal = basis[:, :p]
         return np.asarray(normal @ condensed(turned, kept) @ normal.T)
+
+
+def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> FloatArray | None:
+    """Give the directions (m, p) of contact forces where some have no friction; None where all carry all."""
+    d, rules = grip.d, scene.coupling
+    smooth = [not scene.coefficients[i] for i in fingers]
+    if rules.contact == "attached" or rules.friction == "stick" or d == 1 or not any(smooth):
+        return None
+    blocks = [
+        normal[:, None] if free else np.eye(d) for normal, free in zip(grip.grasped.inward(), smooth, strict=True)
+    ]
+    return block_diagonal(blocks)
+
+
+def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+    """Put matrices along a diagonal."""
+    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        whole[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    return whole
