@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from graspfx.loop.record import Recording as Recording
     from graspfx.scene.batch import Batch as Batch
     from graspfx.scene.batch import run_batch as run_batch
+    from graspfx.scene.limits.certify import Certificates as Certificates
+    from graspfx.scene.limits.certify import certify as certify
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
     from graspfx.scene.run import run as run
@@ -28,6 +30,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Batch": "graspfx.scene.batch",
+    "Certificates": "graspfx.scene.limits.certify",
     "Coupling": "graspfx.grasp.impedance",
     "Grasp": "graspfx.grasp.matrix",
     "Impedance": "graspfx.grasp.impedance",
@@ -35,6 +38,7 @@ _HOMES = {
     "Recording": "graspfx.loop.record",
     "Scene": "graspfx.scene.model",
     "Split": "graspfx.grasp.split",
+    "certify": "graspfx.scene.limits.certify",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
     "passivity": "graspfx.analysis",
@@ -59,6 +63,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "Recording",
     "run_batch",
     "Batch",
+    "certify",
+    "Certificates",
     "stability",
     "passivity",
     "testing",

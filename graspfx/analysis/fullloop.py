@@ -17,9 +17,10 @@ Motions = tuple[FloatArray, ...]
 
 
 def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatArray:
-    """A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), forces not yet displayed, wrenches not yet felt).
+    """A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), the ground's wrench, forces not displayed, wrenches not felt).
 
-    Devices and hands by the exponential of their coupled equations, the object by its integrator.
+    Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
+    wrench is there under "implicit", whose prediction holds it.
 
     Args:
         linear: the grasp.
@@ -31,7 +32,8 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
     T = linear.period
     lag, object_lag = int(linear.delay.max()), linear.object_delay
     differenced = linear.rate == "difference" and bool(linear.damping.any())
-    parts = {"x": m, "v": m, "q": r, "w": r, "old": m if differenced else 0}
+    implicit, grounded = linear.integrator == "implicit", linear.ground is not None
+    parts = {"x": m, "v": m, "q": r, "w": r, "old": m if differenced else 0, "g": r if implicit and grounded else 0}
     parts |= {f"f{i}": m for i in range(1, lag + 1)} | {f"g{i}": r for i in range(1, object_lag + 1)}
     size = sum(parts.values())
     at: dict[str, FloatArray] = {}
@@ -45,11 +47,18 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
     moved, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
     N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
     K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
-    implicit = linear.integrator == "implicit"
     pose, speed = (moved, spun) if implicit else (at["q"], at["w"])
+    if implicit and grounded:
+        pose, speed = moved + q @ at["g"], spun + s @ at["g"]
     f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
     extra = N @ np.concatenate([at["x"], pose])
-    if implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
+    if implicit and linear.G_contact is not None:
+        # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
+        stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
+        held = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
+        u = np.linalg.solve(held, q @ (c @ K @ stretch + G @ D @ slip))
+        f = f - K @ c.T @ u - D @ G.T @ u / T
+    elif implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
         yields = K @ G_e.T @ q + D @ G.T @ s
         f = np.linalg.solve(np.eye(m) + yields @ G, f + yields @ extra[m:])
     shown, felt = f + extra[:m], G @ f - extra[m:]
@@ -58,10 +67,26 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
     displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
     wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
     state = E @ np.concatenate([at["x"], at["v"]]) - H @ displayed
-    rows = [state, moved + q @ wrench, spun + s @ wrench]
+    borne = wrench + ground_wrench(linear, s, moved + q @ wrench, spun + s @ wrench)
+    rows = [state, moved + q @ borne, spun + s @ borne]
     rows += [at["x"]] if differenced else []
+    rows += [borne - wrench] if implicit and grounded else []
     rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
     return np.concatenate(rows)
+
+
+def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
+    """F_g = -(K_g q_1 + B_g w_1) of the motion that it brings about, from the position and speed without it.
+
+    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, with a as `objects.rest` looks ahead, so that every
+    integrator meets the ground as q_0 + T w_1.
+    """
+    if linear.ground is None:
+        return np.zeros_like(position)
+    K, B = linear.ground
+    ahead = {"explicit": 1.0, "exact": 0.5}.get(linear.integrator, 0.0) * linear.period
+    met = K @ (position + ahead * speed) + B @ speed
+    return np.asarray(-np.linalg.solve(np.eye(len(K)) + (linear.period * K + B) @ s, met))
 
 
 def uncoupled(linear: Linearisation) -> Motions:
@@ -140,6 +165,8 @@ def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
     K[m:] = -linear.G @ K[:m]
     if linear.preload is not None:
         K += linear.preload
+    if linear.ground is not None:
+        K[m:, m:] += linear.ground[0]
     hand = np.hstack([linear.hand_stiffness, np.zeros((m, r))])
     # coordinates in units of the energy that they store, so that metres and radians compare
     length = np.sqrt(np.concatenate([linear.mass, np.diag(linear.inertia)]) / linear.mass.mean())

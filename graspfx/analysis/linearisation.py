@@ -25,7 +25,11 @@ class Linearisation:
         f = K (x - G_e' q) + D (x' - G' q'),     x' = (x_k - x_(k-1))/T,     N = [N_x; N_q]
 
     everything on the right held over the sample; devices feel it `delay` samples late, the object `object_delay`.
-    `rate = "state"` takes the devices' true velocity for x' instead.
+    `rate = "state"` takes the devices' true velocity for x' instead. What the object stands on adds to its wrench
+
+        -(K_g q_1 + B_g q_1'),    q_1 = q_0 + T q_1', q_1' at the end of the sample, solved with the motion
+
+    as stiff floors do; under "implicit" the coupling's prediction holds the ground's last wrench.
 
     Args:
         period: T [s].
@@ -44,6 +48,10 @@ class Linearisation:
         preload: N (m + r, m + r), what the forces at rest add to the stiffness (`preloaded`); none if None.
         G_displacement: G_e (r, m), how the object's motion changes the displacement; G if None.
         rate: "difference" or "state".
+        ground: (K_g, B_g), each (r, r) [N/m, N s/m]; nothing that the object stands on if None.
+        G_contact: (r, m), the levers at the contacts, with which "implicit" solves the elastic force together with the
+            object's displacement while G and G_displacement have those at the fingertips; G, and the preload with it,
+            if None.
 
     Raises:
         InputError: naming the argument that does not fit; UnknownNameError: for the integrator or the rate.
@@ -65,6 +73,8 @@ class Linearisation:
     preload: FloatArray | None
     G_displacement: FloatArray = field(repr=False)
     rate: str
+    ground: tuple[FloatArray, FloatArray] | None
+    G_contact: FloatArray | None = field(repr=False)
 
     def __init__(
         self,
@@ -85,6 +95,8 @@ class Linearisation:
         preload: ArrayLike | None = None,
         G_displacement: ArrayLike | None = None,
         rate: str = "difference",
+        ground: tuple[ArrayLike, ArrayLike] | None = None,
+        G_contact: ArrayLike | None = None,
     ) -> None:
         given = numbers("G", G, "1, m", negative=True)
         if given.ndim != 2 or not given.shape[1]:
@@ -113,6 +125,8 @@ class Linearisation:
             if G_displacement is None
             else _shaped("G_displacement", G_displacement, (r, m), "1, m"),
             rate=one_of("rate", rate, ("difference", "state")),
+            ground=None if ground is None else _ground(ground, r, kind),
+            G_contact=None if G_contact is None else _shaped("G_contact", G_contact, (r, m), "1, m"),
         )
 
     def _set(self, **values: Any) -> None:
@@ -135,6 +149,13 @@ class Linearisable(Protocol):
     """What a scene is to the analysis."""
 
     def linearise(self) -> Linearisation: ...
+
+
+def _ground(given: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:
+    if integrator == "bullet":
+        raise InputError("ground", given, "None for the integrator bullet", "its contacts are no springs")
+    stiffness, damping = given
+    return _square("ground stiffness", stiffness, r, "N/m"), _square("ground damping", damping, r, "N s/m")
 
 
 def _row(name: str, given: ArrayLike, m: int, unit: str, *, zero: bool = True) -> FloatArray:

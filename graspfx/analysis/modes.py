@@ -63,7 +63,7 @@ def modes(linear: Linearisation) -> list[Mode]:
     masses: each is measured in the square root of its mass over their mean.
 
     Raises:
-        InputError: devices, delays or gains that do not separate, or a preload: `spectral_radius` takes any of them.
+        InputError: devices, delays or gains that do not separate, a preload or a ground; `spectral_radius` takes any.
     """
     r = linear.coordinates[1]
     device, root = _devices(linear)
@@ -87,6 +87,8 @@ def _devices(linear: Linearisation) -> tuple[_Device, FloatArray]:
         raise InputError("preload", linear.preload, "none", "a squeezed grasp has no separate modes")
     if not np.allclose(linear.G, linear.G_displacement, rtol=0.0, atol=SAME * np.abs(linear.G).max(initial=0.0)):
         raise InputError("G_displacement", linear.G_displacement, "G", "a squeezed grasp has no separate modes")
+    if linear.ground is not None:
+        raise InputError("ground", linear.ground, "none", "an object that stands on something has no separate modes")
     if (linear.delay != linear.delay[0]).any():
         raise InputError("delay", linear.delay.tolist(), "the same for every device")
     if linear.rate != "difference":

@@ -57,6 +57,7 @@ def kept(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
         delay=linear.delay[a],
         preload=None,
         G_displacement=None,
+        G_contact=None,
     )
 
 

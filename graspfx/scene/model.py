@@ -79,7 +79,8 @@ class Scene(SceneTable):
 
         Args:
             at: "squeezed", where still hands closed as far as they ever are come to rest; or "start", where the fingers
-                meet the object at first, without a force. `scene.limits.linearise` also says what is taken for granted.
+                meet the object at first, without a force; or "provisional", squeezed by one step from there.
+                `scene.limits.linearise` also says what is taken for granted.
 
         Raises:
             InputError: a device that does not tell its mass or friction.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,22 @@ from graspfx.analysis.passivity_grasp import CouplingLimits, coupling_limits
 from graspfx.analysis.pushing import kept
 from graspfx.analysis.series import in_series
 from graspfx.errors import InputError
+from graspfx.loop.record import Recording
+from graspfx.scene.limits.cone_edge import said_of_grip, sliding_notes
 from graspfx.scene.limits.linearise import Linearised, linearise
-from graspfx.scene.limits.whole import Family, Reach, reach
+from graspfx.scene.limits.whole import Family, Reach, bounded, reach
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
 ALL_SETS = 5  # fingers up to which every set of them may push; of more, single ones
+PLACES = {
+    "squeezed": "squeezed",
+    "recorded": "at the rest that the recording ends with",
+    "provisional": "provisional, squeezed by one step from the start",
+    "start": "at the start, not squeezed",
+}
+STANDING = "standing on"
 ROOM = 0.5  # of the common limit: where the other gains are put when as they are they leave nothing stable
 
 
@@ -32,8 +42,9 @@ class Limit:
 
     Attributes:
         mode: "internal", "external" (k_ep as it stands in the scene), "external translation" and "external rotation"
-            (as if shifts and turns each had a k_ep of their own) or "pushing with ...".
-        gain: as the scene has it: kip, kep, and of pushing the stiffest that is left [N/m]; nan for matrices.
+            (as if shifts and turns each had a k_ep of their own), "standing on ..." or "pushing with ...".
+        gain: as the scene has it: kip, kep, and of standing and pushing the stiffest that is left [N/m]; nan for
+            matrices.
         limit: of that gain [N/m]; inf where none is too large.
         margin: limit over gain.
         frequency: at which stability is lost [Hz]; nan without a limit.
@@ -56,12 +67,15 @@ class Certificate:
 
     Attributes:
         object: its name.
-        at: "squeezed" or "start".
+        at: "squeezed", "recorded", "provisional" or "start".
         spectral_radius: of the loop as it is; below 1 it is stable.
         limits: of every mode.
         assumed: what that takes for granted.
         passive: largest gains that are passive to any operator, or None.
         why_not_passive: in a few words, where there is None.
+        grip: f_t/(mu f_n) at rest by the finger's name, 1 on the cone's edge; of fingers with a coefficient.
+        edge: the fingers on their cones' edges, which count as sticking.
+        notes: what sliding of those could do.
     """
 
     object: str
@@ -71,9 +85,37 @@ class Certificate:
     assumed: tuple[str, ...]
     passive: CouplingLimits | None
     why_not_passive: str = ""
+    grip: Mapping[str, float] = field(default_factory=dict)
+    edge: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """Whether the loop is stable as it is, and also with the object on what carries it at the start."""
+        return self.spectral_radius < 1.0 and all(
+            row.margin > 1.0 for row in self.limits if row.mode.startswith(STANDING)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The certificate for JSON: what is infinite, or not a number, is None."""
+        return {
+            "object": self.object,
+            "at": self.at,
+            "stable": self.stable,
+            "spectral_radius": self.spectral_radius,
+            "limits": [{name: bounded(value) for name, value in vars(row).items()} for row in self.limits],
+            "assumed": list(self.assumed),
+            "passive": None
+            if self.passive is None
+            else {"internal": bounded(self.passive.internal), "external": bounded(self.passive.external)},
+            "why_not_passive": self.why_not_passive,
+            "grip": dict(self.grip),
+            "edge": list(self.edge),
+            "notes": list(self.notes),
+        }
 
 
-def certificates(scene: Scene, at: str = "squeezed") -> list[Certificate]:
+def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
     """One for every object that fingers touch.
 
     Gains are those of the scene; a limit is that of one gain with the others as they are (half the common limit where
@@ -82,7 +124,8 @@ def certificates(scene: Scene, at: str = "squeezed") -> list[Certificate]:
     Raises:
         InputError: a device that does not tell its mass or friction.
     """
-    return [_certificate(scene, linearise(scene, at, scene.object[i].name)) for i in sorted(set(scene.finger_objects))]
+    touched = sorted(set(scene.finger_objects))
+    return [_certificate(scene, linearise(scene, at, scene.object[i].name, recording)) for i in touched]
 
 
 def _certificate(scene: Scene, found: Linearised) -> Certificate:
@@ -93,11 +136,28 @@ def _certificate(scene: Scene, found: Linearised) -> Certificate:
         object=found.objects[0],
         at=found.at[0],
         spectral_radius=whole.radius(1.0),
-        limits=(*mode_limits(scene, found), *_pushing(scene, found)),
+        limits=(*mode_limits(scene, found), *_standing(found), *_pushing(scene, found)),
         assumed=found.assumed,
         passive=passive,
         why_not_passive=why,
+        grip={
+            scene.finger_names[i]: float(margin)
+            for i, margin in zip(found.fingers, found.margins, strict=True)
+            if not math.isnan(margin)
+        },
+        edge=tuple(scene.finger_names[i] for i in found.edge),
+        notes=tuple(_sliding(scene, found)),
     )
+
+
+def _sliding(scene: Scene, found: Linearised) -> Iterator[str]:
+    """What contacts on their cones' edges could do if they slid; soft ones, which slide and spin at once, are named."""
+    soft = [k for k, i in enumerate(found.edge) if scene.finger[i].patch]
+    hard = [k for k in range(len(found.edge)) if k not in soft]
+    T, V = found.slip
+    yield from sliding_notes(found.linear, T[:, hard], V[:, hard], [scene.finger_names[found.edge[k]] for k in hard])
+    if soft:
+        yield f"what sliding of {', '.join(scene.finger_names[found.edge[k]] for k in soft)} does is not looked at"
 
 
 def mode_limits(scene: Scene, found: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
@@ -188,6 +248,17 @@ def _reach(found: Linearised, which: tuple[bool, bool, bool], others: float) -> 
     return reach(found.linear, stiffness)
 
 
+def _standing(found: Linearised) -> Iterator[Limit]:
+    """The grasp with its object on what carries it at the start, all gains growing together."""
+    ground = found.standing[0]
+    if ground is None or len(found.standing) > 1:
+        return
+    linear = found.linear.with_changes(ground=(ground.stiffness, ground.damping))
+    edge, gain = reach(linear, lambda s: s * linear.stiffness), _stiffest(linear)
+    mode = f"{STANDING} {' and '.join(ground.names)}"
+    yield Limit(mode, gain, gain * edge.factor, edge.factor, edge.frequency, False)
+
+
 def _pushing(scene: Scene, found: Linearised) -> Iterator[Limit]:
     """Every set of fingers that may touch without the others; none where contacts cannot be left."""
     n = len(found.fingers)
@@ -236,6 +307,8 @@ def gone_without(scene: Scene, found: Linearised, near: Linearisation, chosen: t
 
 def _passive(scene: Scene, found: Linearised) -> tuple[CouplingLimits | None, str]:
     linear, coupling = found.linear, scene.coupling
+    if linear.ground is not None:
+        return None, "the object stands on something"
     dampings = [_number(part.damping) for part in (coupling.external, coupling.internal)]
     if any(math.isnan(value) for value in dampings):
         return None, "its damping is given by matrices"
@@ -270,9 +343,9 @@ def _over(limit: float, gain: float) -> float:
 
 def lines(certificate: Certificate) -> Iterator[str]:
     """A certificate as lines of text: one per mode, fingers that push alike in one, of larger sets the weakest."""
-    of = f"of {certificate.object}, {'squeezed' if certificate.at == 'squeezed' else 'at the start, not squeezed'}"
+    of = f"of {certificate.object}, {PLACES[certificate.at]}"
     radius = certificate.spectral_radius
-    yield f"stability {of}: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    yield f"stability {of}: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
     alike: dict[str, list[str]] = {}
     for row in _worth_saying(certificate.limits):
         alike.setdefault(_said(row), []).append(row.mode)
@@ -287,6 +360,9 @@ def lines(certificate: Certificate) -> Iterator[str]:
     elif certificate.limits:
         yield "  by the whole loop, each gain with the others as they are; pushing, what is left of them together"
     yield f"  {_said_of_passivity(certificate)}"
+    if certificate.grip:
+        yield f"  {said_of_grip(certificate.grip, certificate.edge)}"
+    yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
 

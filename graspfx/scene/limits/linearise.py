@@ -10,26 +10,29 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
-from graspfx.analysis.pushing import condensed
 from graspfx.analysis.series import in_series
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.matrix import Grasp
 from graspfx.grasp.split import Split
 from graspfx.loop.parts import Held
+from graspfx.loop.record import Recording
 from graspfx.objects import kernels as body
+from graspfx.scene.limits.cone_edge import EDGE, edge_directions
+from graspfx.scene.limits.from_recording import recorded, set_pose
+from graspfx.scene.limits.ground import LOW, Ground, ground_under
 from graspfx.scene.limits.mechanics import Mechanics, device_masses, mechanics
-from graspfx.scene.limits.resting import Grip, settle
+from graspfx.scene.limits.place import Place, provisional, squeezed
+from graspfx.scene.limits.resting import Grip
+from graspfx.scene.limits.scaled_gains import ScaledGains, block_diagonal, force_directions
 from graspfx.scene.making.build import grasped_object, make_law, set_fade
 from graspfx.scene.making.still import still_hands
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
-WHERE = ("squeezed", "start")
-UNFORCED = "contacts as at the start and no force on them: "
+WHERE = ("squeezed", "start", "provisional", "recorded")
 STIFFEST = 1e-6  # of the stiffest: what a preload adds below this is rounding of its difference quotients
 
 
@@ -47,6 +50,10 @@ class Linearised:
         at: "squeezed" or "start" for each object.
         assumed: in words, what the matrices take for granted.
         splits: of each object's grasp.
+        margins: f_t/(mu f_n) of each finger at rest, (n,); nan where nothing rubs.
+        edge: the numbers of the fingers on their cones' edges.
+        slip: T and V (m, edge) of those, as `edge_directions` gives them.
+        standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
         compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
@@ -60,6 +67,10 @@ class Linearised:
     at: tuple[str, ...]
     assumed: tuple[str, ...]
     splits: tuple[Split, ...] = field(repr=False)
+    margins: FloatArray
+    edge: tuple[int, ...]
+    slip: tuple[FloatArray, FloatArray] = field(repr=False)
+    standing: tuple[Ground | None, ...] = field(repr=False)
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
     compliance: FloatArray = field(repr=False)
@@ -75,73 +86,39 @@ class _Part:
     contacts: FloatArray
     where: str
     assumed: list[str]
+    margins: FloatArray
+    edge: NDArray[np.intp]
+    slip: tuple[FloatArray, FloatArray]
+    ground: Ground | None
+    standing: Ground | None
     split: Split
-    gains: _Gains
+    gains: ScaledGains
     damping: FloatArray
     compliance: FloatArray
     G: FloatArray
     G_e: FloatArray
+    G_c: FloatArray
     N: FloatArray
     inertia: FloatArray
     viscosity: FloatArray
     integrator: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Gains:
-    """K of the law on one grasp: external for shifts, for turns, internal, each times a factor, without what slips."""
-
-    law: Coupling
-    split: Split
-    fingers: int
-    normals: FloatArray | None  # (m, n) where tangents carry no force
-
-    def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
-        n, m = self.fingers, self.split.components
-        d = m // n
-        zero = Impedance(0.0)
-        form = self.law.form
-        outer = Coupling(external=Impedance(self.law.external.stiffness), internal=zero, form=form)
-        inner = Coupling(external=zero, internal=Impedance(self.law.internal.stiffness), form=form)
-        K_e = outer.stiffness(self.split)
-        if shifts != turns:
-            # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
-            one = np.tile(np.eye(d), (n, 1))
-            weighed = (self.split.metric * one.T).T
-            Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
-            K_t = (K_e @ Q + (K_e @ Q).T) / 2
-            K_e = shifts * K_t + turns * (K_e - K_t)
-        else:
-            K_e = shifts * K_e
-        return self.held(K_e + internal * inner.stiffness(self.split))
-
-    def alone(self, k: float) -> FloatArray:
-        """Every finger by itself with stiffness k, in the metric."""
-        law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
-        return self.held(law.stiffness(self.split))
-
-    def held(self, K: FloatArray) -> FloatArray:
-        """K with the tangents of contacts that slip let go of."""
-        if self.normals is None:
-            return K
-        m, n = self.normals.shape
-        basis = np.linalg.qr(self.normals, mode="complete")[0]
-        turned = basis.T @ K @ basis
-        kept = np.arange(m) < n
-        normal = basis[:, :n]
-        return np.asarray(normal @ condensed(turned, kept) @ normal.T)
-
-
-def linearise(scene: Scene, at: str = "squeezed", object: str | None = None) -> Linearised:
+def linearise(
+    scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
+) -> Linearised:  # fmt: skip
     """The scene's small motions about its grasp at rest.
 
     "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
     coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
     meet the object at first, without any force; it stands in where no rest is found, and `assumed` says so.
+    "provisional" is squeezed by one linear step from the start, "recorded" the last row of a recording. A contact that
+    touches counts as sticking wherever it has slid to, also on the edge of its friction cone.
 
     Args:
-        at: "squeezed" or "start".
+        at: "squeezed", "start", "provisional" or "recorded".
         object: one of the scene's; all that fingers touch if None, in one linearisation.
+        recording: of the scene, for "recorded".
 
     Raises:
         InputError: a device that does not tell its mass or friction; objects with different integrators together.
@@ -154,71 +131,44 @@ def linearise(scene: Scene, at: str = "squeezed", object: str | None = None) -> 
         raise UnknownNameError("object", object, names)
     touched = sorted(set(scene.finger_objects))
     chosen = touched if object is None else [names.index(object)]
-    parts = [_part(scene, index, at) for index in chosen]
+    parts = [_part(scene, index, at, recording) for index in chosen]
     kinds = sorted({part.integrator for part in parts})
     if len(kinds) > 1:
         raise InputError("object", kinds, "one integrator", f"linearise the objects one by one: {', '.join(names)}")
     return _joined(scene, parts)
 
 
-def _part(scene: Scene, index: int, where: str) -> _Part:
+def _part(scene: Scene, index: int, where: str, recording: Recording | None) -> _Part:
     table = scene.object[index]
     # forces as functions of the pose: under "implicit" those of the predicted one, which is for the analysis to insert
     plain = table.model_copy(update={"integrator": "semi-implicit"}) if table.integrator == "implicit" else table
     posed = scene.model_copy(update={"object": tuple(plain if t is table else t for t in scene.object)})
     masses = device_masses(scene) if scene.coupling.metric == "mass" else None
     grasped, fingers = grasped_object(posed, index, masses)
+    state = grasped.body_state
+    state[body.VELOCITY : body.VELOCITY + 3] = state[body.ANGULAR_VELOCITY : body.ANGULAR_VELOCITY + 3] = 0.0
     start = np.array([finger.start for finger in scene.finger], dtype=float)
     grasped.meet(start[fingers])
-    free = np.array(scene.free(table))
-    grip = Grip(grasped, free)
-    assumed: list[str] = []
+    grip = Grip(grasped, np.array(scene.free(table)))
     inward = np.zeros_like(start)
     inward[fingers] = grasped.inward()
     set_fade(scene, [Held(table.name, grasped, fingers)], start, inward)
     initial = grasped.block.copy()
-    J = None
-    if where == "squeezed":
-        J = _squeezed(scene, grip, fingers, start, inward, assumed)
-    if J is None:
+    place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
+    if where == "recorded":
+        if recording is None:
+            raise InputError("recording", None, "a recording of the scene, for the rest that it ends with")
+        set_pose(grip, recording, table.name)
+        ground = ground_under(scene, index, grip)
+        place = recorded(scene, index, grip, fingers, recording, ground)
+    elif where != "start":
+        standing = ground_under(scene, index, grip, lower=LOW)
+        place = {"squeezed": squeezed, "provisional": provisional}[where](scene, index, grip, fingers)
+    if place.stiffness is None:
         grasped.block[:] = initial
-        where = "start"
-    state = grasped.body_state
-    grasped.finger_position[:] = start[fingers] if J is None else grasped.finger_position
-    return _matrices(scene, index, grip, fingers, where, assumed, J, state)
-
-
-def _squeezed(
-    scene: Scene, grip: Grip, fingers: NDArray[np.intp], start: FloatArray, inward: FloatArray, assumed: list[str]
-) -> FloatArray | None:
-    """Brings the grip to rest and gives its stiffness there; None, and why, where there is none."""
-    n, d = start.shape
-    K, closed = np.zeros((n, d, n, d)), start.copy()
-    for held in still_hands(scene, start, inward):
-        closed[held.fingers] = held.hand.target(held.closed)[0]
-        for a in range(d):
-            K[np.ix_(held.fingers, [a], held.fingers, [a])] = held.hand.stiffness[a][:, None, :, None]
-    own = K[fingers][:, :, fingers].reshape(grip.m, grip.m)
-    mass = float(grip.grasped.body_state[body.MASS])
-    weight = np.zeros(6)
-    rules = scene.coupling
-    carried = rules.contact == "attached" or rules.friction == "stick" or any(scene.coefficients) or d == 1
-    if scene.gravity is not None and carried and not scene.obstacle:
-        weight[:d] = mass * np.array(scene.gravity)
-    elif scene.gravity is not None:
-        assumed.append("the weight is carried by something else")
-    grip.grasped.finger_position[:] = start[fingers]
-    if not settle(grip, start[fingers].ravel(), closed[fingers].ravel(), own, weight[grip.axes]):
-        assumed.append(UNFORCED + "with still hands the grasp does not come to rest")
-        return None
-    if not grip.grasped.touching.all():
-        assumed.append(UNFORCED + "closed, the hands do not reach the object")
-        return None
-    J = grip.stiffness(grip.lengths())
-    if J is None or not np.isfinite(J).all():
-        assumed.append(UNFORCED + "the forces have no derivative at rest")
-        return None
-    return J
+        grasped.finger_position[:] = start[fingers]
+        ground = None
+    return _matrices(scene, index, grip, fingers, place, ground, standing)
 
 
 def _matrices(
@@ -226,12 +176,12 @@ def _matrices(
     index: int,
     grip: Grip,
     fingers: NDArray[np.intp],
-    where: str,
-    assumed: list[str],
-    J: FloatArray | None,
-    state: FloatArray,
+    place: Place,
+    ground: Ground | None,
+    standing: Ground | None,
 ) -> _Part:
     table, d, g = scene.object[index], scene.dimensions, grip.grasped
+    J, assumed, state = place.stiffness, place.assumed, g.body_state
     n, m, r, rules = grip.n, grip.m, grip.r, scene.coupling
     R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     centre = state[body.POSITION : body.POSITION + d]
@@ -239,13 +189,12 @@ def _matrices(
     tips = contacts if J is None else g.finger_position - centre
     weights = g.rows[:, at.SHARE].copy()
     split = Split(Grasp(contacts, free=grip.free.tolist()), metric=None if (weights == 1.0).all() else weights)
-    slides = rules.contact != "attached" and rules.friction != "stick" and not any(scene.coefficients)
-    normals = None
-    if slides and d > 1:
-        normals = np.zeros((m, n))
-        for i, normal in enumerate(g.inward()):
-            normals[i * d : (i + 1) * d, i] = normal
+    normals = force_directions(scene, grip, fingers)
+    if normals is not None and normals.shape[1] == n:
         assumed.append("contacts without friction: forces along the normals alone")
+    elif normals is not None:
+        smooth = ", ".join(scene.finger_names[i] for i in fingers if not scene.coefficients[i])
+        assumed.append(f"contacts stick, but for {smooth} without friction: forces along the normals alone")
     elif rules.contact != "attached" and d > 1:
         assumed.append("contacts stick")
     if rules.contact != "attached":
@@ -253,7 +202,7 @@ def _matrices(
     law = make_law(scene, fingers, index)
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
-    gains = _Gains(law, split, n, normals)
+    gains = ScaledGains(law, split, n, normals)
     compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
@@ -271,6 +220,15 @@ def _matrices(
         if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
             N[:] = 0.0
             G = G_e = _wrenches(contacts, grip)
+    if ground is not None:
+        assumed.append(
+            f"the object stands on {', '.join(ground.names)} with {ground.points} points, which stick and bear"
+        )
+    outside = ", ".join(scene.finger_names[i] for i in fingers[place.margins > 1.0 + EDGE])
+    if outside:
+        assumed.append(f"{outside} would slide here: beyond the cone's edge")
+    edge = np.flatnonzero(np.abs(place.margins - 1.0) <= EDGE)
+    slip = edge_directions(g, edge.tolist())
     viscosity = np.diag(np.where(grip.axes < 3, state[body.VISCOSITY], state[body.ROTATIONAL_VISCOSITY]))
     if g.soft and J is not None and D.any():
         turning = grip.axes >= 3
@@ -282,14 +240,20 @@ def _matrices(
         fingers=fingers,
         position=g.finger_position.copy(),
         contacts=contacts + centre,
-        where=where,
+        where=place.where,
         assumed=assumed,
+        margins=place.margins,
+        edge=fingers[edge],
+        slip=slip,
+        ground=ground,
+        standing=standing,
         split=split,
         gains=gains,
         damping=D,
         compliance=compliance,
         G=G,
         G_e=G_e,
+        G_c=_wrenches(contacts, grip),
         N=N,
         inertia=_inertia(state, R, grip),
         viscosity=viscosity,
@@ -342,7 +306,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
     apart = friction - np.diag(np.diag(friction))
 
     def turned(blocks: Sequence[FloatArray]) -> FloatArray:
-        return V.T @ _block_diagonal(blocks) @ V
+        return V.T @ block_diagonal(blocks) @ V
 
     def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
         return turned([part.gains(shifts, turns, internal) for part in parts])
@@ -350,14 +314,14 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
     def conventional(k: float) -> FloatArray:
         return turned([part.gains.alone(k) for part in parts])
 
-    G, G_e = (_block_diagonal([getattr(part, name) for part in parts]) @ V for name in ("G", "G_e"))
+    G, G_e = (block_diagonal([getattr(part, name) for part in parts]) @ V for name in ("G", "G_e"))
     linear = Linearisation(
         period=scene.period,
         mass=mass,
         friction=np.diag(friction),
         G=G,
-        inertia=_block_diagonal([part.inertia for part in parts]),
-        viscosity=_block_diagonal([part.viscosity for part in parts]),
+        inertia=block_diagonal([part.inertia for part in parts]),
+        viscosity=block_diagonal([part.viscosity for part in parts]),
         stiffness=stiffness(1.0, 1.0, 1.0),
         damping=turned([part.damping for part in parts]),
         hand_stiffness=V.T @ moved.stiffness[np.ix_(columns, columns)] @ V,
@@ -366,6 +330,8 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         integrator=parts[0].integrator,
         preload=_preload(parts, V),
         G_displacement=G_e,
+        ground=_ground(parts),
+        G_contact=block_diagonal([part.G_c for part in parts]) @ V if parts[0].integrator == "implicit" else None,
     )
     assumed = dict.fromkeys([*(text for part in parts for text in part.assumed), *moved.assumed])
     return Linearised(
@@ -377,6 +343,10 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         at=tuple(part.where for part in parts),
         assumed=tuple(assumed),
         splits=tuple(part.split for part in parts),
+        margins=np.concatenate([part.margins for part in parts]),
+        edge=tuple(int(i) for part in parts for i in part.edge),
+        slip=(V.T @ block_diagonal([p.slip[0] for p in parts]), V.T @ block_diagonal([p.slip[1] for p in parts])),
+        standing=tuple(part.standing for part in parts),
         stiffness=stiffness,
         conventional=conventional,
         compliance=np.concatenate([part.compliance for part in parts]),
@@ -398,10 +368,12 @@ def _preload(parts: Sequence[_Part], V: FloatArray) -> FloatArray | None:
     return N
 
 
-def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
-    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
-    row = column = 0
-    for block in blocks:
-        whole[row : row + len(block), column : column + block.shape[1]] = block
-        row, column = row + len(block), column + block.shape[1]
-    return whole
+def _ground(parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray] | None:
+    if all(part.ground is None for part in parts):
+        return None
+    none = [np.zeros((len(part.G), len(part.G))) for part in parts]
+    grounds = [part.ground for part in parts]
+    return (
+        block_diagonal([zero if g is None else g.stiffness for zero, g in zip(none, grounds, strict=True)]),
+        block_diagonal([zero if g is None else g.damping for zero, g in zip(none, grounds, strict=True)]),
+    )

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.cones.cone import SLIDE
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import kernels as body
 from graspfx.objects.body import FREEDOMS
+from graspfx.scene.limits.cone_edge import edge_directions, released
 from graspfx.spatial import exponential, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
 STEPS = 24  # in which the hands close, then the weight comes on
 SETTLING = 40  # further steps, each longer than the last
+SLIDING = 1500  # steps after those, where contacts slid
 SETTLED = 1e-9  # of the largest force: what may be left unbalanced
+REFRESH = 16  # of those steps for one stiffness
+DISTRUST = 8  # steps of frozen contacts after one of sliding contacts that has not helped
+ROUGH = 1e3  # times its coefficient: that of a frozen contact
 RATE = 1e-5  # of a difference quotient [rad/s]
 SHIFT = 2e-6  # of a difference quotient [m]: 1e-9 of a radius of 25 mm, squared, and 1e-10 in rounding
 
@@ -38,13 +46,13 @@ class Grip:
         self.m = self.n * self.d
         self.axes = np.array(FREEDOMS[self.d])[self.free]
         self.r = len(self.axes)
-        self._rows = np.flatnonzero(self.free)
+        self.rows_of_wrench = np.flatnonzero(self.free)
 
     def forces(self) -> FloatArray | None:
         """(f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
         if self.grasped.sample():
             return None
-        return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self._rows]])
+        return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
     def move(self, y: FloatArray) -> None:
         """Fingers and object by y from where they are."""
@@ -67,6 +75,17 @@ class Grip:
         found = self.forces()
         self.grasped.block[:] = kept
         return found
+
+    @contextmanager
+    def frozen(self) -> Iterator[None]:
+        """Contacts that touch stick where they are, also on their cones' edges; those without friction slip on."""
+        mu = self.grasped.rows[:, at.COEFFICIENT]
+        coefficients = mu.copy()
+        mu *= ROUGH
+        try:
+            yield
+        finally:
+            mu[:] = coefficients
 
     def stiffness(self, lengths: FloatArray, *, both: bool = True) -> FloatArray | None:
         """d(f, wrench)/dy, (m + r, m + r), by difference quotients over `lengths`, central if `both`."""
@@ -109,12 +128,41 @@ class Grip:
         return np.concatenate([np.full(self.m, SHIFT), np.where(turning, SHIFT / far, SHIFT)])
 
 
-def settle(grip: Grip, start: FloatArray, closed: FloatArray, hands: FloatArray, weight: FloatArray) -> bool:
-    """Brings fingers and object to rest: K_h (r - p) = f, wrench + weight = 0; whether they come to it.
+def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArray:
+    """J of contacts that slide on the way that they slide now; J itself where friction leaves them no answer."""
+    wide = np.zeros((2, len(J), int(sliding.sum())))
+    wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
+    found = released(J, *wide)
+    return J if found is None else found
+
+
+@dataclass(frozen=True)
+class Settlement:
+    """How a search for rest went.
+
+    Attributes:
+        rest: whether it was reached.
+        slid: (n,), which contacts slid on the way.
+        sliding: (n,), which ones still slid at the end.
+        steps: that it took.
+    """
+
+    rest: bool
+    slid: NDArray[np.bool_]
+    sliding: NDArray[np.bool_]
+    steps: int
+
+
+def settle(
+    grip: Grip, start: FloatArray, closed: FloatArray, hands: FloatArray, weight: FloatArray
+) -> Settlement | None:
+    """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. None if a sample's forces fault.
 
     The hands close from r = `start` to `closed` in steps, then the weight comes on: implicit steps of a motion that
     friction alone resists, its time step growing until they are Newton's. Contacts keep what a run would keep: faces,
-    anchors, what has slipped.
+    anchors, what has slipped. Each step is that of contacts frozen where they are, and the forces left over are the
+    true ones: where contacts slide they shrink in proportion only, by k/(k + k_h) a step or so. So after a while steps
+    are those of contacts that slide on, as long as that helps.
 
     Args:
         start, closed: intended positions (m,) [m].
@@ -126,30 +174,42 @@ def settle(grip: Grip, start: FloatArray, closed: FloatArray, hands: FloatArray,
     scale = (SHIFT / lengths) ** 2
     drag = float(np.abs(np.diag(hands)).max(initial=0.0)) or 1.0
     every = 1 if size <= 24 else 6
-    p = grip.grasped.finger_position
+    p, status = grip.grasped.finger_position, grip.grasped.rows[:, at.STATUS]
+    slid = np.zeros(grip.n, dtype=bool)
     J: FloatArray | None = None
-    total = STEPS + SETTLING
-    for k in range(total):
+    end, trusted = STEPS + SETTLING, STEPS
+    before = np.inf
+    for k in range(end + SLIDING):
         part = min(1.0, (k + 1) / STEPS)
         falling = weight * min(1.0, max(0.0, (k - STEPS) / STEPS))
         r = start + part * (closed - start)
         now = grip.forces()
         if now is None:
-            return False
+            return None
+        sliding = status == SLIDE
+        slid |= sliding
         left = np.concatenate([hands @ (r - p.ravel()) - now[:m], now[m:] + falling])
         force = max(float(np.abs(now[:m]).max(initial=0.0)), 1e-6)
         if k > 2 * STEPS and np.abs(left[:m]).max(initial=0.0) < SETTLED * force:
             turns = np.abs(left[m:] * (lengths[m:] / SHIFT)).max(initial=0.0)
             if turns < SETTLED * force:
-                return True
-        if k % every == 0 or J is None:
-            J = grip.stiffness(lengths, both=False)
+                return Settlement(True, slid, sliding, k)
+        if k >= end and not slid.any():
+            break
+        if k % (every if k < end else REFRESH) == 0 or J is None:
+            with grip.frozen() if slid.any() else nullcontext():
+                J = grip.stiffness(lengths, both=False)
             if J is None:
-                return False
-        A = np.vstack([J[:m], -J[m:]])
+                return None
+        unbalanced = float(np.linalg.norm(left * lengths / SHIFT))
+        if unbalanced > before:
+            trusted = max(trusted, k + DISTRUST)
+        before = unbalanced
+        tangent = softened(grip, J, sliding) if k >= trusted and sliding.any() else J
+        A = np.vstack([tangent[:m], -tangent[m:]])
         A[:m, :m] += hands
         slow = drag * (1.0 if k < STEPS else 10.0 ** -(min(k - STEPS, 24) / 3.0))
         step = np.linalg.solve(A + slow * np.diag(scale), left)
         longest = float(np.abs(step * SHIFT / lengths).max(initial=0.0))
         grip.move(step * min(1.0, 1e-3 / longest) if longest > 1e-3 else step)
-    return False
+    return Settlement(False, slid, sliding, k)

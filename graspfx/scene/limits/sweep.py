@@ -17,7 +17,7 @@ from graspfx.analysis.modes import together
 from graspfx.errors import InputError
 from graspfx.scene.limits.certificate import mode_limits, reduced
 from graspfx.scene.limits.linearise import Linearised, linearise
-from graspfx.scene.limits.whole import reach
+from graspfx.scene.limits.whole import bounded, reach
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -96,7 +96,7 @@ class SweptLimits:
         """For JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
         values = [sweep.values.tolist() for sweep in self.sweeps]
         found = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
-        return found | {f"{name}_limit": _bounded(part.tolist()) for name, part in self._parts()}
+        return found | {f"{name}_limit": bounded(part.tolist()) for name, part in self._parts()}
 
     def lines(self) -> Iterator[str]:
         """Ranges, how limits begin and end over them, and how they were found."""
@@ -155,13 +155,6 @@ def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
     began = perf_counter()
     internal, external, conventional = (np.array(value) for value in _point(scene, at))
     return SweptLimits((), internal, external, conventional, False, perf_counter() - began)
-
-
-def _bounded(value: Any) -> Any:
-    """No limit as None, in nested lists."""
-    if isinstance(value, list):
-        return [_bounded(item) for item in value]
-    return value if value < math.inf else None
 
 
 def _overrides(sweeps: Sequence[Sweep], values: Sequence[float]) -> Mapping[str, Any]:

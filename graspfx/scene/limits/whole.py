@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,3 +99,10 @@ def reach(linear: Linearisation, stiffness: Stiffness) -> Reach:
     z = family.roots(np.array([edge * (1.0 + 1e-9)]))[0]
     worst = z[np.argmax(np.abs(z))]
     return Reach(edge, abs(float(np.angle(worst))) / (2 * math.pi * linear.period))
+
+
+def bounded(value: Any) -> Any:
+    """Give a value as JSON has it: None for what is no limit or no number, in nested lists too."""
+    if isinstance(value, list):
+        return [bounded(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

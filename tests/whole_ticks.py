@@ -1,0 +1,149 @@
+"""Whole ticks of a scene that has come to rest: their derivative by differences, and how fast its motion grows."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import numpy as np
+
+import graspfx as gx
+from graspfx.coupling import block as at
+from graspfx.loop.record import Recorder
+from graspfx.loop.velocity import RING
+from graspfx.objects import kernels as body
+from graspfx.objects import rest
+from graspfx.scene.making.build import build
+from graspfx.scene.run import header_of
+from graspfx.spatial import exponential, product
+
+STEP = 1e-7  # [m], [m/s]
+
+
+class RestedRun:
+    """A run of simulated devices and one object, recorded to its end, that can go on with other gains.
+
+    Args:
+        scene: what is run.
+        duration: until it rests [s].
+    """
+
+    def __init__(self, scene: gx.Scene, duration: float, engine: str = "interpreted") -> None:
+        self.scene = scene
+        self._stack = ExitStack()
+        self.servo = self._stack.enter_context(build(scene, engine=engine))
+        self.recording = self.run(round(duration / scene.period))
+        self.grasped = self.servo.objects[0].grasped
+        self.state = self.grasped.body_state
+        self._arrays = self.servo.script.script.arrays
+        self._rest = {name: array.copy() for name, array in self._arrays.items()}
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def run(self, ticks: int) -> gx.Recording:
+        with Recorder(self.servo.layout, header_of(self.scene)) as recorder:
+            self.servo.run(ticks, recorder)
+            return recorder.finish()
+
+    def restore(self) -> None:
+        """Put everything back to rest."""
+        for name, array in self._arrays.items():
+            array[:] = self._rest[name]
+
+    def set_external(self, stiffness: float) -> None:
+        self.grasped.block[at.EXTERNAL_STIFFNESS] = stiffness
+
+    def growth(self, external: float, skip: int, ticks: int, speed: float) -> float:
+        """Push the fingers a little, wait, and measure the growth of the force's swing per sample."""
+        self.restore()
+        self.set_external(external)
+        rng = np.random.default_rng(1)
+        for moved in self.servo.moved:
+            velocity = moved.plant.state[moved.plant.ports.velocity :][: moved.plant.position.size]
+            velocity += speed * rng.normal(size=velocity.shape)
+        self.run(skip)
+        force = self.run(ticks).finger_force.reshape(ticks, -1)
+        swing = np.diff(force, 2, axis=0)
+        k = np.arange(len(swing))
+        # energy of the swing over windows of a quarter, first against last
+        first, last = swing[: ticks // 4], swing[-(ticks // 4) :]
+        return float((np.sqrt((last**2).sum()) / np.sqrt((first**2).sum())) ** (1.0 / (k[-1] - ticks // 4 + 1)))
+
+    def spectral_radius(self, external: float) -> float:
+        """The largest eigenvalue of a tick's derivative, but for 1: what nothing depends on stays as it is."""
+        sizes = np.linalg.eigvals(self.tick_matrix(external))
+        return float(np.abs(sizes[np.abs(sizes - 1.0) > 1e-5]).max())
+
+    def tick_matrix(self, external: float) -> np.ndarray:
+        """d(state after a tick)/d(state before it), contacts too rough to slide; central differences."""
+        self.restore()
+        self.set_external(external)
+        self.grasped.rows[:, at.COEFFICIENT] *= 1e3
+        rough = {name: array.copy() for name, array in self._arrays.items()}
+        columns = []
+        for i in range(self._size()):
+            ends = []
+            for sign in (1.0, -1.0):
+                for name, array in self._arrays.items():
+                    array[:] = rough[name]
+                before = self._read()
+                self._move(i, sign * STEP)
+                self.run(1)
+                ends.append(self._read(before))
+            columns.append((ends[0] - ends[1]) / (2 * STEP))
+        self.restore()
+        return np.array(columns).T
+
+    # Coordinates: fingers' positions, velocities and last readings, the object's position, velocity and spin, what a
+    # floor remembers, the object's turn.
+
+    def _size(self) -> int:
+        return len(self._parts()) + (1 if self.scene.dimensions == 2 else 3)
+
+    def _parts(self) -> list[tuple[np.ndarray, int]]:
+        """(array, entry) of every coordinate but the turn's."""
+        d = self.scene.dimensions
+        turns = [2] if d == 2 else [0, 1, 2]
+        found: list[tuple[np.ndarray, int]] = []
+        for which in ("position", "velocity"):
+            for moved in self.servo.moved:
+                state, start = moved.plant.state, getattr(moved.plant.ports, which)
+                found += [(state, start + k) for k in range(moved.plant.position.size)]
+        for station in self.servo.stations:
+            found += [(station.device.state, int(s) + RING) for s in station.device._starts]
+        for first, axes in ((body.POSITION, range(d)), (body.VELOCITY, range(d)), (body.ANGULAR_VELOCITY, turns)):
+            found += [(self.state, first + a) for a in axes]
+        floor = getattr(self.servo.movers[0].body, "buffer", None)
+        if floor is not None:
+            _, _, memory, rows = rest.offsets(floor)
+            found += [(floor, k) for k in range(memory, rows) if d == 3 or (k - memory) % 2 == 0]
+            if self.grasped.implicit:
+                found += [(floor, rest.WRENCH + a) for a in (*range(d), *(3 + a for a in turns))]
+        return found
+
+    def _read(self, origin: np.ndarray | None = None) -> np.ndarray:
+        d = self.scene.dimensions
+        values = [array[entry] for array, entry in self._parts()]
+        if d == 2:
+            return np.array([*values, self.state[body.ANGLE]])
+        q = self.state[body.QUATERNION : body.QUATERNION + 4]
+        if origin is None:
+            return np.array([*values, *q])
+        x, y, z, w = origin[-4:]
+        a, b, c, _ = product(*q.tolist(), -x, -y, -z, w)  # the turn since then, small
+        return np.array([*values, 2 * a, 2 * b, 2 * c])
+
+    def _move(self, i: int, length: float) -> None:
+        parts = self._parts()
+        if i < len(parts):
+            array, entry = parts[i]
+            array[entry] += length
+            return
+        if self.scene.dimensions == 2:
+            self.state[body.ANGLE] += length
+        else:
+            turn = [0.0, 0.0, 0.0]
+            turn[i - len(parts)] = length
+            q = self.state[body.QUATERNION : body.QUATERNION + 4]
+            q[:] = product(*exponential(*turn), *q.tolist())
+        body.orient(self.state, 0)
