@@ -52,8 +52,10 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
     if count > most_triangles:
         fault = f"{count} triangles, more than the {most_triangles} of most_triangles"
         raise InputError("mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise it if it is meant")
+    fault = "it has no triangles" if not len(faces) else ""
     if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         fault = f"a triangle has vertices that are not there: there are {len(vertices)}"
+    if fault:
         raise InputError("mesh", str(path), f"a sound {kind[1:]} file", fault)
     return vertices, faces
 
