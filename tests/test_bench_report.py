@@ -99,7 +99,9 @@ def test_unknown_name_has_a_close_match(capsys: pytest.CaptureFixture[str]) -> N
 @pytest.mark.usefixtures("toy")
 def test_report_page_and_figures_are_written_and_others_kept(tmp_path: Path) -> None:
     assert main(["bench", "lost", "--quick", "--out", str(tmp_path)]) == 0
-    assert main(["bench", "toy", "--quick", "--out", str(tmp_path)]) == 0  # first on the page, whenever it was run
+    assert (
+        main(["bench", "toy", "--quick", "--out", str(tmp_path), "--overwrite"]) == 0
+    )  # first on the page, whenever it was run
     report = Report.load(tmp_path / "benchmarks.json")
     assert list(report.stamps) == ["toy", "lost"]
     assert (tmp_path / "benchmarks.md").read_text(encoding="utf-8") == pages.page(report)
