@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.plant import Hand
 from graspfx.scene.making.holding import Holding, hold, holdings
-from graspfx.scene.tables.hands import Moving, Rest
 from graspfx.scene.tables.reading import listed
 
 if TYPE_CHECKING:
@@ -56,14 +55,26 @@ def most_forces(scene: Scene, start: FloatArray, inward: FloatArray, contacts: F
     return np.asarray(np.linalg.norm(force, axis=1))
 
 
+class StillTable:
+    """A hand's table without its motion and its turn."""
+
+    motion = ()
+    turn = None
+
+    def __init__(self, table: Any) -> None:
+        self._table = table
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._table, name)
+
+
 def _still(scene: Scene, holding: Holding, start: FloatArray, inward: FloatArray) -> Held:
     table, closed = holding.table, 0.0
-    if isinstance(table, Moving):
-        table = table.model_copy(update={"motion": Rest(kind="rest"), "turn": None})
+    if table is not None and table.form != "made":
         if isinstance(table.squeeze, int | float):
             closed = table.squeeze_ramp
         else:
             most = max(listed(table.squeeze), key=lambda step: step.to)
             closed = most.begin + most.duration if most.to > 0.0 else 0.0  # they begin with none
-        holding = replace(holding, table=table)
+        holding = replace(holding, table=cast(Any, StillTable(table)))
     return Held(hold(scene, scene.source.folder, holding, start, inward), holding.fingers, closed)
