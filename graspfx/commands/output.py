@@ -19,10 +19,9 @@ DONE, WRONG, FAULTS, INTERRUPTED = 0, 2, 3, 130
 
 def doubts(scene: Scene) -> list[str]:
     """What is no fault of a scene and yet may not be meant."""
-    from graspfx.scene.settling import unsettled
-    from graspfx.scene.units import unit_notes
+    from graspfx.scene import doubts as notes
 
-    return [*unit_notes(scene), *unsettled(scene)]
+    return notes.doubts(scene)
 
 
 def note(notes: Iterable[str]) -> None:

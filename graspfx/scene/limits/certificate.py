@@ -16,6 +16,7 @@ from graspfx.analysis.passivity_grasp import CouplingLimits, coupling_limits
 from graspfx.analysis.pushing import kept
 from graspfx.errors import InputError
 from graspfx.scene.limits.linearise import Linearised, linearise
+from graspfx.scene.limits.rows import folded
 from graspfx.scene.limits.whole import Family, Reach, reach
 from graspfx.scene.model import Scene
 
@@ -269,13 +270,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
     of = f"of {certificate.object}, {'squeezed' if certificate.at == 'squeezed' else 'at the start, not squeezed'}"
     radius = certificate.spectral_radius
     yield f"stability {of}: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
-    alike: dict[str, list[str]] = {}
-    for row in _worth_saying(certificate.limits):
-        alike.setdefault(_said(row), []).append(row.mode)
-    for said, names in alike.items():
-        first, *others = names
-        more = [name.removeprefix("pushing with ") for name in others]
-        yield f"  {' | '.join([first, *more])} {said}"
+    yield from (f"  {row}" for row in folded(certificate.limits))
     if any(row.exact for row in certificate.limits):
         differences = [row.difference for row in certificate.limits if not math.isnan(row.difference)]
         checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""
@@ -285,27 +280,6 @@ def lines(certificate: Certificate) -> Iterator[str]:
     yield f"  {_said_of_passivity(certificate)}"
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
-
-
-def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
-    """All but the sets of several fingers that push with more room than another set of as many."""
-    weakest: dict[int, Limit] = {}
-    for row in limits:
-        count = row.mode.count(", ") + 1
-        if count == 1:
-            yield row
-        elif count not in weakest or row.margin < weakest[count].margin:
-            weakest[count] = row
-    yield from weakest.values()
-
-
-def _said(row: Limit) -> str:
-    gain = "gains as they are" if math.isnan(row.gain) else f"{row.gain:.4g} N/m"
-    if math.isinf(row.margin):
-        return f"{gain}: no limit"
-    limit = "" if math.isnan(row.limit) else f"limit {row.limit:.4g}, "
-    lost = "" if math.isnan(row.frequency) else f", lost at {row.frequency:.3g} Hz"
-    return f"{gain}: {limit}margin {row.margin:.2f}{lost}"
 
 
 def _said_of_passivity(certificate: Certificate) -> str:
