@@ -34,7 +34,7 @@ class Drive:
     frequencies: tuple[float, ...]
     known: bool
 
-    def at(self, times: FloatArray) -> FloatArray:
+    def at(self, times: NDArray[Any]) -> FloatArray:
         """All offsets at times (M,), (M, c) [m]."""
         columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
@@ -51,7 +51,9 @@ class Drive:
         return any(abs(frequency - h * f) < near for f in self.frequencies for h in range(1, HARMONICS + 1))
 
 
-def drive(table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray) -> Drive:
+def drive(
+    table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray
+) -> Drive:
     """The drive of these fingers.
 
     Args:
@@ -105,7 +107,7 @@ def _parts(
         elif each["kind"] == "reach":
             yield motions.Reach(each["displacement"], each.get("begin", 0.0), each["duration"]), 1.0
         elif each["kind"] == "path" and each.get("file") is not None:
-            yield motions.Path.read((FilePath(folder) / FilePath(each["file"]).expanduser())), 1.0
+            yield motions.Path.read(FilePath(folder) / FilePath(each["file"]).expanduser()), 1.0
         elif each["kind"] == "path":
             yield motions.Path(each["times"], each["positions"]), 1.0
     for each in _listed(hand.get("turn")):

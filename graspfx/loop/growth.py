@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.drive import Drive, drive
-from graspfx.loop.mode import mode_name
-from graspfx.loop.octaves import LEAST_GROWTH, Octave, Stretch, amplitudes, gain, octaves, pole, rises
+from graspfx.loop.divergence import Divergence, divergences
+from graspfx.loop.drive import Drive
+from graspfx.loop.evidence import OVER_DRIVE, coherent_pole, is_alias, is_driven, stands_out, stops
+from graspfx.loop.octaves import LEAST_GROWTH, WINDOW, Octave, Stretch, amplitudes, gain, octaves, rises
 from graspfx.loop.ringing import ringing, touches
+from graspfx.loop.view import GraspView, grasps
 
 if TYPE_CHECKING:
     from graspfx.loop.record import Recording
 
 FloatArray = NDArray[np.float64]
 
-LEAST_CYCLES = 8.0  # a transient has fewer
-LEAST_SHARE = 0.8  # of a stretch without its growth that one pole explains
-AGREEMENT = (0.6, 1.6)  # of the pole's rate with the growth that the windows show
 LEAST_SIZE = 1e-9  # [m]
-OVER_DRIVE = 30.0  # times what the hands mean at the pole: a resonance that is driven stays below
-NEW = 1.0  # of log amplitude, above all that was before
-CERTAIN = 4.5  # of log amplitude: noise takes a mode so far once in 1e4 independent windows, not along a line
-SMALL = 0.1  # of the displacement at rest
 LASTING = 8  # windows in which what has grown goes on
-DRIVE_SAMPLES = 2048
 ALIKE = 0.2  # of a frequency
-MOST_OF_IT = 0.6
+MOST_OF_IT = 0.6  # of the largest growth
 
 
 @dataclass(frozen=True)
@@ -43,7 +36,7 @@ class Growth:
         mode: as certificates name it: "internal", "external", "external translation", "external rotation" or "pushing
             with ...".
         rate: of log amplitude [1/s]; zero for what rings at full size from the start.
-        frequency: [Hz].
+        frequency: [Hz]; zero for what runs away without swinging.
         begin, end: between which it was seen [s].
         first, last: largest amplitude of a fingertip against the object then [m].
         sustained: whether the oscillation goes on at its size, as contacts that let go limit it.
@@ -70,85 +63,27 @@ class Growth:
 
     def __str__(self) -> str:
         where = f"from {self.begin:.3g} to {self.end:.3g} s"
-        how = f"{self.mode} of {self.object} grows by itself, {self.rate:.2g} 1/s at {self.frequency:.3g} Hz"
+        swing = f" at {self.frequency:.3g} Hz" if self.frequency else " without swinging"
+        how = f"{self.mode} of {self.object} grows by itself, {self.rate:.2g} 1/s{swing}"
         if self.sustained and not self.rate:
             how = f"{self.mode} of {self.object} rings without end, {_length(self.last)} at {self.frequency:.3g} Hz"
             return f"NOT STABLE: {how}, {where}: contacts let go in every cycle"
         size = f"{_length(self.first)} to {_length(self.last)} at a fingertip"
-        more = ", and goes on at that size" if self.sustained else ""
+        more = ", and goes on" if self.sustained else ""
         return f"NOT STABLE: {how}, {where}, {size}{more}"
 
 
-@dataclass(frozen=True, eq=False)
-class Grasp:
-    """What is looked at for one object.
+def losses(recording: Recording) -> list[dict[str, Any]]:
+    """The growths of a recording for its summary: numbers, the certificate's word where there is one, and a sentence.
 
-    Attributes:
-        name: of the object.
-        fingers: theirs.
-        rows: how many count: up to a fault.
+    Nothing is certified unless something grows.
     """
-
-    recording: Recording
-    name: str
-    number: int
-    fingers: NDArray[np.intp]
-    rows: int
-
-    def displacement(self, first: int, stop: int) -> FloatArray:
-        """e = p - c of the fingers that touch, zero of the others, (r, n d) [m]."""
-        e = self._position(first, stop) - self.recording.contact_position[first:stop, self.fingers]
-        e *= self.recording.touching[first:stop, self.fingers, None]
-        return e.reshape(len(e), -1)
-
-    def arms(self, first: int, stop: int) -> FloatArray:
-        """Of the fingers about the object, mean (n, d) [m]."""
-        centre = self.recording.objects[self.name].position[first:stop, None]
-        return np.asarray((self._position(first, stop) - centre).mean(axis=0))
-
-    def touching(self, first: int, stop: int) -> NDArray[np.bool_]:
-        """Who touches most of the time, (n,)."""
-        return np.asarray(self.recording.touching[first:stop, self.fingers].mean(axis=0) > 0.5)
-
-    def depth(self, first: int, stop: int) -> float:
-        """The largest of the fingers' mean displacements [m]."""
-        mean = self.displacement(first, stop).mean(axis=0).reshape(len(self.fingers), -1)
-        return float(np.linalg.norm(mean, axis=1).max())
-
-    def noise(self, first: int, stop: int) -> float:
-        """Of the measured positions, RMS [m]; zero where nothing is known of it."""
-        true, told = self.recording.true_position, self.recording.finger_position
-        if true is None:
-            return 0.0
-        return float(np.sqrt(((told - true)[first:stop, self.fingers] ** 2).mean()))
-
-    def drive(self) -> Drive:
-        """What hands mean to do with it."""
-        header = self.recording.header
-        centre = self.recording.objects[self.name].position[0]
-        return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
-
-    def mode(self, swing: NDArray[np.complex128], first: int, stop: int) -> str:
-        """The name of a swing (n d,) in these rows."""
-        layout, table = self.recording.layout, self.recording.header.scene_table
-        things = table.get("object") or [{}]
-        free = (things[self.number] if self.number < len(things) else {}).get("free")
-        width = {1: 1, 2: 3, 3: 6}[layout.dimensions]
-        coupling = table.get("coupling") or {}
-        gains = [(coupling.get(part) or {}).get("stiffness", 0.0) for part in ("external", "internal")]
-        plain = all(isinstance(each, int | float) and each > 0.0 for each in gains)
-        return mode_name(
-            swing.reshape(len(self.fingers), -1),
-            self.arms(first, stop),
-            free or [True] * width,
-            self.touching(first, stop),
-            [layout.fingers[i] for i in self.fingers],
-            (float(gains[0]), float(gains[1])) if plain else (1.0, 1.0),
-        )
-
-    def _position(self, first: int, stop: int) -> FloatArray:
-        true = self.recording.true_position
-        return (self.recording.finger_position if true is None else true)[first:stop, self.fingers]
+    found = []
+    for each in growths(recording):
+        certificate = None if recording.beside is None else recording.beside(each.object, each.mode)
+        text = str(each) if certificate is None else f"{each}; {certificate['said']}"
+        found.append(each.to_dict() | {"certificate": certificate, "text": text})
+    return found
 
 
 def growths(recording: Recording) -> list[Growth]:
@@ -162,17 +97,7 @@ def growths(recording: Recording) -> list[Growth]:
     return [each for each in both if each is not None]
 
 
-def grasps(recording: Recording) -> Iterator[Grasp]:
-    """Each object with its fingers, up to a fault."""
-    layout = recording.layout
-    rows = min([len(recording), *(fault.tick for fault in recording.faults)])
-    for number, name in enumerate(layout.objects):
-        fingers = np.flatnonzero(np.array(layout.finger_objects) == number)
-        if fingers.size and rows:
-            yield Grasp(recording, name, number, fingers, rows)
-
-
-def _grown(grasp: Grasp) -> Growth | None:
+def _grown(grasp: GraspView) -> Growth | None:
     period = grasp.recording.period
     found: list[Growth] = []
     known: Drive | None = None
@@ -180,29 +105,33 @@ def _grown(grasp: Grasp) -> Growth | None:
     for octave in octaves(grasp.displacement, grasp.rows, period):
         for logs in octave.logs:
             for stretch in rises(logs):
-                seen = _coherent(octave, stretch)
-                if seen is None or (above is not None and _is_alias(octave, above, stretch)):
+                seen = coherent_pole(octave, stretch)
+                if seen is None or (above is not None and is_alias(octave, above, stretch)):
                     continue
                 growth = _growth(grasp, octave, logs, stretch, seen)
-                if growth.last < LEAST_SIZE or not _stands_out(logs, stretch) or _stops(grasp, logs, stretch, growth):
+                if growth.last < LEAST_SIZE or not stands_out(logs, stretch):
+                    continue
+                if stops(grasp, logs, stretch, growth.end, growth.last):
                     continue
                 known = known or grasp.drive()
-                if not _driven(octave, stretch, seen, known):
+                if not is_driven(octave, stretch, seen, known):
                     found.append(growth)
+        for away in divergences(octave):
+            known = known or grasp.drive()
+            growth = _divergence(grasp, away)
+            if growth.last > LEAST_SIZE and known.known and not _led(away, known):
+                found.append(growth)
         above = octave
     if not found:
         return None
     # an alias or a harmonic of a motion is smaller than itself, and what comes of contacts that let go grows less
     strongest = max(found, key=lambda each: math.log(each.last) + each.growth)
-    alike = [
-        each
-        for each in found
-        if abs(each.frequency / strongest.frequency - 1.0) < ALIKE and each.growth > MOST_OF_IT * strongest.growth
-    ]
+    least, near = MOST_OF_IT * strongest.growth, ALIKE * strongest.frequency
+    alike = [each for each in found if each.growth > least and abs(each.frequency - strongest.frequency) <= near]
     return max(alike, key=lambda each: each.rate)  # a stretch that reaches into the end of growth is slower
 
 
-def _rung(grasp: Grasp) -> Growth | None:
+def _rung(grasp: GraspView) -> Growth | None:
     """What grew too fast to be seen growing, and rings."""
     layout = grasp.recording.layout
     period = grasp.recording.period
@@ -229,77 +158,36 @@ def _content(x: FloatArray, turn: float) -> float:
     return float(np.abs(((x - x.mean(axis=0)) * (taper * phase)[:, None]).sum(axis=0)).max() * 2.0 / taper.sum())
 
 
-def _coherent(octave: Octave, stretch: Stretch) -> complex | None:
-    """The pole of a stretch; None where it is no oscillation that grows for long enough, of one phase."""
-    y = octave.windows(stretch.first, stretch.count)
-    growth = stretch.growth / len(y)
-    z, share = pole(y, growth)
-    turn = abs(float(np.angle(z)))
-    cycles = turn / (2.0 * math.pi) * len(y)
-    low, high = AGREEMENT
-    agrees = low * growth < math.log(max(abs(z), 1e-300)) < high * growth
-    inside = turn > 0.4 * math.pi
-    if cycles < LEAST_CYCLES or share < LEAST_SHARE or not agrees or not inside:
-        return None
-    return z
+def _divergence(grasp: GraspView, away: Divergence) -> Growth:
+    period, d = grasp.recording.period, grasp.recording.layout.dimensions
+    rows = round(away.begin / period), min(round(away.end / period), grasp.rows)
+    last = float(np.linalg.norm(away.swing.reshape(-1, d), axis=1).max())
+    rate = math.log(away.z) / away.octave.step
+    first = last * math.exp(-rate * (away.end - away.begin))
+    mode = grasp.mode(away.swing.astype(complex), *rows)
+    return Growth(grasp.name, mode, rate, 0.0, away.begin, away.end, first, last, False)
 
 
-def _is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
-    """Whether what grows is faster than half the octave's samples can tell: it is larger in the octave above."""
-    end = octave.time(stretch.first + stretch.count)
-    return above.size_before(end) > octave.size_before(end)
-
-
-def _stands_out(logs: FloatArray, stretch: Stretch) -> bool:
-    """Whether the growth ends above all that was before, or is more than noise ever does to a mode with little damping.
-
-    The amplitude of such a mode wanders: it comes back from near zero, along any curve and of one phase, to no more
-    than it was before.
-    """
-    before = float(logs[: stretch.first].max(initial=-math.inf))
-    end = float(logs[stretch.first + stretch.count - 1])
-    return stretch.growth > CERTAIN or end > before + NEW
-
-
-def _stops(grasp: Grasp, logs: FloatArray, stretch: Stretch, growth: Growth) -> bool:
-    """Whether a motion that has grown a little stops at a small size although nothing limits it, as noise lets it."""
-    after = logs[stretch.first + stretch.count :][: stretch.count]
-    end = float(logs[stretch.first + stretch.count - 1])
-    if stretch.growth > CERTAIN or len(after) < stretch.count or float(after.max()) > end + NEW:
-        return False
-    period = grasp.recording.period
-    rows = slice(round(growth.end / period), grasp.rows)
-    on = grasp.recording.touching[rows, grasp.fingers]
-    return bool((on == on[0]).all()) and growth.last < SMALL * grasp.depth(rows.start, rows.stop)
-
-
-def _driven(octave: Octave, stretch: Stretch, z: complex, known: Drive) -> bool:
+def _led(away: Divergence, known: Drive) -> bool:
     """Whether the hands may mean it."""
-    frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
-    y = octave.windows(stretch.first, stretch.count)
-    if known.swings(frequency, 1.5 / (len(y) * octave.step)):
-        return True
-    count = min(len(y), DRIVE_SAMPLES)
-    last = y[len(y) - count :]
-    begin = octave.time(stretch.first) + (len(y) - count - 3) * octave.step
-    meant = np.diff(known.at(begin + octave.step * np.arange(count + 6)), 6, axis=0) / 64.0
-    tapered = np.hanning(count)[:, None]
-    here, there = (float(np.abs(amplitudes(part * tapered, z)).max()) for part in (last, meant))
-    return here < OVER_DRIVE * there
+    step = away.octave.step
+    times = away.begin + step * (np.arange(away.stretch.length * WINDOW + 2) - 1)
+    meant = np.diff(known.at(times), 2, axis=0)
+    return float(np.abs(away.last).max()) < OVER_DRIVE * float(np.abs(meant).max())
 
 
-def _growth(grasp: Grasp, octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> Growth:
-    y = octave.windows(stretch.first, stretch.count)
+def _growth(grasp: GraspView, octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> Growth:
+    y = octave.windows(stretch.first, stretch.length)
     period = grasp.recording.period
     frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
     rate = math.log(abs(z)) / octave.step
-    begin, end = octave.time(stretch.first), octave.time(stretch.first + stretch.count)
+    begin, end = octave.time(stretch.first), octave.time(stretch.first + stretch.length)
     swing = amplitudes(y, z) / gain(frequency, octave, period)
     d = grasp.recording.layout.dimensions
     first = float(np.sqrt((np.abs(swing.reshape(-1, d)) ** 2).sum(axis=1).max()))
     rows = slice(round(begin / period), max(round(end / period), round(begin / period) + 1))
-    after = logs[stretch.first + stretch.count :]
-    level = float(logs[stretch.first + stretch.count - 1])
+    after = logs[stretch.first + stretch.length :]
+    level = float(logs[stretch.first + stretch.length - 1])
     lasts = len(after) >= LASTING and float(np.median(after)) > level - LEAST_GROWTH / 2.0
     return Growth(
         object=grasp.name,

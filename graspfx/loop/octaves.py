@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +26,10 @@ TINY = 1e-300
 
 
 class Stretch(NamedTuple):
-    """Windows of an octave in which log amplitude rises along a line: first, count, growth in all."""
+    """Windows of an octave in which log amplitude rises along a line: the first, how many, growth in all."""
 
     first: int
-    count: int
+    length: int
     growth: float
 
 
@@ -54,6 +54,10 @@ class Octave:
         """Sixth differences over 64 about the samples from `first` up to `stop`, as far as there are any."""
         x = self._rows(max(first - ORDER // 2, 0), min(stop + ORDER // 2, self.size))
         return np.diff(x, ORDER, axis=0) / 2.0**ORDER
+
+    def samples(self) -> FloatArray:
+        """All of them, (r, c)."""
+        return self._rows(0, self.size)
 
     def size_before(self, time: float) -> float:
         """RMS of the fast part over the last samples before a time [s]."""
@@ -141,42 +145,43 @@ def rises(logs: FloatArray) -> list[Stretch]:
     return found
 
 
-def pole(y: FloatArray, growth: float) -> tuple[complex, float]:
-    """The pole z of y_k = Re(c z^k), and the share of y, without its growth, that it explains.
+def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex128], float]:
+    """The poles z_i of y_k = sum_i c_i z_i^k, and the share of y, without its growth, that they explain.
 
-    ESPRIT of rank two (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989) on y_k exp(-growth k), in which
-    the beginning counts as much as the end: what changes its phase by itself, as noise does, is not explained.
+    ESPRIT (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989) on y_k exp(-growth k), in which the beginning
+    counts as much as the end: what changes its phase by itself, as noise does, is not explained.
 
     Args:
         y: (M, c).
         growth: of log amplitude per sample.
+        rank: how many poles; two for one oscillation.
     """
     d = y * np.exp(-growth * np.arange(len(y)))[:, None]
     rows = min(10, len(d) // 2)
     count = len(d) - rows + 1
     shifted = np.stack([d[i : i + count].ravel() for i in range(rows)])
     sizes, vectors = np.linalg.eigh(shifted @ shifted.T)
-    U = vectors[:, -2:]
+    U = vectors[:, -rank:]
     z = np.linalg.eigvals(np.linalg.lstsq(U[:-1], U[1:], rcond=None)[0])
     total = float(sizes.sum())
-    share = float(sizes[-2:].sum()) / total if total > 0.0 else 0.0
-    return complex(z[np.argmax(np.abs(z))]) * math.exp(growth), share
+    share = float(sizes[-rank:].sum()) / total if total > 0.0 else 0.0
+    return np.asarray(z * math.exp(growth), dtype=np.complex128), share
 
 
-def amplitudes(y: FloatArray, z: complex) -> NDArray[np.complex128]:
-    """c (c,) of y_k = Re(c z^k), (M, c), by least squares of y_k |z|^-k."""
-    k = np.arange(len(y))
-    turned = (z / abs(z)) ** k
-    basis = np.stack([turned.real, -turned.imag], axis=1)
-    deflated = y * (abs(z) ** -k.astype(float))[:, None]
+def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDArray[np.complex128]:
+    """c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; no z_i far from z."""
+    k = np.arange(len(y), dtype=float)
+    turned = np.stack([(each / abs(z)) ** k for each in (z, *others)], axis=1)
+    basis = np.concatenate([turned.real, -turned.imag], axis=1)
+    deflated = y * np.exp(-math.log(abs(z)) * k)[:, None]
     parts = np.linalg.lstsq(basis, deflated, rcond=None)[0]
-    return np.asarray(parts[0] + 1j * parts[1], dtype=np.complex128)
+    return np.asarray(parts[0] + 1j * parts[1 + len(others)], dtype=np.complex128)
 
 
 def gain(frequency: float, octave: Octave, step: float) -> float:
     """By what a sine's amplitude passes from samples `step` apart to the fast part of an octave."""
     passed, T = 1.0, step
-    while T < octave.step * 0.75:
+    for _ in range(round(math.log2(octave.step / step))):
         passed *= abs(math.cos(math.pi * frequency * T)) ** HALVING
         T *= 2.0
     return passed * abs(math.sin(math.pi * frequency * T)) ** ORDER

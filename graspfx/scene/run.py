@@ -15,6 +15,7 @@ from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.numeric import number
+from graspfx.scene.limits.beside import beside
 from graspfx.scene.making.build import build, make_layout
 from graspfx.scene.making.meshes import frames
 from graspfx.scene.tables.reading import Readable
@@ -66,7 +67,9 @@ def run(
             recording = recorder.finish(
                 took if done else None, complete=done, engine=servo.engine.name, fade_shortfall=servo.fade_shortfall
             )
-    return recording if out is None else Recording.load(file)
+    finished = recording if out is None else Recording.load(file)
+    finished.beside = beside(scene)
+    return finished
 
 
 def _ticks(scene: Scene, duration: float | None, size: int) -> int:

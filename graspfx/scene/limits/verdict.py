@@ -17,7 +17,7 @@ from graspfx.scene.limits.rows import PUSHING, said
 if TYPE_CHECKING:
     from graspfx.scene.limits.certificate import Certificate, Limit
     from graspfx.scene.model import Scene
-    from graspfx.scene.plan import Row
+    from graspfx.scene.plan import PlanRow
 
 STABLE, NOT_STABLE, NOT_JUDGED = "stable", "NOT STABLE", "not judged"
 UNITS = {  # keys of `to_dict` that have one
@@ -47,7 +47,7 @@ class Report:
     certificates: tuple[Certificate, ...] = ()
     why: str = ""
     notes: tuple[str, ...] = ()
-    plan: tuple[Row, ...] = ()
+    plan: tuple[PlanRow, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -167,7 +167,8 @@ def _least(certificate: Certificate) -> Limit | None:
 def _judged(certificate: Certificate) -> str:
     """A certificate in one line."""
     least, stable = _least(certificate), _is_stable(certificate)
-    text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, spectral radius {certificate.spectral_radius:.6f}"
+    radius = f"spectral radius {certificate.spectral_radius:.6f}"
+    text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"
     if least is not None:
         text += f"; {'the least margin: ' if stable else ''}{least.mode} {said(least)}"
     if stable:
