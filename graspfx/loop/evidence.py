@@ -36,7 +36,7 @@ def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
     for rank, least in ((2, LEAST_SHARE), (4, LEAST_SHARE_OF_TWO)):
         found, share = poles(y, growth, rank)
         upper = [complex(z) for z in found if z.imag > 0.0]
-        if not upper:  # it alternates
+        if not upper and octave.is_highest:  # it alternates
             upper = [complex(found[np.argmax(np.abs(found))])]
         # what is so much larger or smaller at one end is not in the stretch
         upper = [z for z in upper if abs(math.log(max(abs(z), TINY)) - growth) * len(y) < FAR]

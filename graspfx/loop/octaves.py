@@ -19,6 +19,7 @@ SHORTEST = 6  # windows in which growth shows
 BLOCK = 4096  # rows that are taken at a time: they stay in the processor's cache
 LEAST_GROWTH = 2.0  # of log amplitude
 STRAIGHT = 0.12  # of the growth: what log amplitude may stray from a straight line, RMS
+MOST_ASTRAY = 0.4  # of log amplitude: more is a jump
 LENGTHENING = 1.5
 STRIDES = 6  # starts of a stretch within its length
 END = 16  # samples
@@ -40,12 +41,13 @@ class Octave:
         step: time between its samples [s].
         size: samples.
         begin: the time of the first [s].
+        is_highest: whether its samples are the motion's own.
         logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_k-1 x_k+1, which for an
             oscillation has no ripple; of the highest octave also by squares, for what alternates.
     """
 
     def __init__(self, rows: Rows, size: int, step: float, begin: float = 0.0, *, highest: bool = False) -> None:
-        self.step, self.size, self.begin = step, size, begin
+        self.step, self.size, self.begin, self.is_highest = step, size, begin, highest
         self._rows = rows
         self._lower: list[FloatArray] = []
         self.logs = self._sizes(highest)
@@ -137,7 +139,7 @@ def rises(logs: FloatArray) -> list[Stretch]:
         slope = (moment - mean * (first + (length - 1) / 2.0)) / spread
         strayed = np.sqrt(np.maximum(square - mean**2 - slope**2 * spread, 0.0))
         growth = slope * length
-        growth[(growth < LEAST_GROWTH) | (strayed > STRAIGHT * growth)] = -np.inf
+        growth[(growth < LEAST_GROWTH) | (strayed > np.minimum(STRAIGHT * growth, MOST_ASTRAY))] = -np.inf
         best = int(np.argmax(growth))
         if growth[best] > 0.0:
             found.append(Stretch(int(first[best]), length, float(growth[best])))
