@@ -13,7 +13,7 @@ import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.analysis.passivity_grasp import CouplingLimits
 from graspfx.scene.limits.certificate import Certificate, Limit, certificates, lines
-from graspfx.scene.limits.rows import folded
+from graspfx.scene.limits.rows import limit_lines
 
 BEYOND = "coupling.external.stiffness=60"
 KEP_LIMIT = 51.8497  # [N/m] of paper-spring
@@ -149,14 +149,14 @@ def test_twenty_alike_rows_become_one_with_a_range() -> None:
 def test_a_few_rows_stay_as_they_are_and_equal_ones_share_a_line() -> None:
     rows = [row("internal", 70.0, 80.0), row("external", 30.0, 60.0)]
     rows += [row(f"pushing with finger{i}", 40.0, 50.0 + (i > 1)) for i in range(3)]
-    assert list(folded(rows)) == [
+    assert list(limit_lines(rows)) == [
         "internal 70 N/m: limit 80, margin 1.14, lost at 5 Hz",
         "external 30 N/m: limit 60, margin 2.00, lost at 5 Hz",
         "pushing with finger0 | finger1 40 N/m: limit 50, margin 1.25, lost at 5 Hz",
         "pushing with finger2 40 N/m: limit 51, margin 1.27, lost at 5 Hz",
     ]
     many = [row(f"pushing with f{i}", 40.0, float("inf") if i == 9 else 50.0 + i) for i in range(10)]
-    (line,) = folded(many)
+    (line,) = limit_lines(many)
     assert line == (
         "pushing with one of 10 fingers 40 N/m: limit 50 ... 58 ... no limit, margin 1.25 ... 1.45 ... no limit, "
         "lost at 5 Hz, the least with f0"

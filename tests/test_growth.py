@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recordings import layout, recording
+from recordings import header, layout, recording, rows
 
 import graspfx as gx
 from graspfx.__main__ import main
@@ -89,7 +89,7 @@ def test_no_scene_of_the_shelf_grows(name: str) -> None:
 def test_nothing_is_certified_unless_something_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     rec = gx.run(gx.load("paper-spring"), duration=2.0)
-    rec.beside = lambda name, mode: {"said": asked.append(name)}
+    rec.beside = lambda name, mode: {"text": asked.append(name)}
     assert rec.summary()["growth"] == [] and not asked
 
 
@@ -233,6 +233,22 @@ def swelling(frequency: float, **head: Any) -> Recording:
     return recording(columns, layout(simulated=False), **head)
 
 
+@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e-3, 1e200])
+@pytest.mark.parametrize("N", [0, 1, 7, 33, 400])
+def test_any_recording_is_judged(scale: float, N: int) -> None:
+    """Nothing, noise, jumps, numbers beyond all measure and none at all, up to the last row."""
+    made = layout(simulated=False)
+    values = scale * rows(made, N)
+    values[:, made.columns["touching"].where] = 1.0
+    if N:
+        assert growths(Recording(values, made, header())) == []
+        blown = values * np.exp(np.linspace(0.0, 230.0, N))[:, None]
+        growths(Recording(blown, made, header()))
+        values = np.array(values)
+        values[N // 2 :] = np.nan
+    assert growths(Recording(values, made, header())) == []
+
+
 def test_poles_and_amplitudes_of_two_swings() -> None:
     k = np.arange(80)
     z, w = 1.02 * np.exp(1.9j), 0.97 * np.exp(2.6j)
@@ -249,11 +265,11 @@ def test_octaves_take_each_row_once_and_in_blocks() -> None:
     asked: list[int] = []
     x = np.random.default_rng(0).normal(size=(100_000, 2))
 
-    def rows(first: int, stop: int) -> np.ndarray:
+    def take(first: int, stop: int) -> np.ndarray:
         asked.append(stop - first)
         return x[first:stop]
 
-    made = list(octaves(rows, len(x), 0.005))
+    made = list(octaves(take, len(x), 0.005))
     assert sum(asked) < 1.01 * len(x) and max(asked) <= BLOCK + 8
     assert [each.step / 0.005 for each in made] == [2.0**j for j in range(len(made))] and len(made) > 10
     lucky = [(each, stretch) for each in made for logs in each.logs for stretch in rises(logs)]
@@ -281,11 +297,11 @@ def test_modes_by_their_shape() -> None:
 def test_the_drive_of_a_scene_is_read_from_its_table() -> None:
     scene = gx.load("paper-waving")
     hands = drive(scene.to_dict(), [0, 1], "", np.array([[-0.025, 0.0], [0.025, 0.0]]), np.zeros(2))
-    assert hands.known and hands.frequencies == (0.5, 0.5)
+    assert hands.complete and hands.frequencies == (0.5, 0.5)
     assert hands.swings(1.0, 0.01) and not hands.swings(7.0, 0.1)
     meant = hands.at(np.array([0.0, 2.5]))
     assert meant[0] == pytest.approx(np.zeros(meant.shape[1]), abs=1e-15)
     assert np.abs(meant[1]).max() == pytest.approx(0.05, rel=1e-12)  # the top of a sine
     plug_in = scene.to_dict()
     plug_in["finger"][0]["hand"] = {"kind": "push"}
-    assert not drive(plug_in, [0, 1], "", np.zeros((2, 2)), np.zeros(2)).known
+    assert not drive(plug_in, [0, 1], "", np.zeros((2, 2)), np.zeros(2)).complete

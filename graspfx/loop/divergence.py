@@ -49,7 +49,7 @@ def divergences(octave: Octave) -> list[Divergence]:
     y = np.diff(octave.samples(), 2, axis=0)
     count = len(y) // WINDOW
     squares = (y[: count * WINDOW] ** 2).reshape(count, -1).sum(axis=1)
-    found = []
+    ways = []
     for stretch in rises(0.5 * np.log(squares + TINY)):
         if stretch.growth < max(GROWTH, LEAST_GROWTH):
             continue
@@ -58,5 +58,5 @@ def divergences(octave: Octave) -> list[Divergence]:
         (z,), share = poles(part, growth, 1)
         rate = math.log(z.real) if z.real > 0.0 else 0.0
         if share >= SHARE and abs(rate - growth) < AGREEMENT * growth and z.imag == 0.0:
-            found.append(Divergence(octave, stretch, float(z.real), part[-1]))
-    return found
+            ways.append(Divergence(octave, stretch, float(z.real), part[-1]))
+    return ways

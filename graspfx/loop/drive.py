@@ -27,12 +27,12 @@ class Drive:
     Attributes:
         parts: each motion, and by what its offset is multiplied to be metres at the fingertips.
         frequencies: of its sines [Hz].
-        known: False where a hand's motion stands in no table, or a person moves the device.
+        complete: False where a hand's motion stands in no table, or a person moves the device.
     """
 
     parts: tuple[tuple[motions.Motion, float], ...]
     frequencies: tuple[float, ...]
-    known: bool
+    complete: bool
 
     def at(self, times: NDArray[Any]) -> FloatArray:
         """All offsets at times (M,), (M, c) [m]."""
@@ -45,7 +45,7 @@ class Drive:
         Args:
             frequency, resolution: [Hz].
         """
-        if not self.known and frequency < FASTEST:
+        if not self.complete and frequency < FASTEST:
             return True
         near = max(resolution, CLOSE * frequency)
         return any(abs(frequency - h * f) < near for f in self.frequencies for h in range(1, HARMONICS + 1))
@@ -72,20 +72,20 @@ def drive(
         hands[hand if isinstance(hand, str) else f"{i}"] = named.get(hand) if isinstance(hand, str) else hand
     parts: list[tuple[motions.Motion, float]] = []
     sines: list[float] = []
-    known = all(_is_simulated(table, rows[i]) for i in fingers)
+    complete = all(_is_simulated(table, rows[i]) for i in fingers)
     for hand in hands.values():
         if hand is None:  # nobody's, and nothing moves it
             continue
         if "kind" in hand:  # a plug-in's, which moves as it likes
-            known = False
+            complete = False
             continue
         try:
             parts += _parts(hand, folder, start, centre)
         except (GraspFXError, KeyError, OSError):  # a path's file that is there no more
-            known = False
+            complete = False
         tables = [*_listed(hand.get("motion")), *_listed(hand.get("turn"))]
         sines += [float(each["frequency"]) for each in tables if each.get("kind") == "sine"]
-    return Drive(tuple(parts), tuple(sines), known)
+    return Drive(tuple(parts), tuple(sines), complete)
 
 
 def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:

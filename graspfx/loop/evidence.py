@@ -34,10 +34,10 @@ def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
     y = octave.windows(stretch.first, stretch.length)
     growth = stretch.growth / len(y)
     for rank, least in ((2, LEAST_SHARE), (4, LEAST_SHARE_OF_TWO)):
-        found, share = poles(y, growth, rank)
-        upper = [complex(z) for z in found if z.imag > 0.0]
+        z_i, share = poles(y, growth, rank)
+        upper = [complex(z) for z in z_i if z.imag > 0.0]
         if not upper and octave.is_highest:  # it alternates
-            upper = [complex(found[np.argmax(np.abs(found))])]
+            upper = [complex(z_i[np.argmax(np.abs(z_i))])]
         # what is so much larger or smaller at one end is not in the stretch
         upper = [z for z in upper if abs(math.log(max(abs(z), TINY)) - growth) * len(y) < FAR]
         growing = [z for z in upper if _grows(z, growth, len(y))]
@@ -102,16 +102,16 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
     return bool((on == on[0]).all()) and size < SMALL * grasp.depth(rows.start, rows.stop)
 
 
-def is_driven(octave: Octave, stretch: Stretch, z: complex, known: Drive) -> bool:
+def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:
     """Whether the hands may mean it."""
     frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
     y = octave.windows(stretch.first, stretch.length)
-    if known.swings(frequency, 1.5 / (len(y) * octave.step)):
+    if hands.swings(frequency, 1.5 / (len(y) * octave.step)):
         return True
     count = min(len(y), DRIVE_SAMPLES)
     last = y[len(y) - count :]
     begin = octave.time(stretch.first) + (len(y) - count - ORDER // 2) * octave.step
-    meant = np.diff(known.at(begin + octave.step * np.arange(count + ORDER)), ORDER, axis=0) / 2.0**ORDER
-    tapered = np.hanning(count)[:, None]
-    here, there = (float(np.abs(amplitudes(part * tapered, z)).max()) for part in (last, meant))
+    intent = np.diff(hands.at(begin + octave.step * np.arange(count + ORDER)), ORDER, axis=0) / 2.0**ORDER
+    taper = np.hanning(count)[:, None]
+    here, there = (float(np.abs(amplitudes(part * taper, z)).max()) for part in (last, intent))
     return here < OVER_DRIVE * there

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 LEAST_SIZE = 1e-9  # [m]
+MOST_GROWTH = 600.0  # of log amplitude: numbers go no further
 LASTING = 8  # windows in which what has grown goes on
 ALIKE = 0.2  # of a frequency
 MOST_OF_IT = 0.6  # of the largest growth
@@ -78,12 +79,12 @@ def losses(recording: Recording) -> list[dict[str, Any]]:
 
     Nothing is certified unless something grows.
     """
-    found = []
+    tables = []
     for each in growths(recording):
         certificate = None if recording.beside is None else recording.beside(each.object, each.mode)
-        text = str(each) if certificate is None else f"{each}; {certificate['said']}"
-        found.append(each.to_dict() | {"certificate": certificate, "text": text})
-    return found
+        text = str(each) if certificate is None else f"{each}; {certificate['text']}"
+        tables.append(each.to_dict() | {"certificate": certificate, "text": text})
+    return tables
 
 
 def growths(recording: Recording) -> list[Growth]:
@@ -93,41 +94,42 @@ def growths(recording: Recording) -> list[Growth]:
     grows by e^2 along an exponential for eight cycles, one pole explains it, and the hands do not mean it. Operators'
     motions, touching, sliding and noise fail one or the other. It is judged by what is recorded alone.
     """
-    both = ((_grown(grasp) or _rung(grasp)) for grasp in grasps(recording))
+    with np.errstate(all="ignore"):  # positions may be anything; what is not finite is no growth
+        both = [(_grown(grasp) or _rung(grasp)) for grasp in grasps(recording)]
     return [each for each in both if each is not None]
 
 
 def _grown(grasp: GraspView) -> Growth | None:
     period = grasp.recording.period
-    found: list[Growth] = []
-    known: Drive | None = None
+    candidates: list[Growth] = []
+    hands: Drive | None = None
     above: Octave | None = None
     for octave in octaves(grasp.displacement, grasp.rows, period):
         for logs in octave.logs:
             for stretch in rises(logs):
-                seen = coherent_pole(octave, stretch)
-                if seen is None or (above is not None and is_alias(octave, above, stretch)):
+                z = coherent_pole(octave, stretch)
+                if z is None or (above is not None and is_alias(octave, above, stretch)):
                     continue
-                growth = _growth(grasp, octave, logs, stretch, seen)
+                growth = _growth(grasp, octave, logs, stretch, z)
                 if growth.last < LEAST_SIZE or not stands_out(logs, stretch):
                     continue
                 if stops(grasp, logs, stretch, growth.end, growth.last):
                     continue
-                known = known or grasp.drive()
-                if not is_driven(octave, stretch, seen, known):
-                    found.append(growth)
+                hands = hands or grasp.drive()
+                if not is_driven(octave, stretch, z, hands):
+                    candidates.append(growth)
         for away in divergences(octave):
-            known = known or grasp.drive()
+            hands = hands or grasp.drive()
             growth = _divergence(grasp, away)
-            if growth.last > LEAST_SIZE and known.known and not _led(away, known):
-                found.append(growth)
+            if growth.last > LEAST_SIZE and hands.complete and not _led(away, hands):
+                candidates.append(growth)
         above = octave
-    if not found:
+    if not candidates:
         return None
     # an alias or a harmonic of a motion is smaller than itself, and what comes of contacts that let go grows less
-    strongest = max(found, key=lambda each: math.log(each.last) + each.growth)
+    strongest = max(candidates, key=lambda each: math.log(each.last) + each.growth)
     least, near = MOST_OF_IT * strongest.growth, ALIKE * strongest.frequency
-    alike = [each for each in found if each.growth > least and abs(each.frequency - strongest.frequency) <= near]
+    alike = [each for each in candidates if each.growth > least and abs(each.frequency - strongest.frequency) <= near]
     return max(alike, key=lambda each: each.rate)  # a stretch that reaches into the end of growth is slower
 
 
@@ -135,18 +137,18 @@ def _rung(grasp: GraspView) -> Growth | None:
     """What grew too fast to be seen growing, and rings."""
     layout = grasp.recording.layout
     period = grasp.recording.period
-    known: Drive | None = None
+    hands: Drive | None = None
     for first, stop in touches(grasp.recording.touching[: grasp.rows, grasp.fingers]):
-        seen = ringing(grasp.displacement(first, stop), first, grasp.noise(first, stop))
-        if seen is None:
+        ring = ringing(grasp.displacement(first, stop), first, grasp.noise(first, stop))
+        if ring is None:
             continue
-        known = known or grasp.drive()
-        begin, end, frequency = seen.first * period, seen.stop * period, seen.turn / period
-        size = float(np.sqrt((np.abs(seen.swing.reshape(-1, layout.dimensions)) ** 2).sum(axis=1).max()))
-        meant = known.at(begin + period * np.arange(seen.stop - seen.first))
-        if known.swings(frequency, 1.5 / (end - begin)) or size < OVER_DRIVE * _content(meant, seen.turn):
+        hands = hands or grasp.drive()
+        begin, end, frequency = ring.first * period, ring.stop * period, ring.turn / period
+        size = float(np.sqrt((np.abs(ring.swing.reshape(-1, layout.dimensions)) ** 2).sum(axis=1).max()))
+        intent = hands.at(begin + period * np.arange(ring.stop - ring.first))
+        if hands.swings(frequency, 1.5 / (end - begin)) or size < OVER_DRIVE * _content(intent, ring.turn):
             continue
-        name = grasp.mode(seen.swing, seen.first, seen.stop)
+        name = grasp.mode(ring.swing, ring.first, ring.stop)
         return Growth(grasp.name, name, 0.0, frequency, first * period, stop * period, size, size, True)
     return None
 
@@ -168,12 +170,12 @@ def _divergence(grasp: GraspView, away: Divergence) -> Growth:
     return Growth(grasp.name, mode, rate, 0.0, away.begin, away.end, first, last, False)
 
 
-def _led(away: Divergence, known: Drive) -> bool:
+def _led(away: Divergence, hands: Drive) -> bool:
     """Whether the hands may mean it."""
     step = away.octave.step
     times = away.begin + step * (np.arange(away.stretch.length * WINDOW + 2) - 1)
-    meant = np.diff(known.at(times), 2, axis=0)
-    return float(np.abs(away.last).max()) < OVER_DRIVE * float(np.abs(meant).max())
+    intent = np.diff(hands.at(times), 2, axis=0)
+    return float(np.abs(away.last).max()) < OVER_DRIVE * float(np.abs(intent).max())
 
 
 def _growth(grasp: GraspView, octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> Growth:
@@ -188,7 +190,7 @@ def _growth(grasp: GraspView, octave: Octave, logs: FloatArray, stretch: Stretch
     rows = slice(round(begin / period), max(round(end / period), round(begin / period) + 1))
     after = logs[stretch.first + stretch.length :]
     level = float(logs[stretch.first + stretch.length - 1])
-    lasts = len(after) >= LASTING and float(np.median(after)) > level - LEAST_GROWTH / 2.0
+    goes_on = len(after) >= LASTING and float(np.median(after)) > level - LEAST_GROWTH / 2.0
     return Growth(
         object=grasp.name,
         mode=grasp.mode(swing, rows.start, rows.stop),
@@ -197,8 +199,8 @@ def _growth(grasp: GraspView, octave: Octave, logs: FloatArray, stretch: Stretch
         begin=begin,
         end=end,
         first=first,
-        last=first * math.exp(rate * (end - begin)),
-        sustained=bool(lasts),
+        last=first * math.exp(min(rate * (end - begin), MOST_GROWTH)),
+        sustained=bool(goes_on),
     )
 
 

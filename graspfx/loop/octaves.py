@@ -85,7 +85,7 @@ class Octave:
 
     def _sizes(self, highest: bool) -> list[FloatArray]:
         """In blocks, each with what it shares with its neighbours, so that little more than the half is in memory."""
-        found: list[list[FloatArray]] = [[], []]
+        sizes: list[list[FloatArray]] = [[], []]
         for begin in range(0, self.size, BLOCK):
             stop = min(begin + BLOCK, self.size)
             x = self._rows(begin, min(stop + ORDER + 2, self.size))
@@ -100,10 +100,10 @@ class Octave:
             y = y[: count * WINDOW + 2]
             squares = y[1:-1] ** 2
             if highest:
-                found[1].append(squares.reshape(count, -1).sum(axis=1))
+                sizes[1].append(squares.reshape(count, -1).sum(axis=1))
             squares -= y[:-2] * y[2:]
-            found[0].append(np.abs(squares.reshape(count, -1).sum(axis=1)))
-        return [0.5 * np.log(np.concatenate(part) / WINDOW + TINY) - ORDER * math.log(2.0) for part in found if part]
+            sizes[0].append(np.abs(squares.reshape(count, -1).sum(axis=1)))
+        return [0.5 * np.log(np.concatenate(part) / WINDOW + TINY) - ORDER * math.log(2.0) for part in sizes if part]
 
 
 def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
@@ -128,23 +128,23 @@ def rises(logs: FloatArray) -> list[Stretch]:
     Lines are fitted by least squares, for lengths that grow by 1.5 and starts a sixth of them apart, from sums that are
     made once.
     """
-    n, found = len(logs), []
-    centred = logs - (logs.mean() if n else 0.0)
-    sums = [np.concatenate([[0.0], np.cumsum(part)]) for part in (centred, centred**2, centred * np.arange(n))]
+    n, stretches = len(logs), []
+    level = logs - (logs.mean() if n else 0.0)
+    sums = [np.concatenate([[0.0], np.cumsum(part)]) for part in (level, level**2, level * np.arange(n))]
     length = SHORTEST
     while length <= n:
         first = np.arange(0, n - length + 1, max(1, length // STRIDES))
         mean, square, moment = ((part[first + length] - part[first]) / length for part in sums)
         spread = (length * length - 1) / 12.0
         slope = (moment - mean * (first + (length - 1) / 2.0)) / spread
-        strayed = np.sqrt(np.maximum(square - mean**2 - slope**2 * spread, 0.0))
+        stray = np.sqrt(np.maximum(square - mean**2 - slope**2 * spread, 0.0))
         growth = slope * length
-        growth[(growth < LEAST_GROWTH) | (strayed > np.minimum(STRAIGHT * growth, MOST_ASTRAY))] = -np.inf
+        growth[(growth < LEAST_GROWTH) | (stray > np.minimum(STRAIGHT * growth, MOST_ASTRAY))] = -np.inf
         best = int(np.argmax(growth))
         if growth[best] > 0.0:
-            found.append(Stretch(int(first[best]), length, float(growth[best])))
+            stretches.append(Stretch(int(first[best]), length, float(growth[best])))
         length = max(length + 1, int(LENGTHENING * length))
-    return found
+    return stretches
 
 
 def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex128], float]:
@@ -161,8 +161,8 @@ def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex12
     d = y * np.exp(-growth * np.arange(len(y)))[:, None]
     rows = min(10, len(d) // 2)
     count = len(d) - rows + 1
-    shifted = np.stack([d[i : i + count].ravel() for i in range(rows)])
-    sizes, vectors = np.linalg.eigh(shifted @ shifted.T)
+    hankel = np.stack([d[i : i + count].ravel() for i in range(rows)])
+    sizes, vectors = np.linalg.eigh(hankel @ hankel.T)
     U = vectors[:, -rank:]
     z = np.linalg.eigvals(np.linalg.lstsq(U[:-1], U[1:], rcond=None)[0])
     total = float(sizes.sum())
@@ -173,17 +173,17 @@ def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex12
 def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDArray[np.complex128]:
     """c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; no z_i far from z."""
     k = np.arange(len(y), dtype=float)
-    turned = np.stack([(each / abs(z)) ** k for each in (z, *others)], axis=1)
-    basis = np.concatenate([turned.real, -turned.imag], axis=1)
-    deflated = y * np.exp(-math.log(abs(z)) * k)[:, None]
-    parts = np.linalg.lstsq(basis, deflated, rcond=None)[0]
+    phases = np.stack([(each / abs(z)) ** k for each in (z, *others)], axis=1)
+    basis = np.concatenate([phases.real, -phases.imag], axis=1)
+    level = y * np.exp(-math.log(abs(z)) * k)[:, None]
+    parts = np.linalg.lstsq(basis, level, rcond=None)[0]
     return np.asarray(parts[0] + 1j * parts[1 + len(others)], dtype=np.complex128)
 
 
 def gain(frequency: float, octave: Octave, step: float) -> float:
     """By what a sine's amplitude passes from samples `step` apart to the fast part of an octave."""
-    passed, T = 1.0, step
+    share, T = 1.0, step
     for _ in range(round(math.log2(octave.step / step))):
-        passed *= abs(math.cos(math.pi * frequency * T)) ** HALVING
+        share *= abs(math.cos(math.pi * frequency * T)) ** HALVING
         T *= 2.0
-    return passed * abs(math.sin(math.pi * frequency * T)) ** ORDER
+    return share * abs(math.sin(math.pi * frequency * T)) ** ORDER

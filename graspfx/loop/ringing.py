@@ -29,7 +29,7 @@ class Ringing(NamedTuple):
 
 def touches(touching: BoolArray) -> list[tuple[int, int]]:
     """The longest row of touches of each finger without a long pause, as (first, stop) of ticks; none of a few."""
-    found = []
+    spans = []
     for column in touching.T:
         onsets = np.flatnonzero(column[1:] & ~column[:-1]) + 1
         if len(onsets) < LEAST_TOUCHES:
@@ -39,8 +39,8 @@ def touches(touching: BoolArray) -> list[tuple[int, int]]:
         edges = np.concatenate([[0], breaks + 1, [len(onsets)]])
         longest = int(np.argmax(np.diff(edges)))
         if edges[longest + 1] - edges[longest] >= LEAST_TOUCHES:
-            found.append((int(onsets[edges[longest]]), int(onsets[edges[longest + 1] - 1])))
-    return found
+            spans.append((int(onsets[edges[longest]]), int(onsets[edges[longest + 1] - 1])))
+    return spans
 
 
 def ringing(displacement: FloatArray, first: int, noise: float) -> Ringing | None:

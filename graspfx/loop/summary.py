@@ -65,7 +65,7 @@ def summarise(
         growth: a table for each object whose grasp is seen to lose stability, empty without: `object`, `mode` as
             certificates name it, `rate` of log amplitude [1/s], `frequency` [Hz], `begin` and `end` of where it is seen
             [s], `first` and `last` amplitude of a fingertip against the object then [m], `sustained` if it goes on at
-            that size, `certificate` (its `spectral_radius`, `gain` and `limit` [N/m] and what is `said`; None for a
+            that size, `certificate` (its `spectral_radius`, `gain` and `limit` [N/m] and `text`; None for a
             recording without its scene) and `text`, all in a sentence.
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
         engine: what ran the ticks, "interpreted" or "compiled", or since when; None if not known.

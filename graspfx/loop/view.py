@@ -57,10 +57,10 @@ class GraspView:
 
     def noise(self, first: int, stop: int) -> float:
         """Of the measured positions, RMS [m]; zero where nothing is known of it."""
-        true, told = self.recording.true_position, self.recording.finger_position
+        true, report = self.recording.true_position, self.recording.finger_position
         if true is None:
             return 0.0
-        return float(np.sqrt(((told - true)[first:stop, self.fingers] ** 2).mean()))
+        return float(np.sqrt(((report - true)[first:stop, self.fingers] ** 2).mean()))
 
     def drive(self) -> Drive:
         """What hands mean to do with it."""

@@ -20,17 +20,17 @@ def beside(scene: Readable) -> Beside:
     """A function of an object's and a mode's name that gives what the scene's certificate says of it.
 
     The certificate is made when it is asked for, once. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None without
-    one), and `said`, in words.
+    one), and `text`, in words.
     """
-    known: list[dict[str, Certificate] | str] = []
+    answers: list[dict[str, Certificate] | str] = []
 
     def say(name: str, mode: str) -> dict[str, Any]:
-        if not known:
-            known.append(_certificates(scene))
-        found = known[0]
-        if isinstance(found, str):
-            return {"spectral_radius": None, "gain": None, "limit": None, "said": f"no certificate: {found}"}
-        return _told(found[name], mode)
+        if not answers:
+            answers.append(_certificates(scene))
+        answer = answers[0]
+        if isinstance(answer, str):
+            return {"spectral_radius": None, "gain": None, "limit": None, "text": f"no certificate: {answer}"}
+        return _answer(answer[name], mode)
 
     return say
 
@@ -50,16 +50,16 @@ def _whole(scene: Any, kind: type[Scene]) -> Scene:
     return scene if isinstance(scene, kind) else kind(scene.source, **scene.to_dict())
 
 
-def _told(certificate: Certificate, mode: str) -> dict[str, Any]:
-    from graspfx.scene.limits.rows import said
+def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:
+    from graspfx.scene.limits.rows import figures
 
     row = _row(certificate, mode)
     radius = certificate.spectral_radius
-    judged = f"certificate: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    verdict = f"certificate: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
     numbers = (None, None) if row is None else (row.gain, row.limit)
     gain, limit = (value if value is not None and math.isfinite(value) else None for value in numbers)
-    text = judged if row is None else f"{judged}; {row.mode} {said(row)}"
-    return {"spectral_radius": radius, "gain": gain, "limit": limit, "said": text}
+    text = verdict if row is None else f"{verdict}; {row.mode} {figures(row)}"
+    return {"spectral_radius": radius, "gain": gain, "limit": limit, "text": text}
 
 
 def _row(certificate: Certificate, mode: str) -> Limit | None:

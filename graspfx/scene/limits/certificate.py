@@ -16,7 +16,7 @@ from graspfx.analysis.passivity_grasp import CouplingLimits, coupling_limits
 from graspfx.analysis.pushing import kept
 from graspfx.errors import InputError
 from graspfx.scene.limits.linearise import Linearised, linearise
-from graspfx.scene.limits.rows import folded
+from graspfx.scene.limits.rows import limit_lines
 from graspfx.scene.limits.whole import Family, Reach, reach
 from graspfx.scene.model import Scene
 
@@ -270,7 +270,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
     of = f"of {certificate.object}, {'squeezed' if certificate.at == 'squeezed' else 'at the start, not squeezed'}"
     radius = certificate.spectral_radius
     yield f"stability {of}: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
-    yield from (f"  {row}" for row in folded(certificate.limits))
+    yield from (f"  {row}" for row in limit_lines(certificate.limits))
     if any(row.exact for row in certificate.limits):
         differences = [row.difference for row in certificate.limits if not math.isnan(row.difference)]
         checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""

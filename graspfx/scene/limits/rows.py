@@ -13,11 +13,11 @@ PUSHING = "pushing with "
 MOST = 3  # lines about fingers that push alone: more become a range
 
 
-def folded(limits: Sequence[Limit]) -> Iterator[str]:
+def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
     """One line for each mode; modes with the same figures in one, of sets of fingers that push the weakest."""
     alike: dict[str, list[Limit]] = {}
     for row in _worth_saying(limits):
-        alike.setdefault(said(row), []).append(row)
+        alike.setdefault(figures(row), []).append(row)
     single = {text: rows for text, rows in alike.items() if all(_count(row) == 1 for row in rows)}
     folds = len(single) > MOST
     for text, rows in alike.items():
@@ -29,7 +29,7 @@ def folded(limits: Sequence[Limit]) -> Iterator[str]:
         yield f"{' | '.join([first, *(name.removeprefix(PUSHING) for name in others)])} {text}"
 
 
-def said(row: Limit) -> str:
+def figures(row: Limit) -> str:
     """A mode's gain, limit, margin and the frequency at which it is lost."""
     gain = "gains as they are" if math.isnan(row.gain) else f"{row.gain:.4g} N/m"
     if math.isinf(row.margin):

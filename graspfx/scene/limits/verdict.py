@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspfx.errors import Fault, GraspFXError, SceneError
-from graspfx.scene.limits.rows import PUSHING, said
+from graspfx.scene.limits.rows import PUSHING, figures
 
 if TYPE_CHECKING:
     from graspfx.scene.limits.certificate import Certificate, Limit
@@ -31,7 +31,7 @@ UNITS = {  # keys of `to_dict` that have one
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Report:
-    """What a check found.
+    """The answer of a check.
 
     Attributes:
         scene: its name.
@@ -63,7 +63,7 @@ class Report:
         if not self.certificates:
             return f"{NOT_JUDGED}: {self.why}"
         worst, *others = self.certificates
-        text = _judged(worst)
+        text = _sentence(worst)
         if others:
             names = [each.object for each in others if not _is_stable(each)]
             rest = f"not stable either: {', '.join(names)}" if names else "the other objects have more room"
@@ -138,14 +138,14 @@ def report(scene: Scene) -> Report:
     from graspfx.scene.plan import plan
 
     scene.require_reach()
-    why, judged = "", []
+    why, answers = "", []
     try:
-        judged = sorted(certificates(scene), key=_room)
-        why = "" if judged else "no finger touches an object"
+        answers = sorted(certificates(scene), key=_room)
+        why = "" if answers else "no finger touches an object"
     except GraspFXError as error:
         why = " ".join(str(error).split())
     rows = (*plan(scene), *engine_plan(scene))
-    return Report(scene.source.name, (), tuple(judged), why, tuple(doubts(scene)), rows)
+    return Report(scene.source.name, (), tuple(answers), why, tuple(doubts(scene)), rows)
 
 
 def _is_stable(certificate: Certificate) -> bool:
@@ -164,18 +164,18 @@ def _least(certificate: Certificate) -> Limit | None:
     return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
 
 
-def _judged(certificate: Certificate) -> str:
+def _sentence(certificate: Certificate) -> str:
     """A certificate in one line."""
     least, stable = _least(certificate), _is_stable(certificate)
     radius = f"spectral radius {certificate.spectral_radius:.6f}"
     text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"
     if least is not None:
-        text += f"; {'the least margin: ' if stable else ''}{least.mode} {said(least)}"
+        text += f"; {'the least margin: ' if stable else ''}{least.mode} {figures(least)}"
     if stable:
         pushing = [row for row in certificate.limits if row.mode.startswith(PUSHING) and row.margin < 1.0]
         if pushing:
             weakest = min(pushing, key=lambda row: row.margin)
-            text += f"; while all fingers hold: {weakest.mode} is not stable, {said(weakest)}"
+            text += f"; while all fingers hold: {weakest.mode} is not stable, {figures(weakest)}"
     if certificate.at != "squeezed":
         text += "; judged at the start, without a squeeze"
     return text
