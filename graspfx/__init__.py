@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from graspfx.scene.batch import run_batch as run_batch
     from graspfx.scene.limits.certify import Certificates as Certificates
     from graspfx.scene.limits.certify import certify as certify
+    from graspfx.scene.limits.verdict import Report as Report
+    from graspfx.scene.limits.verdict import check as check
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
     from graspfx.scene.run import run as run
@@ -36,9 +38,11 @@ _HOMES = {
     "Impedance": "graspfx.grasp.impedance",
     "PointCoupling": "graspfx.grasp.point_coupling",
     "Recording": "graspfx.loop.record",
+    "Report": "graspfx.scene.limits.verdict",
     "Scene": "graspfx.scene.model",
     "Split": "graspfx.grasp.split",
     "certify": "graspfx.scene.limits.certify",
+    "check": "graspfx.scene.limits.verdict",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
     "passivity": "graspfx.analysis",
@@ -61,6 +65,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "check",
+    "Report",
     "run_batch",
     "Batch",
     "certify",

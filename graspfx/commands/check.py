@@ -1,33 +1,33 @@
-"""graspfx check: a scene's faults, or what each sample will do and why."""
+"""graspfx check: whether a scene is stable, how far its gains can go, its faults, and what each sample will do."""
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, Namespace
 
 from graspfx.commands.arguments import add_scene
-from graspfx.commands.certified import certify
-from graspfx.commands.output import DONE, doubts, note
+from graspfx.commands.output import DONE, print_json
+
+REFUSED = 1  # of --strict
 
 EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
+    parser.add_argument("--brief", action="store_true", help="print the verdict alone, one line")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
+    parser.add_argument(
+        "--strict", action="store_true", help="end with 1 unless the verdict is that the scene is stable"
+    )
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.scene.axes import axes_notes
-    from graspfx.scene.blend import blend_notes
-    from graspfx.scene.engine import engine_plan
+    from graspfx.scene.limits.verdict import report
     from graspfx.scene.load import load
-    from graspfx.scene.plan import plan
 
-    scene = load(chosen.scene, dict(chosen.overrides))
-    scene.require_reach()
-    for row in [*plan(scene), *engine_plan(scene)]:
-        print(f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}")
-    certify(scene)
-    sys.stdout.flush()
-    note([*doubts(scene), *axes_notes(scene), *blend_notes(scene)])
-    return DONE
+    answer = report(load(chosen.scene, dict(chosen.overrides)))
+    if chosen.json:
+        print_json(answer.to_dict())
+    else:
+        print(*([answer.verdict] if chosen.brief else answer.lines()), sep="\n")
+    return DONE if answer.ok or not chosen.strict else REFUSED

@@ -26,11 +26,9 @@ CODES = f"""exit codes:
 
 def doubts(scene: Scene) -> list[str]:
     """What is no fault of a scene and yet may not be meant."""
-    from graspfx.scene.damping import depth_notes
-    from graspfx.scene.settling import unsettled
-    from graspfx.scene.units import unit_notes
+    from graspfx.scene import doubts as notes
 
-    return [*unit_notes(scene), *depth_notes(scene), *unsettled(scene)]
+    return notes.doubts(scene)
 
 
 def note(notes: Iterable[str]) -> None:

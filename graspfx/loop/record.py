@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -19,6 +19,8 @@ from graspfx.spatial import product, rotate
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
 
 LARGEST_BLOCK = 1024  # rows
 
@@ -177,6 +179,7 @@ class Recording:
         self.rows = rows
         self.rows.flags.writeable = False
         self.layout, self.header, self.outcome = layout, header, outcome or Outcome()
+        self.beside: Beside | None = None  # what a certificate says of a growing mode, where the scene is at hand
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -376,6 +379,7 @@ class Recording:
 
     def summary(self) -> dict[str, Any]:
         """The run in numbers, SI units; the keys are those of `graspfx.loop.summary.summarise`."""
+        from graspfx.loop.growth import losses
         from graspfx.loop.summary import summarise
 
         return summarise(
@@ -399,6 +403,7 @@ class Recording:
             law=[motion.law for motion in self.objects.values() if motion.law is not None],
             residual=[motion.residual for motion in self.objects.values() if motion.residual is not None],
             energy=list(self.energy.values()),
+            growth=losses(self),
         )
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:

@@ -41,6 +41,7 @@ def summarise(
     energy: Sequence[Mapping[str, FloatArray]] = (),
     displayed_force: FloatArray | None = None,
     saturated: BoolArray | None = None,
+    growth: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """A run in numbers, SI units; None for what this run does not have.
 
@@ -68,6 +69,11 @@ def summarise(
         braking: by mode, the largest damping that control added [N s/m]; None without control.
         braked: by mode, what that took in all [J]; None without control.
         ledger_gap: the largest gap of an object's ledger over its largest entry; these four None unless observed.
+        growth: a table for each object whose grasp is seen to lose stability, empty without: `object`, `mode` as
+            certificates name it, `rate` of log amplitude [1/s], `frequency` [Hz], `begin` and `end` of where it is seen
+            [s], `first` and `last` amplitude of a fingertip against the object then [m], `sustained` if it goes on at
+            that size, `certificate` (its `spectral_radius`, `gain` and `limit` [N/m] and `text`; None for a
+            recording without its scene) and `text`, all in a sentence.
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
         engine: what ran the ticks, "interpreted" or "compiled", or since when; None if not known.
         faults: how many.
@@ -90,6 +96,7 @@ def summarise(
         energy: per observed object, the columns of its ledger.
         displayed_force: (N, n, d) [N].
         saturated: (N, n).
+        growth: as in the result.
     """
     N, n, _ = finger_position.shape
     groups = [[i for i in range(n) if finger_objects[i] == k] for k in range(len(object_position))]
@@ -128,6 +135,7 @@ def summarise(
         "associated": _mean(np.stack(law) == 1) if law else None,
         "friction_residual": _peak(np.stack(residual)) if residual else None,
         **_books(energy),
+        "growth": [dict(each) for each in growth],
         "wall_time": wall_time,
         "engine": engine or None,
         "ticks_per_second": N / wall_time if timed and wall_time else None,

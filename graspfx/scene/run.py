@@ -18,6 +18,7 @@ from graspfx.loop.places import NAME, make_folder, recording_path, require_vacan
 from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.numeric import number
 from graspfx.paths import to_path
+from graspfx.scene.limits.beside import beside
 from graspfx.scene.making.build import build, make_layout
 from graspfx.scene.making.meshes import frames
 from graspfx.scene.tables.reading import Readable
@@ -84,7 +85,9 @@ def run(
             recording = recorder.finish(
                 took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
             )
-    return recording if out is None else Recording.load(file)
+    finished = recording if out is None else Recording.load(file)
+    finished.beside = beside(scene)
+    return finished
 
 
 def warn_of_axes(scene: Scene) -> None:

@@ -54,8 +54,14 @@ def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None
         recordings: one or more.
         titles: of the columns; each recording's scene if not given.
     """
-    summaries = [recording.summary() for recording in recordings]
-    names = titles or [recording.header.scene for recording in recordings]
+    return _columns([recording.summary() for recording in recordings], _names(recordings, titles))
+
+
+def _names(recordings: Sequence[Recording], titles: Sequence[str] | None) -> Sequence[str]:
+    return titles or [recording.header.scene for recording in recordings]
+
+
+def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str]) -> list[Column]:
     rows = [row for row in ROWS if any(summary[row[1]] is not None for summary in summaries)]
     made = [Column("", [what for what, _, _, _ in rows])]
     for name, summary in zip(names, summaries, strict=True):
@@ -68,12 +74,17 @@ def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None
 
 
 def print_summary(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> None:
-    """Prints the summary of one recording, or those of several side by side, as wide as the terminal."""
+    """Prints the summary of one recording, or of several side by side, as wide as the terminal, then its notes."""
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     rules = RULES if encoding.startswith("utf") else ASCII
     width = get_terminal_size().columns
-    for line in lines(columns(recordings, titles), width, rules=rules, bold=sys.stdout.isatty()):
+    summaries, names = [recording.summary() for recording in recordings], _names(recordings, titles)
+    for line in lines(_columns(summaries, names), width, rules=rules, bold=sys.stdout.isatty()):
         print(line)
+    for name, summary in zip(names, summaries, strict=True):
+        of = f"{name}: " if len(summaries) > 1 else ""
+        for growth in summary["growth"]:
+            print(f"note: {of}{growth['text']}")
 
 
 def _cell(value: Any, scale: float) -> str:

@@ -20,7 +20,9 @@ from graspfx.errors import InputError
 from graspfx.loop.record import Recording
 from graspfx.scene.limits.cone_edge import said_of_grip, sliding_notes
 from graspfx.scene.limits.linearise import Linearised, linearise
-from graspfx.scene.limits.whole import Family, Reach, bounded, reach
+from graspfx.scene.limits.plain import plain
+from graspfx.scene.limits.rows import limit_lines
+from graspfx.scene.limits.whole import Family, Reach, reach
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -97,22 +99,9 @@ class Certificate:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The certificate for JSON: what is infinite, or not a number, is None."""
-        return {
-            "object": self.object,
-            "at": self.at,
-            "stable": self.stable,
-            "spectral_radius": self.spectral_radius,
-            "limits": [{name: bounded(value) for name, value in vars(row).items()} for row in self.limits],
-            "assumed": list(self.assumed),
-            "passive": None
-            if self.passive is None
-            else {"internal": bounded(self.passive.internal), "external": bounded(self.passive.external)},
-            "why_not_passive": self.why_not_passive,
-            "grip": dict(self.grip),
-            "edge": list(self.edge),
-            "notes": list(self.notes),
-        }
+        """Write the certificate for JSON, with units in the names of keys; what is infinite, or no number, is None."""
+        fields: dict[str, Any] = plain(self)
+        return fields | {"stable": self.stable}
 
 
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
@@ -346,13 +335,7 @@ def lines(certificate: Certificate) -> Iterator[str]:
     of = f"of {certificate.object}, {PLACES[certificate.at]}"
     radius = certificate.spectral_radius
     yield f"stability {of}: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
-    alike: dict[str, list[str]] = {}
-    for row in _worth_saying(certificate.limits):
-        alike.setdefault(_said(row), []).append(row.mode)
-    for said, names in alike.items():
-        first, *others = names
-        more = [name.removeprefix("pushing with ") for name in others]
-        yield f"  {' | '.join([first, *more])} {said}"
+    yield from (f"  {row}" for row in limit_lines(certificate.limits))
     if any(row.exact for row in certificate.limits):
         differences = [row.difference for row in certificate.limits if not math.isnan(row.difference)]
         checked = f"; the whole loop has the same limits to {max(differences):.0e}" if differences else ""
@@ -365,27 +348,6 @@ def lines(certificate: Certificate) -> Iterator[str]:
     yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
-
-
-def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
-    """All but the sets of several fingers that push with more room than another set of as many."""
-    weakest: dict[int, Limit] = {}
-    for row in limits:
-        count = row.mode.count(", ") + 1
-        if count == 1:
-            yield row
-        elif count not in weakest or row.margin < weakest[count].margin:
-            weakest[count] = row
-    yield from weakest.values()
-
-
-def _said(row: Limit) -> str:
-    gain = "gains as they are" if math.isnan(row.gain) else f"{row.gain:.4g} N/m"
-    if math.isinf(row.margin):
-        return f"{gain}: no limit"
-    limit = "" if math.isnan(row.limit) else f"limit {row.limit:.4g}, "
-    lost = "" if math.isnan(row.frequency) else f", lost at {row.frequency:.3g} Hz"
-    return f"{gain}: {limit}margin {row.margin:.2f}{lost}"
 
 
 def _said_of_passivity(certificate: Certificate) -> str:

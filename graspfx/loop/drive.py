@@ -1,0 +1,133 @@
+"""What a scene's hands mean to do, read from the table that a recording holds: is a motion theirs?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import GraspFXError
+from graspfx.loop import motion as motions
+
+FloatArray = NDArray[np.float64]
+
+FASTEST = 10.0  # [Hz]: no operator moves faster
+HARMONICS = 3  # of a sine that contacts and turns may make of it
+CLOSE = 0.05  # of a frequency
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The intended motions of the hands that hold some fingers.
+
+    Attributes:
+        parts: each motion, and by what its offset is multiplied to be metres at the fingertips.
+        frequencies: of its sines [Hz].
+        complete: False where a hand's motion stands in no table, or a person moves the device.
+    """
+
+    parts: tuple[tuple[motions.Motion, float], ...]
+    frequencies: tuple[float, ...]
+    complete: bool
+
+    def at(self, times: NDArray[Any]) -> FloatArray:
+        """All offsets at times (M,), (M, c) [m]."""
+        columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
+        return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
+
+    def swings(self, frequency: float, resolution: float) -> bool:
+        """Whether a motion of this frequency may be a sine of the hands, or what contacts make of it.
+
+        Args:
+            frequency, resolution: [Hz].
+        """
+        if not self.complete and frequency < FASTEST:
+            return True
+        near = max(resolution, CLOSE * frequency)
+        return any(abs(frequency - h * f) < near for f in self.frequencies for h in range(1, HARMONICS + 1))
+
+
+def drive(
+    table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray
+) -> Drive:
+    """The drive of these fingers.
+
+    Args:
+        table: of the scene, as a recording's header has it.
+        folder: where its paths start.
+        start: of these fingers (k, d) [m].
+        centre: of their object at the start (d,) [m], about which hands turn that name no other.
+    """
+    rows = table.get("finger") or []
+    if any(i >= len(rows) for i in fingers):
+        return Drive((), (), False)
+    named = {hand.get("name"): hand for hand in table.get("hand") or []}
+    hands: dict[str, Mapping[str, Any] | None] = {}
+    for i in fingers:
+        hand = rows[i].get("hand")
+        hands[hand if isinstance(hand, str) else f"{i}"] = named.get(hand) if isinstance(hand, str) else hand
+    parts: list[tuple[motions.Motion, float]] = []
+    sines: list[float] = []
+    complete = all(_is_simulated(table, rows[i]) for i in fingers)
+    for hand in hands.values():
+        if hand is None:  # nobody's, and nothing moves it
+            continue
+        if "kind" in hand:  # a plug-in's, which moves as it likes
+            complete = False
+            continue
+        try:
+            parts += _parts(hand, folder, start, centre)
+        except (GraspFXError, KeyError, OSError):  # a path's file that is there no more
+            complete = False
+        tables = [*_listed(hand.get("motion")), *_listed(hand.get("turn"))]
+        sines += [float(each["frequency"]) for each in tables if each.get("kind") == "sine"]
+    return Drive(tuple(parts), tuple(sines), complete)
+
+
+def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:
+    """A finger of a device that a hand may move: without a hand it has to be one that stays where it is put."""
+    device = finger.get("device")
+    if isinstance(device, str):
+        device = next((each for each in table.get("device") or [] if each.get("name") == device), None)
+    return finger.get("hand") is not None or (isinstance(device, Mapping) and device.get("name") == "simulated")
+
+
+def _parts(
+    hand: Mapping[str, Any], folder: str, start: FloatArray, centre: FloatArray
+) -> Iterator[tuple[motions.Motion, float]]:
+    d = len(centre)
+    for each in _listed(hand.get("motion")):
+        if each["kind"] == "sine":
+            a, f = each["amplitude"], each["frequency"]
+            yield motions.Sine(a, f, [1.0], each.get("begin", 0.0), each.get("ramp", 0.0)), 1.0
+        elif each["kind"] == "reach":
+            yield motions.Reach(each["displacement"], each.get("begin", 0.0), each["duration"]), 1.0
+        elif each["kind"] == "path" and each.get("file") is not None:
+            yield motions.Path.read(FilePath(folder) / FilePath(each["file"]).expanduser()), 1.0
+        elif each["kind"] == "path":
+            yield motions.Path(each["times"], each["positions"]), 1.0
+    for each in _listed(hand.get("turn")):
+        about = np.zeros(d) + (each["centre"] if each.get("centre") is not None else centre)
+        arm = float(np.linalg.norm(start - about, axis=1).max())
+        begin = each.get("begin", 0.0)
+        if each["kind"] == "reach":
+            yield motions.Reach([each["angle"]], begin, each["duration"]), arm
+        else:
+            yield motions.Sine(each["amplitude"], each["frequency"], [1.0], begin, each.get("ramp", 0.0)), arm
+    squeeze = hand.get("squeeze", 0.0)
+    if isinstance(squeeze, int | float):
+        steps = [[float(squeeze), 0.0, hand.get("squeeze_ramp", 0.5)]]
+    else:
+        steps = [[step["to"], step["begin"], step["duration"]] for step in _listed(squeeze)]
+    yield motions.Levels(steps), 1.0
+
+
+def _listed(value: Any) -> list[Mapping[str, Any]]:
+    """One table, a list of them or none, as a list."""
+    if value is None:
+        return []
+    return [value] if isinstance(value, Mapping) else list(value)

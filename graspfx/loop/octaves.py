@@ -1,0 +1,189 @@
+"""A motion in octaves of frequency: its size in each over time, and where one of them grows as an exponential does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Rows = Callable[[int, int], FloatArray]  # rows from one number up to another, (r, c)
+
+ORDER = 6  # of the differences: what is two octaves lower passes by 1e-5
+HALVING = 4  # of the sums that the octave below is made of
+WINDOW = 4  # samples of an octave: one to two cycles
+SHORTEST = 6  # windows in which growth shows
+BLOCK = 4096  # rows that are taken at a time: they stay in the processor's cache
+LEAST_GROWTH = 2.0  # of log amplitude
+STRAIGHT = 0.12  # of the growth: what log amplitude may stray from a straight line, RMS
+MOST_ASTRAY = 0.4  # of log amplitude: more is a jump
+LENGTHENING = 1.5
+STRIDES = 6  # starts of a stretch within its length
+END = 16  # samples
+TINY = 1e-300
+
+
+class Stretch(NamedTuple):
+    """Windows of an octave in which log amplitude rises along a line: the first, how many, growth in all."""
+
+    first: int
+    length: int
+    growth: float
+
+
+class Octave:
+    """A motion with half the samples of the octave above it, and the sizes of what is fastest in it.
+
+    Attributes:
+        step: time between its samples [s].
+        size: samples.
+        begin: the time of the first [s].
+        is_highest: whether its samples are the motion's own.
+        logs: log amplitude in each window (windows,), by the Teager-Kaiser operator x_k^2 - x_k-1 x_k+1, which for an
+            oscillation has no ripple; of the highest octave also by squares, for what alternates.
+    """
+
+    def __init__(self, rows: Rows, size: int, step: float, begin: float = 0.0, *, highest: bool = False) -> None:
+        self.step, self.size, self.begin, self.is_highest = step, size, begin, highest
+        self._rows = rows
+        self._lower: list[FloatArray] = []
+        self.logs = self._sizes(highest)
+
+    def fast(self, first: int, stop: int) -> FloatArray:
+        """Sixth differences over 64 about the samples from `first` up to `stop`, as far as there are any."""
+        x = self._rows(max(first - ORDER // 2, 0), min(stop + ORDER // 2, self.size))
+        return np.diff(x, ORDER, axis=0) / 2.0**ORDER
+
+    def samples(self) -> FloatArray:
+        """All of them, (r, c)."""
+        return self._rows(0, self.size)
+
+    def size_before(self, time: float) -> float:
+        """RMS of the fast part over the last samples before a time [s]."""
+        stop = min(max(int((time - self.begin) / self.step), END), self.size)
+        return float(np.sqrt((self.fast(stop - END, stop) ** 2).mean()))
+
+    def windows(self, first: int, count: int) -> FloatArray:
+        """The fast part of these windows."""
+        begin = ORDER // 2 + 1 + first * WINDOW
+        return self.fast(begin, begin + count * WINDOW)
+
+    def time(self, window: int) -> float:
+        """Where a window begins [s]."""
+        return self.begin + (ORDER // 2 + 1 + window * WINDOW) * self.step
+
+    def below(self) -> Octave | None:
+        """The octave below; None where it would be too short to show growth."""
+        x = np.concatenate(self._lower) if self._lower else np.empty((0, 0))
+        if len(x) < WINDOW * SHORTEST + ORDER + 2:
+            return None
+        self._lower = []
+        return Octave(lambda a, b: x[a:b], len(x), 2.0 * self.step, self.begin + HALVING / 2 * self.step)
+
+    def _sizes(self, highest: bool) -> list[FloatArray]:
+        """In blocks, each with what it shares with its neighbours, so that little more than the half is in memory."""
+        sizes: list[list[FloatArray]] = [[], []]
+        for begin in range(0, self.size, BLOCK):
+            stop = min(begin + BLOCK, self.size)
+            x = self._rows(begin, min(stop + ORDER + 2, self.size))
+            low = x
+            for _ in range(HALVING):
+                low = low[1:] + low[:-1]
+            self._lower.append(low[: stop - begin : 2] / 2.0**HALVING)
+            y = np.diff(x, ORDER, axis=0)
+            count = (len(y) - 2) // WINDOW
+            if count < 1:
+                continue
+            y = y[: count * WINDOW + 2]
+            squares = y[1:-1] ** 2
+            if highest:
+                sizes[1].append(squares.reshape(count, -1).sum(axis=1))
+            squares -= y[:-2] * y[2:]
+            sizes[0].append(np.abs(squares.reshape(count, -1).sum(axis=1)))
+        return [0.5 * np.log(np.concatenate(part) / WINDOW + TINY) - ORDER * math.log(2.0) for part in sizes if part]
+
+
+def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
+    """From the one that ends at half the sampling rate downwards.
+
+    Args:
+        rows: of the motion, (r, c) for rows from one number up to another; asked for in blocks.
+        size: how many there are.
+        step: between them [s].
+    """
+    if size < WINDOW * SHORTEST + ORDER + 2:
+        return
+    octave: Octave | None = Octave(rows, size, step, highest=True)
+    while octave is not None:
+        yield octave
+        octave = octave.below()
+
+
+def rises(logs: FloatArray) -> list[Stretch]:
+    """Stretches of growth by e^2 and more along a line; of each length the one that grows most.
+
+    Lines are fitted by least squares, for lengths that grow by 1.5 and starts a sixth of them apart, from sums that are
+    made once.
+    """
+    n, stretches = len(logs), []
+    level = logs - (logs.mean() if n else 0.0)
+    sums = [np.concatenate([[0.0], np.cumsum(part)]) for part in (level, level**2, level * np.arange(n))]
+    length = SHORTEST
+    while length <= n:
+        first = np.arange(0, n - length + 1, max(1, length // STRIDES))
+        mean, square, moment = ((part[first + length] - part[first]) / length for part in sums)
+        spread = (length * length - 1) / 12.0
+        slope = (moment - mean * (first + (length - 1) / 2.0)) / spread
+        stray = np.sqrt(np.maximum(square - mean**2 - slope**2 * spread, 0.0))
+        growth = slope * length
+        growth[(growth < LEAST_GROWTH) | (stray > np.minimum(STRAIGHT * growth, MOST_ASTRAY))] = -np.inf
+        best = int(np.argmax(growth))
+        if growth[best] > 0.0:
+            stretches.append(Stretch(int(first[best]), length, float(growth[best])))
+        length = max(length + 1, int(LENGTHENING * length))
+    return stretches
+
+
+def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex128], float]:
+    """The poles z_i of y_k = sum_i c_i z_i^k, and the share of y, without its growth, that they explain.
+
+    ESPRIT (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989) on y_k exp(-growth k), in which the beginning
+    counts as much as the end: what changes its phase by itself, as noise does, is not explained.
+
+    Args:
+        y: (M, c).
+        growth: of log amplitude per sample.
+        rank: how many poles; two for one oscillation.
+    """
+    d = y * np.exp(-growth * np.arange(len(y)))[:, None]
+    rows = min(10, len(d) // 2)
+    count = len(d) - rows + 1
+    hankel = np.stack([d[i : i + count].ravel() for i in range(rows)])
+    sizes, vectors = np.linalg.eigh(hankel @ hankel.T)
+    U = vectors[:, -rank:]
+    z = np.linalg.eigvals(np.linalg.lstsq(U[:-1], U[1:], rcond=None)[0])
+    total = float(sizes.sum())
+    share = float(sizes[-rank:].sum()) / total if total > 0.0 else 0.0
+    return np.asarray(z * math.exp(growth), dtype=np.complex128), share
+
+
+def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDArray[np.complex128]:
+    """c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; no z_i far from z."""
+    k = np.arange(len(y), dtype=float)
+    phases = np.stack([(each / abs(z)) ** k for each in (z, *others)], axis=1)
+    basis = np.concatenate([phases.real, -phases.imag], axis=1)
+    level = y * np.exp(-math.log(abs(z)) * k)[:, None]
+    parts = np.linalg.lstsq(basis, level, rcond=None)[0]
+    return np.asarray(parts[0] + 1j * parts[1 + len(others)], dtype=np.complex128)
+
+
+def gain(frequency: float, octave: Octave, step: float) -> float:
+    """By what a sine's amplitude passes from samples `step` apart to the fast part of an octave."""
+    share, T = 1.0, step
+    for _ in range(round(math.log2(octave.step / step))):
+        share *= abs(math.cos(math.pi * frequency * T)) ** HALVING
+        T *= 2.0
+    return share * abs(math.sin(math.pi * frequency * T)) ** ORDER
