@@ -16,6 +16,7 @@ from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.record import Recorder, Recording, Sink
 from graspfx.numeric import number
 from graspfx.scene.making.build import build, make_layout
+from graspfx.scene.making.limiting import has_limits
 from graspfx.scene.making.meshes import frames
 from graspfx.scene.tables.reading import Readable
 
@@ -48,7 +49,7 @@ def run(
     """
     if not isinstance(scene, Readable):
         raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
-    size = 8 * make_layout(scene, simulated=True, limits=True).width  # bytes of a tick
+    size = 8 * make_layout(scene, simulated=True, limits=has_limits(scene)).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     with build(scene) as servo:
         header = header_of(scene)
