@@ -24,7 +24,7 @@ def force_size(S: Any, y: int, width: int) -> float:
 
 
 def limit_width(S: Any, mu: int, d: int) -> int:
-    """Count the coordinates of a finger that the limit is about: all in a friction cone, else (mu < 0) the force alone."""
+    """Count the coordinates that a finger's limit is about: all in a friction cone, else (mu < 0) the force alone."""
     return d if S[mu] >= 0.0 else min(d, 3)
 
 

@@ -91,7 +91,7 @@ def exceeds(S: Any) -> bool:
 
 
 def width(S: Any) -> int:
-    """Count the entries of a force, of four, that the limit is about: torsion too where friction bounds it with the force."""
+    """Count the entries of a force that the limit is about: torsion too where friction bounds both together."""
     return 4 if S[at.FRICTION] != 0.0 else 3
 
 
