@@ -74,7 +74,7 @@ def answer(problem: Problem, coulomb: bool, *, cut: bool = True) -> int:
     where = len(problem.S) - problem.n if cut else 0
     law, _, _ = compiled(friction_force)(
         problem.S, 0, problem.n, problem.d, problem.count, problem.external, problem.internal,
-        coulomb, RESTARTS, where,
+        coulomb, RESTARTS, where, -1,
     )  # fmt: skip
     return int(law)
 

@@ -322,10 +322,10 @@ def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | No
 
 
 def test_more_ticks_than_the_disk_has_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=147_199))  # 184 bytes twice, 400 ticks
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=108_799))  # 136 bytes twice, 400 ticks
     scene = graspfx.load("reference-1dof")
     assert len(graspfx.run(scene)) == 400
-    with pytest.raises(graspfx.errors.InputError, match=r"duration: given 400, .*each takes 368 bytes .*disk of here"):
+    with pytest.raises(graspfx.errors.InputError, match=r"duration: given 400, .*each takes 272 bytes .*disk of here"):
         graspfx.run(scene, out="here")
 
 

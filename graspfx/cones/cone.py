@@ -154,7 +154,7 @@ def compliant_share(S: Any, series: int, i: int, internal: float) -> float:
 
 
 def entries(S: Any, o: int, d: int) -> tuple[float, float, float, float]:
-    """d entries from o on, zeros behind them."""
+    """Give d entries from o on, zeros behind them."""
     x1 = S[o + 1] if d > 1 else 0.0
     x2 = S[o + 2] if d > 2 else 0.0
     x3 = S[o + 3] if d > 3 else 0.0
@@ -162,7 +162,7 @@ def entries(S: Any, o: int, d: int) -> tuple[float, float, float, float]:
 
 
 def cut_value(S: Any, y: int, t: int, d: int) -> float:
-    """y'(t - y): what a limit adds to 1/2 |y|^2 for the sum to have the gradient y."""
+    """Give y'(t - y), what a limit adds to 1/2 |y|^2 for the sum to have the gradient y."""
     total = 0.0
     for a in range(d):
         total += S[y + a] * (S[t + a] - S[y + a])
@@ -170,7 +170,7 @@ def cut_value(S: Any, y: int, t: int, d: int) -> float:
 
 
 def is_plain(S: Any, o: int, n: int, d: int, i: int, limit: float, status: int) -> bool:
-    """Whether the force y_i that `turn_back` gave is neither longer than its limit nor one of a half-space's edge."""
+    """Tell whether y_i, as `turn_back` gave it, is neither longer than its limit nor on a half-space's edge."""
     return status != LIFT and not force_size(S, o + 3 * n + 2 * n * d + i * d, limit_width(S, o + n + i, d)) > limit
 
 
@@ -178,7 +178,7 @@ def cut_slope(
     S: Any, o: int, n: int, d: int, i: int, theta: float, limit: float,
     status: int, c1: float, c2: float, c3: float, bend: float, x0: float, x1: float, x2: float, x3: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
-    """R'x for a finger of any status, its limit applied."""
+    """Give R'x for a finger of any status, its limit applied."""
     x0, x1, x2, x3 = cone_slope(status, S[o + n + i], theta, c1, c2, c3, bend, x0, x1, x2, x3)
     return ball_slope(S, o + 3 * n + 2 * n * d + i * d, limit_width(S, o + n + i, d), limit, x0, x1, x2, x3)
 
@@ -345,7 +345,7 @@ def add_cut_rows(
     S: Any, o: int, n: int, d: int, i: int, c: float, square: int, lead: int, theta: float, limit: float,
     status: int, c1: float, c2: float, c3: float, bend: float,
 ) -> None:  # fmt: skip
-    """The rows of K - R' (K - c I) that belong to a finger whose force its limit cuts."""
+    """Write the rows of K - R' (K - c I) that belong to a finger whose force its limit cuts."""
     m, r = n * d, i * d
     H = o + 3 * n + 13 * m
     for j in range(m):

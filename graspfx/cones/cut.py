@@ -16,7 +16,7 @@ LIFT = 3  # status of a contact of the half-space whose normal force is zero
 
 
 def force_size(S: Any, y: int, width: int) -> float:
-    """|y_i| over `width` entries from y on."""
+    """Give |y_i| over `width` entries from y on."""
     total = 0.0
     for a in range(width):
         total += S[y + a] * S[y + a]
@@ -24,12 +24,12 @@ def force_size(S: Any, y: int, width: int) -> float:
 
 
 def limit_width(S: Any, mu: int, d: int) -> int:
-    """How many coordinates of a finger the limit counts: all in a friction cone, else (mu < 0) the force alone."""
+    """Count the coordinates that a finger's limit is about: all in a friction cone, else (mu < 0) the force alone."""
     return d if S[mu] >= 0.0 else min(d, 3)
 
 
 def shorten(S: Any, y: int, width: int, limit: float) -> float:
-    """Shortens the force at y to the limit; returns the factor, 1 where it was short enough."""
+    """Shorten the force at y to the limit; returns the factor, 1 where it was short enough."""
     size = force_size(S, y, width)
     if not size > limit:
         return 1.0
@@ -42,7 +42,7 @@ def cone_slope(
     status: int, mu: float, theta: float, c1: float, c2: float, c3: float, bend: float,
     x0: float, x1: float, x2: float, x3: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
-    """R'x of the return map without a limit, from what `turn_back` gives: x where the finger sticks (status 1)."""
+    """Give R'x of the return map without a limit, from what `turn_back` gives: x where the finger sticks (status 1)."""
     if status == LIFT:
         return 0.0, x1, x2, x3
     if status == 1:
@@ -62,7 +62,7 @@ def cone_slope(
 def ball_slope(
     S: Any, y: int, width: int, limit: float, x0: float, x1: float, x2: float, x3: float
 ) -> tuple[float, float, float, float]:
-    """The slope of `shorten` at the force at y times x: limit/|y| (x - y y'x/|y|^2), or x where y is short enough."""
+    """Give the slope of `shorten` at the force y times x: limit/|y| (x - y y'x/|y|^2), or x where y is short enough."""
     size = force_size(S, y, width)
     if not size > limit:
         return x0, x1, x2, x3

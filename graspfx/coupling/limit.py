@@ -58,14 +58,14 @@ def limit_again(S: Any) -> None:
 
 
 def forget_limits(S: Any) -> None:
-    """No law's force, and nobody at a limit."""
+    """Clear the law's force and who stands at a limit."""
     n = int(S[at.FINGERS])
     for k in range(4 * n):
         S[at.saturation(S) + k] = 0.0
 
 
 def keep_law(S: Any) -> None:
-    """The forces as they are, in world axes, as the law's; nobody stands at a limit yet."""
+    """Keep the forces as they are, in world axes, as the law's; nobody stands at a limit yet."""
     react(S)
     n = int(S[at.FINGERS])
     for i in range(n):
@@ -82,7 +82,7 @@ def add_to_law(S: Any, sign: float) -> None:
 
 
 def exceeds(S: Any) -> bool:
-    """Whether some finger's force, or its elastic one, is beyond the limit."""
+    """Tell whether some finger's force, or its elastic one, is beyond the limit."""
     longest = 0.0
     for i in range(int(S[at.FINGERS])):
         r, most = at.ROW + i * at.STRIDE, at.LIMIT_MARGIN * S[at.device_limits(S) + i]
@@ -92,7 +92,7 @@ def exceeds(S: Any) -> bool:
 
 
 def width(S: Any) -> int:
-    """How many of a force's four entries the limit counts: torsion too where friction bounds it with the force."""
+    """Count the entries of a force that the limit is about: torsion too where friction bounds both together."""
     return 4 if S[at.FRICTION] != 0.0 else 3
 
 
@@ -107,7 +107,7 @@ def mark(S: Any, inside: bool) -> None:
 
 
 def is_inside(S: Any) -> bool:
-    """Whether the projection itself can be asked for forces within limits.
+    """Tell whether the projection itself can be asked for forces within limits.
 
     Not with the implicit integrator, nor where gains are matrices and there is no coefficient of friction.
     """
@@ -115,7 +115,7 @@ def is_inside(S: Any) -> bool:
 
 
 def within(S: Any) -> int:
-    """The forces of the cut cones: the elastic one, then damping; returns 0 or UNRESOLVED."""
+    """Find the forces of the cut cones: the elastic one, then damping; returns 0 or UNRESOLVED."""
     if S[at.FRICTION] != 0.0:
         return rub(S)
     if S[at.RAYS] != 0.0:
@@ -127,7 +127,7 @@ def within(S: Any) -> int:
 
 
 def within_alone(S: Any) -> None:
-    """Equal gains: every finger by itself, elastic force and sum shortened one after the other."""
+    """Limit every finger by itself, where gains are equal: elastic force and sum are shortened one after the other."""
     n = int(S[at.FINGERS])
     for i in range(n):
         r = at.ROW + i * at.STRIDE
@@ -148,13 +148,13 @@ def within_alone(S: Any) -> None:
 
 
 def shorten_all(S: Any) -> None:
-    """Every force to its limit."""
+    """Shorten every force to its limit."""
     for i in range(int(S[at.FINGERS])):
         shorten(S, at.ROW + i * at.STRIDE + at.LOCAL, width(S), S[int(S[at.LIMITS]) + i])
 
 
 def within_balls(S: Any) -> int:
-    """Attached and sticking contacts: the forces nearest to the law's, by K^-1 and then by D^-1, with |f_i| <= L_i.
+    """Find the forces of attached and sticking contacts nearest to the law's, by K^-1 and D^-1, with |f_i| <= L_i.
 
     Fingers that the law has let go of stay free, and those that it holds only push.
     """
@@ -166,7 +166,7 @@ def within_balls(S: Any) -> int:
 
 
 def ball_force(S: Any, o: int, what: int, external: float, internal: float) -> int:
-    """The elastic force into LOCAL, or damping by what is a RATE added to the one that is there."""
+    """Put the elastic force into LOCAL, or add damping by what is a RATE to the one that is there."""
     n, c = int(S[at.FINGERS]), int(S[at.COORDINATES])
     m = n * c
     pose_problem(S, o, True)

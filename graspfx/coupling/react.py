@@ -12,7 +12,7 @@ FINE = 0
 
 
 def react(S: Any) -> int:
-    """Forces in world axes, their sum and moment about the object's centre: f_v = G f (eq. 2); LOST if not finite."""
+    """Give world forces, their sum and moment about the object's centre: f_v = G f (eq. 2); LOST if not finite."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     x, R, _, _ = pose(S)

@@ -27,7 +27,7 @@ def resplit(S: Any) -> None:
 
 
 def respond(S: Any, again: bool) -> int:
-    """Forces on the object. AGAIN, where `again` allows it, asks for the split anew."""
+    """Find the forces on the object. AGAIN, where `again` allows it, asks for the split anew."""
     if S[at.ATTACHED] != 0.0:
         return attached(S)
     if S[at.FRICTION] != 0.0:
@@ -46,7 +46,7 @@ def sample(S: Any) -> int:
 
 
 def couple(S: Any) -> int:
-    """The law's forces, from the motion; returns FINE or a fault."""
+    """Find the law's forces, from the motion; returns FINE or a fault."""
     fault = approach(S)
     passes = int(S[at.FINGERS])  # at worst the fingers lose their anchors one after another
     if fault == FINE:
@@ -60,7 +60,7 @@ def couple(S: Any) -> int:
 
 
 def conclude(S: Any, fault: int) -> int:
-    """The wrench of the forces, or none after a fault; returns FINE, or why every force is zero."""
+    """Give the object the wrench of the forces, or none after a fault; returns FINE, or why every force is zero."""
     if fault == FINE:
         if S[at.FRICTION] != 0.0:
             move_anchors(S)

@@ -43,7 +43,7 @@ def scale(S: Any, elastic: bool) -> None:
 
 
 def rescale(S: Any, what: int, alpha: float, squeeze: float) -> None:
-    """alpha (a + lambda (f - a)) for the force at `what`, a in the scratch."""
+    """Put alpha (a + lambda (f - a)) for the force at `what`, a in the scratch."""
     for i in range(int(S[at.FINGERS])):
         f, a = at.ROW + i * at.STRIDE + what, at.scratch_limits(S) + 4 * i
         for k in range(4):
@@ -51,7 +51,7 @@ def rescale(S: Any, what: int, alpha: float, squeeze: float) -> None:
 
 
 def overload(S: Any, squeeze: float, a: int) -> float:
-    """max |a_i + lambda b_i|/L_i of LOCAL, with a at the offset `a`; of LOCAL itself where that is below zero."""
+    """Give max |a_i + lambda b_i|/L_i of LOCAL, with a at the offset `a`; of LOCAL itself where that is below zero."""
     most = 0.0
     for i in range(int(S[at.FINGERS])):
         f = at.ROW + i * at.STRIDE + at.LOCAL
@@ -66,7 +66,7 @@ def overload(S: Any, squeeze: float, a: int) -> float:
 
 
 def capacity(S: Any, r: int) -> int:
-    """What the contact in row r carries: 0 nothing, 1 along the normal, 2 in all directions."""
+    """Tell what the contact in row r carries: 0 nothing, 1 along the normal, 2 in all directions."""
     if S[at.ATTACHED] != 0.0:
         return 2
     if S[r + at.TOUCHING] == 0.0:
@@ -75,7 +75,7 @@ def capacity(S: Any, r: int) -> int:
 
 
 def wrench_modes(S: Any) -> int:
-    """Orthonormal directions of contact forces that have a wrench, over what is carried; returns how many.
+    """Write orthonormal directions of contact forces that have a wrench, over what is carried; returns how many.
 
     They span G' of the free freedoms, G with the arms of the points where forces act. What is carried along the normal
     alone has one coordinate, the first of the contact's four.
@@ -110,7 +110,7 @@ def wrench_modes(S: Any) -> int:
 
 
 def normalise(S: Any, count: int, size: int) -> int:
-    """Unit length for all directions that are not rounding; those come to stand first, and their count is returned."""
+    """Scale to unit length all directions that are not rounding; those come to stand first; returns their count."""
     q = at.limit_modes(S)
     longest = 0.0
     for k in range(count):
@@ -127,6 +127,7 @@ def normalise(S: Any, count: int, size: int) -> int:
 
 
 def length(S: Any, o: int, size: int) -> float:
+    """Give the length of the direction at o, its first entry left out."""
     total = 0.0
     for j in range(1, size):
         total += S[o + j] * S[o + j]
@@ -134,7 +135,7 @@ def length(S: Any, o: int, size: int) -> float:
 
 
 def project(S: Any, what: int, count: int) -> None:
-    """a = P f of the force at `what`, into the scratch; twice, so that what is left of f has no wrench to rounding."""
+    """Put a = P f of the force at `what` into the scratch; twice, so that f - a has no wrench to rounding."""
     n = int(S[at.FINGERS])
     size, q, a = 1 + 4 * n, at.limit_modes(S), at.scratch_limits(S)
     for p in range(4 * n):
@@ -163,7 +164,7 @@ def project(S: Any, what: int, count: int) -> None:
 
 
 def depth_in_cone(S: Any, i: int, squeeze: float) -> float:
-    """By how much a_i + lambda b_i is inside its cone, and rounding [N]: mu f_n - |f_t|, or f_n; below zero outside."""
+    """Give the depth of a_i + lambda b_i in its cone, and rounding [N]: mu f_n - |f_t|, or f_n; below zero outside."""
     r, a = at.ROW + i * at.STRIDE, at.scratch_limits(S) + 4 * i
     f, m = r + at.LOCAL, r + at.NORMAL
     x = S[a] + squeeze * (S[f] - S[a])
@@ -180,7 +181,7 @@ def depth_in_cone(S: Any, i: int, squeeze: float) -> float:
 
 
 def least_squeeze(S: Any) -> float:
-    """lambda_c, from which on every force is in its cone up to lambda = 1: it is a concave depth's zero."""
+    """Find lambda_c, from which on every force is in its cone up to lambda = 1: it is a concave depth's zero."""
     least = 0.0
     if S[at.ATTACHED] != 0.0:
         return least
@@ -198,7 +199,7 @@ def least_squeeze(S: Any) -> float:
 
 
 def lightest(S: Any, low: float) -> float:
-    """The lambda in [low, 1] with the least overload, which is convex in it."""
+    """Find the lambda in [low, 1] with the least overload, which is convex in it."""
     a = at.scratch_limits(S)
     high = 1.0
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
@@ -216,7 +217,7 @@ def lightest(S: Any, low: float) -> float:
 
 
 def most_squeeze(S: Any, low: float) -> float:
-    """The largest lambda in [low, 1] without overload, where there is none at `low`."""
+    """Find the largest lambda in [low, 1] without overload, where there is none at `low`."""
     a, high = at.scratch_limits(S), 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)

@@ -20,6 +20,7 @@ from graspfx.numeric import number
 from graspfx.paths import to_path
 from graspfx.scene.limits.beside import beside
 from graspfx.scene.making.build import build, make_layout
+from graspfx.scene.making.limiting import has_limits
 from graspfx.scene.making.meshes import frames
 from graspfx.scene.tables.reading import Readable
 
@@ -64,7 +65,7 @@ def run(
     if out is not None:
         to_path("out", out, "the path of a folder")
     warn_of_axes(scene)
-    size = 8 * make_layout(scene, simulated=True, limits=True).width  # bytes of a tick
+    size = 8 * make_layout(scene, simulated=True, limits=has_limits(scene)).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 from graspfx.loop.device import LimitedDevice, fused
-from graspfx.scene.making.wiring import Wire, table_at
+from graspfx.scene.making.wiring import Wire, table_at, wires
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 
 def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
-    """The largest force of each of so many fingers [N], infinite where its device tells none; None if all do.
+    """Give the largest force of each of so many fingers [N], infinite where its device tells none; None if all do.
 
     Raises:
         InputError: a device's `features.peak_force` is no force above zero.
@@ -31,8 +31,13 @@ def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
     return limits if np.isfinite(limits).any() or any(changes(wire) for wire in wired) else None
 
 
+def has_limits(scene: Scene) -> bool:
+    """Tell whether some device of a scene tells a largest force."""
+    return force_limits(len(scene.finger), wires(scene, scene.source.folder)) is not None
+
+
 def peak_force(wire: Wire) -> float:
-    """The largest force of a device [N], infinite where it tells none."""
+    """Give the largest force of a device [N], infinite where it tells none."""
     peak = wire.device.features.peak_force
     if peak is None:
         return math.inf
@@ -45,22 +50,22 @@ def peak_force(wire: Wire) -> float:
 
 
 def changes(wire: Wire) -> bool:
-    """Whether a device's largest force depends on where it stands."""
+    """Tell whether a device's largest force depends on where it stands."""
     return isinstance(wire.device, LimitedDevice)
 
 
 def may_hide(wire: Wire) -> bool:
-    """Whether a device tells no largest force, but writes by code of its own, in which there may be one."""
+    """Tell whether a device tells no largest force, but writes by code of its own, in which there may be one."""
     return math.isinf(peak_force(wire)) and not changes(wire) and fused(wire.device) is None
 
 
 def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
-    """The devices that tell a largest force, with it and whose they are."""
+    """List the devices that tell a largest force, with it and whose they are."""
     return "; ".join(_told(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
 
 
 def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
-    """The devices in whose own code there may be a limit that they do not tell."""
+    """List the devices in whose own code there may be a limit that they do not tell."""
     return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired if may_hide(wire))
 
 
