@@ -109,6 +109,21 @@ def test_report_page_and_figures_are_written_and_others_kept(tmp_path: Path) -> 
     assert not (tmp_path / "pictures/bench/lost.png").exists()
 
 
+@pytest.mark.usefixtures("toy")
+def test_what_was_measured_stays_where_a_later_benchmark_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(quick: bool) -> Iterator[Case]:
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(registry.benchmark("lost"), "cases", interrupted)
+    assert main(["bench", "--quick", "--out", str(tmp_path)]) == 130
+    report = Report.load(tmp_path / "benchmarks.json")
+    assert list(report.stamps) == ["toy"] and len(report.rows) == 5
+    assert (tmp_path / "benchmarks.md").read_text(encoding="utf-8") == pages.page(report)
+
+
 def test_what_is_no_report_is_an_error(tmp_path: Path) -> None:
     file = tmp_path / "benchmarks.json"
     for text in ("", "[]", '{"schema": 0}', f'{{"schema": {SCHEMA}, "rows": [{{}}], "benchmarks": {{}}}}'):

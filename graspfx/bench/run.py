@@ -37,13 +37,13 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None,
     report = Report()
     for name in wanted:
         run(name, report, quick, quiet=as_json)
+        if out is not None:  # at once: nothing is lost where a later one is ended
+            kept.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
+            write(kept.ordered(chosen([])), out, drawn=[name])
     if as_json:
         print(json.dumps(report.to_json(), indent=1, allow_nan=False))
     if out is not None:
-        for name in wanted:
-            kept.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
         report = kept.ordered(chosen([]))
-        write(report, out, drawn=wanted)
         print(f"wrote {out / NAME}, {out / PAGE} and the pictures in {out / PICTURES}", file=sys.stderr)
     if readme is not None:
         speeds.write(report, readme)
