@@ -61,7 +61,7 @@ print(json.dumps(seen))
 @pytest.mark.parametrize(("way", "code"), [("command", 2), ("python", 4)])
 def test_a_disk_that_is_full_is_one_line_and_leaves_the_rows(way: str, code: int, tmp_path: Path) -> None:
     """A limit on the size of files is met as a full disk is; 1000 ticks of 136 bytes take 140 kB in a part."""
-    limits = [1000, 20_000, 40_000, 100_000, 139_000] if way == "command" else [3000, 60_000, 120_000, 139_800]
+    limits = [1000, 20_000, 40_000, 100_000, 139_000] if way == "command" else [3000, 120_000, 139_800]
     seen = script(FULL.replace("gx.errors", "__import__('graspfx.errors').errors"), tmp_path, way, json.dumps(limits))
     for limit, each in zip(limits, seen, strict=True):
         assert os.waitstatus_to_exitcode(each["status"]) == code, each
@@ -70,7 +70,7 @@ def test_a_disk_that_is_full_is_one_line_and_leaves_the_rows(way: str, code: int
         blocks = max(0, limit - 4000) // (200 * 136 + 100)
         assert each["rows"] == 200 * blocks or (limit >= 139_000 and each["rows"] == 1000), each
         assert each["files"] == (["recording.h5.part"] if each["rows"] else []), each
-    assert len({each["rows"] for each in seen}) > 3
+    assert len({each["rows"] for each in seen}) >= 3
 
 
 ENOSPC = """
@@ -93,7 +93,7 @@ def full(self, data):
     push(self, data)
 Stream._push = full
 failures = 0
-for step in [*range(20), *range(20, 1000, 3)]:
+for step in [*range(10), *range(10, 1000, 7)]:
     left = step
     sink = FileSink("recording.h5", made, header())
     sink.write(values, [])
@@ -105,7 +105,7 @@ for step in [*range(20), *range(20, 1000, 3)]:
     else:
         break
     assert sorted(os.listdir()) == ["recording.h5.part"]
-    if step % 10 == 0:
+    if step % 3 == 0:
         rec = Recording.load("recording.h5.part")
         assert rec.rows.tobytes() == values.tobytes() and rec.outcome.complete
     os.unlink("recording.h5.part")
@@ -117,7 +117,7 @@ print(json.dumps({"failures": failures, "rows": len(Recording.load("recording.h5
 def test_a_disk_that_is_full_at_the_end_leaves_the_part(tmp_path: Path) -> None:
     """Whichever of all writes of the HDF5 file fails: HDF5 does not come to know, and the process ends as it should."""
     found = script(ENOSPC, tmp_path)
-    assert found["failures"] > 30
+    assert found["failures"] > 15
     assert found["rows"] == 1100
 
 
@@ -140,7 +140,7 @@ def interrupt(self, data):
     push(self, data)
 Stream._push = interrupt
 tally = []
-for step in range(1, 40, 3):
+for step in range(1, 40, 6):
     left = -1
     sink = FileSink("recording.h5", made, header(), overwrite=True)
     sink.write(values, [])
@@ -159,8 +159,7 @@ print(json.dumps(tally))
 def test_ctrl_c_while_the_recording_is_written_waits_for_its_end(tmp_path: Path) -> None:
     """An exception within HDF5's writes would leave it as a failing write does."""
     seen = script(INTERRUPTS, tmp_path)
-    assert len(seen) == 13
-    assert seen == [["recording.h5"]] * 13
+    assert seen == [["recording.h5"]] * 7
 
 
 def test_a_text_that_hdf5_does_not_take_leaves_the_part(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ print(json.dumps({"lengths": lengths, "empty": empty, "files": sorted(os.listdir
 
 
 @POSIX
-@efforts(short=30, full=500)
+@efforts(short=24, full=500)
 def test_a_run_that_is_killed_at_any_instant_can_be_read(cases: int, tmp_path: Path) -> None:
     found = script(KILLS, tmp_path, str(cases), "7")
     assert len(found["lengths"]) > cases / 4  # most kills meet a part
@@ -215,6 +215,13 @@ def test_plot_says_which_file_it_reads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+
+    def draw(_: object, path: Path, *more: object, **options: object) -> tuple[str, ...]:
+        path.write_bytes(b"a picture")
+        return ()
+
+    monkeypatch.setattr("graspfx.show.plot.figure", draw)
+    monkeypatch.setattr("graspfx.show.portrait.picture", draw)
     gx.run(gx.load("reference-1dof"), duration=2.0, out="whole")
     rec = Recording.load("whole")
     Path("killed").mkdir()
