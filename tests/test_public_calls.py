@@ -35,7 +35,7 @@ def assign(key: str, at: Callable[[gx.Scene], Any]) -> Callable[[gx.Scene], Any]
 
 CALLS: dict[str, tuple[Callable[[gx.Scene], Any], str]] = {
     "batch of 10^21 ticks": (batch(duration=9.5e18), "duration: given 9.5e+18, expected at most 9.01e"),
-    "run of 10^21 ticks": (run(duration=9.5e18), "duration: given 9.5e+18, expected at most 9.01e"),
+    "run of 10^21 ticks": (run(duration=9.5e18), "this machine's memory has room for"),
     "batch of a name": (batch(scene="reference-1dof"), "scene: given 'reference-1dof', expected a scene"),
     "batch of nothing": (batch(scene=None), "scene: given None, expected a scene"),
     "batch over a list": (batch(values=[1.0]), "values: given [1.0], expected lists by dotted key"),

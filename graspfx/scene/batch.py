@@ -31,6 +31,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 KEEP = ("measures", "recordings", "summary")
+MOST_TICKS = 2**53  # the numbers of more of them are not all floats
 MEASURED = ("finger_position", "object_position", "finger_force")
 OF_OBJECT = {  # of the first object, named as a `Recording` does
     "object_position": "position",
@@ -242,10 +243,15 @@ class Runs:
 
     def _job(self, group: Group, columns: Sequence[int], statistics: Sequence[str]) -> Job:
         servo = group.program.servo
+        duration = self.duration if self.duration is not None else self.scene.duration
+        ticks = ticks_of(duration, servo.period)
+        if ticks > MOST_TICKS:
+            most = f"at most {MOST_TICKS:.3g} periods of {servo.period} s: more cannot be counted"
+            raise InputError("duration", duration, most, "make the duration shorter or the period longer")
         width = servo.layout.width
         return Job(
             group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
-            ticks_of(self.duration if self.duration is not None else self.scene.duration, servo.period),
+            ticks,
             group.varying,
             group.program.check_activity if any(held.grasped.matrices for held in servo.objects) else None,
         )  # fmt: skip
