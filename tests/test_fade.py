@@ -15,6 +15,7 @@ from graspfx.coupling.grasped import Rules
 from graspfx.errors import SceneError
 from graspfx.scene.blend import arms, blend_notes
 from graspfx.scene.grasps import grasps
+from graspfx.scene.limits.certificate import lines
 from graspfx.show.remarks import remarks
 from tests.test_coupling import grasped, law
 
@@ -71,6 +72,19 @@ def test_the_note_of_a_run_says_which_gaps_would_do() -> None:
     given = [float(number) for number in note.partition("[")[2].rstrip("]").split(", ")]
     assert given[1] - given[0] == pytest.approx(0.008)
     assert gx.run(scene.replace({"coupling.fade": given})).summary()["fade_shortfall"] is None
+
+
+def test_the_certificate_says_how_far_the_fade_is_from_the_settled_squeeze() -> None:
+    """The forces at rest are less than the bound that `auto` takes; a fade of 2 mm is too short by the difference."""
+    scene = held(squeeze=0.012)
+    (one,) = gx.certify(scene)
+    assert one.fade is not None
+    begins, asked = one.fade
+    assert begins == pytest.approx(0.009) and 0.004 < asked < begins
+    assert f"the fade begins at 9 mm; the forces at rest ask for {1e3 * asked:.3g} mm" in repr(gx.certify(scene))
+    (short,) = gx.certify(scene.replace({"coupling.fade": [0.002, 0.01]}))
+    assert short.fade is not None and short.fade[1] == pytest.approx(asked, rel=1e-3)
+    assert f"too short by {1e3 * (short.fade[1] - 0.002):.3g} mm" in "\n".join(lines(short))
 
 
 def test_the_compliance_of_matrices_is_that_of_their_inverses() -> None:

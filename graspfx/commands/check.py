@@ -5,9 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from graspfx.commands.arguments import add_scene
-from graspfx.commands.output import DONE, print_json
-
-REFUSED = 1  # of --strict
+from graspfx.commands.output import DONE, REFUSED, print_json
 
 EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60"""
 

@@ -255,6 +255,15 @@ class GraspedObject:
         """Where the fade would have had to begin for the forces so far [m]; 0 if it began there."""
         return float(self.block[at.NEAR] + self.block[at.SHORTFALL]) if self.block[at.SHORTFALL] else 0.0
 
+    def fade_asked(self) -> tuple[float, float] | None:
+        """Where the fade begins, and where the forces of the last sample ask it to [m]; None where nothing fades."""
+        S = self.block
+        if not S[at.FADE] or S[at.EQUAL]:
+            return None
+        d = self.dimensions
+        pushes = sum(push(self._S, i, d) for i in range(self.fingers))
+        return float(S[at.NEAR]), release_compliance(self.law, self.fingers, d) * float(pushes)
+
     @property
     def blended(self) -> int:
         """Samples in which a rotation was in the split with a part of its weight."""

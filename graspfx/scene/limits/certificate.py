@@ -78,6 +78,7 @@ class Certificate:
         grip: f_t/(mu f_n) at rest by the finger's name, 1 on the cone's edge; of fingers with a coefficient.
         edge: the fingers on their cones' edges, which count as sticking.
         notes: what sliding of those could do.
+        fade: where free fingers begin to leave the split, and where the forces at rest ask it to [m]; None for neither.
     """
 
     object: str
@@ -90,6 +91,7 @@ class Certificate:
     grip: Mapping[str, float] = field(default_factory=dict)
     edge: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    fade: tuple[float, float] | None = None
 
     @property
     def stable(self) -> bool:
@@ -136,6 +138,7 @@ def _certificate(scene: Scene, found: Linearised) -> Certificate:
         },
         edge=tuple(scene.finger_names[i] for i in found.edge),
         notes=tuple(_sliding(scene, found)),
+        fade=found.fade[0],
     )
 
 
@@ -345,6 +348,10 @@ def lines(certificate: Certificate) -> Iterator[str]:
     yield f"  {_said_of_passivity(certificate)}"
     if certificate.grip:
         yield f"  {said_of_grip(certificate.grip, certificate.edge)}"
+    if certificate.fade is not None:
+        begins, asked = (1e3 * gap for gap in certificate.fade)
+        short = f": too short by {asked - begins:.3g} mm" if asked > begins else ""
+        yield f"  the fade begins at {begins:.3g} mm; the forces at rest ask for {asked:.3g} mm{short}"
     yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"

@@ -54,6 +54,7 @@ class Linearised:
         edge: the numbers of the fingers on their cones' edges.
         slip: T and V (m, edge) of those, as `edge_directions` gives them.
         standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
+        fade: of each object, where the fade begins and where the forces at rest ask it to [m]; None where nothing does.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
         compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
@@ -71,6 +72,7 @@ class Linearised:
     edge: tuple[int, ...]
     slip: tuple[FloatArray, FloatArray] = field(repr=False)
     standing: tuple[Ground | None, ...] = field(repr=False)
+    fade: tuple[tuple[float, float] | None, ...]
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
     compliance: FloatArray = field(repr=False)
@@ -91,6 +93,7 @@ class _Part:
     slip: tuple[FloatArray, FloatArray]
     ground: Ground | None
     standing: Ground | None
+    fade: tuple[float, float] | None
     split: Split
     gains: ScaledGains
     damping: FloatArray
@@ -247,6 +250,7 @@ def _matrices(
         slip=slip,
         ground=ground,
         standing=standing,
+        fade=None if J is None else g.fade_asked(),
         split=split,
         gains=gains,
         damping=D,
@@ -347,6 +351,7 @@ def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
         edge=tuple(int(i) for part in parts for i in part.edge),
         slip=(V.T @ block_diagonal([p.slip[0] for p in parts]), V.T @ block_diagonal([p.slip[1] for p in parts])),
         standing=tuple(part.standing for part in parts),
+        fade=tuple(part.fade for part in parts),
         stiffness=stiffness,
         conventional=conventional,
         compliance=np.concatenate([part.compliance for part in parts]),

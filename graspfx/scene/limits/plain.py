@@ -15,6 +15,7 @@ UNITS = {  # keys that have one
     "internal": "internal_N_per_m",
     "external": "external_N_per_m",
     "frequency": "frequency_Hz",
+    "fade": "fade_m",
 }
 
 
