@@ -54,7 +54,7 @@ def test_two_fingers_askew_have_the_limits_of_contacts_that_stick(
 
 
 def test_a_contact_on_the_edge_is_said_to_be() -> None:
-    certificates = gx.certify(askew(0.3, 0.004, 60.0, 300.0, 0.006))
+    certificates = gx.certify(askew(0.3, 0.004, 60.0, 300.0, 0.006, ramp=2.0))
     (found,) = certificates
     assert found.edge == ("finger0", "finger1")
     assert found.grip == pytest.approx({"finger0": 1.0, "finger1": 1.0}, abs=1e-6)
@@ -65,7 +65,7 @@ def test_a_contact_on_the_edge_is_said_to_be() -> None:
     assert data["stable"] is True
     assert data["certificates"][0]["edge"] == ["finger0", "finger1"]
     assert data["certificates"][0]["grip"]["finger0"] == pytest.approx(1.0)
-    (held,) = gx.certify(askew(0.8, 0.001, 60.0, 300.0, 0.006))
+    (held,) = gx.certify(askew(0.8, 0.001, 60.0, 300.0, 0.006, ramp=2.0))
     assert held.edge == ()
     assert held.grip["finger0"] == pytest.approx(0.5 / 6.0 / 0.8, rel=0.03)  # 0.5 mm aside for 6 mm of squeeze
 

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from graspfx.objects import kernels as body
 from graspfx.scene.limits.cone_edge import grip_margins
 from graspfx.scene.limits.ground import bearers
-from graspfx.scene.limits.resting import SHIFT, Grip, settle
+from graspfx.scene.limits.resting import SHIFT, STEPS, Grip, settle
 from graspfx.scene.making.still import still_hands
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
 UNFORCED = "contacts as at the start and no force on them: "
+STRAIGHT = 1e-6  # of its length: what a straight way may be off
 PRESSED = 5.0 * SHIFT  # [m]: how deep a finger has to be for difference quotients to find it touching
 SLID = (
     "contacts slid while the hands closed, one after another and slowly; a run rests elsewhere by some per cent: "
@@ -43,10 +44,10 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What pulls a grasp besides its coupling: hands K_h (m, m), their closed targets (m,), the weight (r,)."""
+    """What pulls a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
 
     hands: FloatArray
-    closed: FloatArray
+    course: FloatArray
     weight: FloatArray
 
 
@@ -56,9 +57,10 @@ def load_of(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], pla
     n, d = start.shape
     inward = np.zeros_like(start)
     inward[fingers] = grip.grasped.inward()
-    K, closed = np.zeros((n, d, n, d)), start.copy()
+    K, course = np.zeros((n, d, n, d)), np.tile(start, (STEPS, 1, 1))
     for held in still_hands(scene, start, inward):
-        closed[held.fingers] = held.hand.target(held.closed)[0]
+        for k in range(STEPS):
+            course[k, held.fingers] = held.hand.target(held.closed * ((k + 1) / STEPS))[0]
         for a in range(d):
             K[np.ix_(held.fingers, [a], held.fingers, [a])] = held.hand.stiffness[a][:, None, :, None]
     own = K[fingers][:, :, fingers].reshape(grip.m, grip.m)
@@ -74,7 +76,7 @@ def load_of(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], pla
             if others
             else "the weight is left out: without friction the fingers do not carry it"
         )
-    return Load(own, closed[fingers].ravel(), weight[grip.axes])
+    return Load(own, course[:, fingers].reshape(STEPS, -1), weight[grip.axes])
 
 
 def squeezed(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
@@ -83,7 +85,16 @@ def squeezed(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
     place = Place("squeezed", None, np.full(grip.n, np.nan))
     load = load_of(scene, index, grip, fingers, place)
     grip.grasped.finger_position[:] = start
-    found = settle(grip, start.ravel(), load.closed, load.hands, load.weight)
+    initial = grip.grasped.block.copy()
+    straight = start.ravel() + np.linspace(1.0 / STEPS, 1.0, STEPS)[:, None] * (load.course[-1] - start.ravel())
+    found = settle(grip, straight, load.hands, load.weight)
+    if found is None or found.slid.any() or bent(load.course, start.ravel()):
+        # where contacts slide, or hands come from aside, it matters how they close
+        first, reached = found, grip.grasped.block.copy()
+        grip.grasped.block[:] = initial
+        found = settle(grip, load.course, load.hands, load.weight)
+        if (found is None or not found.rest) and first is not None and first.rest:
+            found, grip.grasped.block[:] = first, reached
     if found is None:
         return unforced(place, "on the way to rest the forces of a sample do not settle")
     if not found.rest:
@@ -97,6 +108,14 @@ def squeezed(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
     if found.slid.any():
         place.assumed.append(SLID)
     return about(grip, place, untouching(scene, grip, fingers))
+
+
+def bent(course: FloatArray, start: FloatArray) -> bool:
+    """Whether hands close to their last targets by another way than a straight one from where the fingers start."""
+    way = course[-1] - start
+    length = float(np.linalg.norm(way))
+    along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)
+    return bool(np.abs(course - start - along).max(initial=0.0) > STRAIGHT * length)
 
 
 def provisional(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
@@ -113,7 +132,7 @@ def provisional(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp])
             return unforced(place, "the forces of a sample do not settle")
         A = np.vstack([J[: grip.m], -J[grip.m :]])
         A[: grip.m, : grip.m] += load.hands
-        pull = load.hands @ (load.closed - g.finger_position.ravel()) - now[: grip.m]
+        pull = load.hands @ (load.course[-1] - g.finger_position.ravel()) - now[: grip.m]
         grip.move(np.linalg.lstsq(A, np.concatenate([pull, now[grip.m :] + load.weight]), rcond=None)[0])
         if grip.forces() is None:
             return unforced(place, "the forces of a sample do not settle")

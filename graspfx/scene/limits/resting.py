@@ -153,19 +153,17 @@ class Settlement:
     steps: int
 
 
-def settle(
-    grip: Grip, start: FloatArray, closed: FloatArray, hands: FloatArray, weight: FloatArray
-) -> Settlement | None:
+def settle(grip: Grip, course: FloatArray, hands: FloatArray, weight: FloatArray) -> Settlement | None:
     """Bring fingers and object to rest: K_h (r - p) = f, wrench + weight = 0. None if a sample's forces fault.
 
-    The hands close from r = `start` to `closed` in steps, then the weight comes on: implicit steps of a motion that
-    friction alone resists, its time step growing until they are Newton's. Contacts keep what a run would keep: faces,
-    anchors, what has slipped. Each step is that of contacts frozen where they are, and the forces left over are the
+    The hands close along `course`, then the weight comes on: implicit steps of a motion that friction alone resists,
+    its time step growing until they are Newton's. Contacts keep what a run would keep: faces, anchors, what has
+    slipped. Each step is that of contacts frozen where they are, and the forces left over are the
     true ones: where contacts slide they shrink in proportion only, by k/(k + k_h) a step or so. So after a while steps
     are those of contacts that slide on, as long as that helps.
 
     Args:
-        start, closed: intended positions (m,) [m].
+        course: intended positions r (STEPS, m) [m], the last ones from then on.
         hands: K_h (m, m) [N/m].
         weight: on the free freedoms (r,) [N, N m].
     """
@@ -180,9 +178,8 @@ def settle(
     end, trusted = STEPS + SETTLING, STEPS
     before = np.inf
     for k in range(end + SLIDING):
-        part = min(1.0, (k + 1) / STEPS)
         falling = weight * min(1.0, max(0.0, (k - STEPS) / STEPS))
-        r = start + part * (closed - start)
+        r = course[min(k, STEPS - 1)]
         now = grip.forces()
         if now is None:
             return None
