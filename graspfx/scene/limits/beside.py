@@ -55,7 +55,7 @@ def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:
 
     row = _row(certificate, mode)
     radius = certificate.spectral_radius
-    verdict = f"certificate: {'stable' if radius < 1.0 else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    verdict = f"certificate: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
     numbers = (None, None) if row is None else (row.gain, row.limit)
     gain, limit = (value if value is not None and math.isfinite(value) else None for value in numbers)
     text = verdict if row is None else f"{verdict}; {row.mode} {figures(row)}"
