@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from parts import POSIX, made, script, values, write_part
 from recordings import header
@@ -22,6 +23,7 @@ from graspfx.loop.places import NAME
 from graspfx.loop.record import Recording
 from graspfx.loop.sink import FileSink
 from graspfx.loop.stream import Stream
+from tests.stress.ledger import efforts
 
 FULL = """
 import json, os, resource, sys
@@ -58,10 +60,11 @@ print(json.dumps(seen))
 
 
 @POSIX
+@efforts(short=5, full=60, asked="faults")
 @pytest.mark.parametrize(("way", "code"), [("command", 2), ("python", 4)])
-def test_a_disk_that_is_full_is_one_line_and_leaves_the_rows(way: str, code: int, tmp_path: Path) -> None:
+def test_a_disk_that_is_full_is_one_line_and_leaves_the_rows(way: str, code: int, cases: int, tmp_path: Path) -> None:
     """A limit on the size of files is met as a full disk is; 1000 ticks of 136 bytes take 140 kB in a part."""
-    limits = [1000, 20_000, 40_000, 100_000, 139_000] if way == "command" else [3000, 120_000, 139_800]
+    limits = [1000, *np.linspace(20_000, 139_000, cases - 1).astype(int).tolist()]
     seen = script(FULL.replace("gx.errors", "__import__('graspfx.errors').errors"), tmp_path, way, json.dumps(limits))
     for limit, each in zip(limits, seen, strict=True):
         assert os.waitstatus_to_exitcode(each["status"]) == code, each

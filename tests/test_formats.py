@@ -187,7 +187,7 @@ print(json.dumps(tally))
 
 
 @pytest.mark.parametrize("name", [NAME, f"{NAME}.part"])
-@efforts(short=400, full=20_000)
+@efforts(short=400, full=20_000, asked="faults")
 def test_a_change_of_any_byte_is_an_error(name: str, cases: int, tmp_path: Path) -> None:
     """One bit, up to 64 bytes at random, zeros, or bytes from elsewhere in the file."""
     made = layout(3, 2)

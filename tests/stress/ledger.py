@@ -51,8 +51,8 @@ def family(name: str, oracle: str, unit: str = "1") -> Family:
     return FAMILIES.setdefault(name, Family(name, oracle, unit))
 
 
-def efforts(*, short: int, full: int) -> Any:
-    """The number of cases as the argument `cases`: the short form always, the full one with -m stress."""
+def efforts(*, short: int, full: int, asked: str = "stress") -> Any:
+    """Give the number of cases as the argument `cases`: the short form always, the full one with -m `asked`."""
     return pytest.mark.parametrize(
-        "cases", [pytest.param(short, id="short"), pytest.param(full, id="full", marks=pytest.mark.stress)]
+        "cases", [pytest.param(short, id="short"), pytest.param(full, id="full", marks=getattr(pytest.mark, asked))]
     )
