@@ -207,8 +207,8 @@ def test_a_hand_that_nobody_knows_may_do_all_that_is_slower_than_10_hz() -> None
 
 
 def test_a_fault_ends_what_is_judged() -> None:
-    """kep = 200 N/m throws a fingertip out of its arm's reach; the rows after that are no motion of the grasp."""
-    rec = gx.run(gx.load("paper-waving", stiffnesses({"external": 200.0})))
+    """kep = 250 N/m throws a fingertip out of its arm's reach; the rows after that are no motion of the grasp."""
+    rec = gx.run(gx.load("paper-waving", stiffnesses({"external": 250.0})))
     (growth,) = rec.summary()["growth"]
     assert rec.faults and growth["mode"] == "external" and growth["end"] < rec.faults[0].tick * rec.period
 
