@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from graspfx.loop.header import Header, Outcome
 from graspfx.loop.layout import Layout
-from graspfx.loop.record import Recorder, Recording
+from graspfx.loop.record import Recording
+from graspfx.loop.recorder import Recorder
 
 FloatArray = NDArray[np.float64]
 

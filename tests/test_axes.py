@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.coupling.closed_motion import worst_turn
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import ActiveCouplingWarning, Coupling
 from graspfx.objects.body import NativeBody, fill_body

@@ -10,7 +10,8 @@ import pytest
 import graspfx as gx
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST, NOT_FINITE
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError
 from graspfx.objects import kernels as body
 from graspfx.objects.body import NativeBody, fill_body

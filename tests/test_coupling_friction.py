@@ -10,7 +10,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.objects.body import NativeBody
 from graspfx.scene.plan import plan

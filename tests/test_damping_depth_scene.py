@@ -12,7 +12,7 @@ import pytest
 import graspfx as gx
 from graspfx.commands.output import doubts
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import Rules
+from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects.body import NativeBody
 from graspfx.scene.engine import kernels

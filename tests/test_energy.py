@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.objects import kernels as body
 from graspfx.objects.body import fill_body
 from graspfx.surfaces.shape import Box

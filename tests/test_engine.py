@@ -20,7 +20,8 @@ from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop import engine as engines
 from graspfx.loop.foreign import foreign, looked_ahead
 from graspfx.loop.header import Header
-from graspfx.loop.record import Recorder, Recording
+from graspfx.loop.record import Recording
+from graspfx.loop.recorder import Recorder
 from graspfx.scene.making.build import build
 
 TICKS = 60

@@ -11,7 +11,7 @@ import pytest
 import graspfx as gx
 from graspfx.coupling import block as at
 from graspfx.coupling.fade import release_compliance
-from graspfx.coupling.grasped import Rules
+from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.scene.blend import arms, blend_notes
 from graspfx.scene.grasps import grasps

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import ActiveCouplingWarning, per_finger
 from graspfx.objects import kernels as body

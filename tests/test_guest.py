@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import graspfx as gx
 from graspfx.loop.header import Header
 from graspfx.loop.parts import Mover, guest_of
-from graspfx.loop.record import Recorder
+from graspfx.loop.recorder import Recorder
 from graspfx.objects import guest
 from graspfx.objects import kernels as at
 from graspfx.objects.body import fill_body

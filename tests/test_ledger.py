@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 import graspfx as gx
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop import ledger

@@ -14,8 +14,9 @@ from graspfx.compile.specialise import Program
 from graspfx.compile.values import Memory
 from graspfx.cones.cone import STICK
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.react import react
+from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import sample
 from graspfx.coupling.scaling import scale
 from graspfx.objects import kernels as body

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling.grasped import Rules
+from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.scene.plan import plan
 from graspfx.surfaces.shape import Box

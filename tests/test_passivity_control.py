@@ -10,7 +10,8 @@ import pytest
 import graspfx as gx
 from graspfx.analysis import passivity_observer as po
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop import brake, ledger
 from graspfx.loop.observer import Observer

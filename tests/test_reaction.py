@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.objects.body import fill_body
 from graspfx.surfaces.mesh import make_mesh
 from graspfx.surfaces.shape import Box

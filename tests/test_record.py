@@ -19,7 +19,8 @@ from recordings import PERIOD, header, layout, put, recording, rows
 from graspfx.errors import RecordingError
 from graspfx.loop.header import Outcome, RunFault, machine, versions
 from graspfx.loop.layout import Layout
-from graspfx.loop.record import Recorder, Recording
+from graspfx.loop.record import Recording
+from graspfx.loop.recorder import Recorder
 from graspfx.loop.sink import FileSink
 
 ROOT = Path(__file__).parents[1]
@@ -218,7 +219,7 @@ import sys, time
 sys.path[:0] = [{root!r}, {tests!r}]
 from recordings import header, layout, put, rows
 from graspfx.loop.sink import FileSink
-from graspfx.loop.record import Recorder
+from graspfx.loop.recorder import Recorder
 made = layout()
 values = rows(made, 1000)
 recorder = Recorder(made, header(), [FileSink({path!r}, made, header())], 100)

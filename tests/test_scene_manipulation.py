@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.loop.header import Header
-from graspfx.loop.record import Recorder, Recording
+from graspfx.loop.record import Recording
+from graspfx.loop.recorder import Recorder
 from graspfx.objects.floor import FloorBody
 from graspfx.scene.making.build import build
 

@@ -17,7 +17,8 @@ from graspfx.__main__ import main
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import place_contact
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects import kernels as body
 from graspfx.objects.body import fill_body

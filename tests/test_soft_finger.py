@@ -11,7 +11,8 @@ import graspfx as gx
 from graspfx.compile.machine import compiled
 from graspfx.cones.cone import jacobian_of_modes, jacobian_of_square
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.grasp.kernels import rigid_modes
 from graspfx.objects import kernels as body

@@ -9,7 +9,7 @@ import graspfx as gx
 from graspfx import plugins
 from graspfx.coupling import block as at
 from graspfx.loop.header import Header
-from graspfx.loop.record import Recorder
+from graspfx.loop.recorder import Recorder
 from graspfx.scene.making.build import build
 from graspfx.surfaces import tree
 from graspfx.surfaces.proxy import MESH

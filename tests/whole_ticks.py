@@ -8,7 +8,7 @@ import numpy as np
 
 import graspfx as gx
 from graspfx.coupling import block as at
-from graspfx.loop.record import Recorder
+from graspfx.loop.recorder import Recorder
 from graspfx.loop.velocity import RING
 from graspfx.objects import kernels as body
 from graspfx.objects import rest

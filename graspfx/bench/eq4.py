@@ -18,8 +18,9 @@ from graspfx.bench.eq4_peers import PEERS, GraspMatrix, Project, closed_form
 from graspfx.bench.exact import split_force
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.law import bilateral
+from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import resplit
 from graspfx.grasp import direct
 from graspfx.grasp.point_coupling import PointCoupling

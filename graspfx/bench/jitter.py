@@ -12,7 +12,7 @@ from graspfx import plugins
 from graspfx.bench.case import Case, Method, is_installed
 from graspfx.errors import DeviceError
 from graspfx.loop.header import Header
-from graspfx.loop.record import Recorder
+from graspfx.loop.recorder import Recorder
 from graspfx.loop.servo import Servo
 from graspfx.scene.load import load
 from graspfx.scene.making.build import build

@@ -16,7 +16,8 @@ from graspfx.bench.peers.bare_bullet import BareBullet
 from graspfx.bench.peers.paper import PaperProgram, Springs, coupling, rotation_matrix
 from graspfx.bench.peers.springs import MuJoCoSprings
 from graspfx.loop.header import Header
-from graspfx.loop.record import Recorder, Recording
+from graspfx.loop.record import Recording
+from graspfx.loop.recorder import Recorder
 from graspfx.objects import kernels as at
 from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene

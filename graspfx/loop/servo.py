@@ -18,7 +18,7 @@ from graspfx.loop.header import RunFault
 from graspfx.loop.layout import Layout
 from graspfx.loop.observer import Observer
 from graspfx.loop.parts import Held, Moved, Mover, Parts, Station
-from graspfx.loop.record import Recorder
+from graspfx.loop.recorder import Recorder
 from graspfx.loop.tick import Port, Tick
 
 FloatArray = NDArray[np.float64]

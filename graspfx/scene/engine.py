@@ -14,7 +14,7 @@ from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.engine import COMPILING, FIRST, LOADING, Compiled, Either, sources
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.header import Header
-from graspfx.loop.record import Recorder
+from graspfx.loop.recorder import Recorder
 from graspfx.scene.making.build import build
 from graspfx.scene.plan import PlanRow
 

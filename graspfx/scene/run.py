@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 from graspfx.errors import InputError
 from graspfx.loop.header import Header, machine, now, versions
 from graspfx.loop.places import NAME, make_folder, recording_path, require_vacancy_of
-from graspfx.loop.record import Recorder, Recording, Sink
+from graspfx.loop.record import Recording
+from graspfx.loop.recorder import Recorder, Sink
 from graspfx.numeric import number
 from graspfx.paths import to_path
 from graspfx.scene.limits.beside import beside

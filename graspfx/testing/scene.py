@@ -17,7 +17,8 @@ from graspfx.testing.promise import Promise
 if TYPE_CHECKING:
     from graspfx.loop.device import Device
     from graspfx.loop.layout import Layout
-    from graspfx.loop.record import ObjectMotion, Recorder, Recording
+    from graspfx.loop.record import ObjectMotion, Recording
+    from graspfx.loop.recorder import Recorder
     from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
@@ -205,7 +206,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
     """Two servos at once, tick by tick in turns, the devices of both overheard."""
     from graspfx.loop.header import Header
     from graspfx.loop.parts import Station
-    from graspfx.loop.record import Recorder
+    from graspfx.loop.recorder import Recorder
     from graspfx.scene.making.build import build
 
     ticks = min(len(recording), TOGETHER)

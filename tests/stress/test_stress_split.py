@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.objects.body import fill_body
 from tests.stress.exact import distance, exact_force, exact_share
 from tests.stress.ledger import efforts, family

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.fade import FADE, gaps, release_compliance
-from graspfx.coupling.grasped import GraspedObject, Rules
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
 from graspfx.errors import DeviceError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop.device import SimulatedDevice
