@@ -318,14 +318,7 @@ def jacobian_of_square(
         mu = S[o + n + i]
         share = 1.0 / (1.0 + theta * mu * mu)
         for j in range(m):
-            normal = S[square + r * lead + j] - (c if j == r else 0.0)
-            t1 = t2 = t3 = 0.0
-            if d > 1:
-                t1 = S[square + (r + 1) * lead + j] - (c if j == r + 1 else 0.0)
-            if d > 2:
-                t2 = S[square + (r + 2) * lead + j] - (c if j == r + 2 else 0.0)
-            if d > 3:
-                t3 = S[square + (r + 3) * lead + j] - (c if j == r + 3 else 0.0)
+            normal, t1, t2, t3 = shifted_entries(S, square, lead, r, d, j, c)
             along = c1 * t1 + c2 * t2 + c3 * t3
             normal = share * (normal + theta * mu * along)
             S[H + r * m + j] -= normal
@@ -341,6 +334,20 @@ def jacobian_of_square(
                 S[H + (r + 3) * m + j] -= mu * c3 * normal + bend * (t3 - c3 * along)
 
 
+def shifted_entries(
+    S: Any, square: int, lead: int, r: int, d: int, j: int, c: float
+) -> tuple[float, float, float, float]:
+    """Read the d entries from row r on in column j of K - c I, zeros behind them."""
+    x1 = x2 = x3 = 0.0
+    if d > 1:
+        x1 = S[square + (r + 1) * lead + j] - (c if j == r + 1 else 0.0)
+    if d > 2:
+        x2 = S[square + (r + 2) * lead + j] - (c if j == r + 2 else 0.0)
+    if d > 3:
+        x3 = S[square + (r + 3) * lead + j] - (c if j == r + 3 else 0.0)
+    return S[square + r * lead + j] - (c if j == r else 0.0), x1, x2, x3
+
+
 def add_cut_rows(
     S: Any, o: int, n: int, d: int, i: int, c: float, square: int, lead: int, theta: float, limit: float,
     status: int, c1: float, c2: float, c3: float, bend: float,
@@ -349,14 +356,7 @@ def add_cut_rows(
     m, r = n * d, i * d
     H = o + 3 * n + 13 * m
     for j in range(m):
-        x0 = S[square + r * lead + j] - (c if j == r else 0.0)
-        x1 = x2 = x3 = 0.0
-        if d > 1:
-            x1 = S[square + (r + 1) * lead + j] - (c if j == r + 1 else 0.0)
-        if d > 2:
-            x2 = S[square + (r + 2) * lead + j] - (c if j == r + 2 else 0.0)
-        if d > 3:
-            x3 = S[square + (r + 3) * lead + j] - (c if j == r + 3 else 0.0)
+        x0, x1, x2, x3 = shifted_entries(S, square, lead, r, d, j, c)
         x0, x1, x2, x3 = cut_slope(S, o, n, d, i, theta, limit, status, c1, c2, c3, bend, x0, x1, x2, x3)
         S[H + r * m + j] = S[square + r * lead + j] - x0
         if d > 1:

@@ -20,7 +20,7 @@ def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
     n, d = fingers, dimensions
     kep, kip = law.external.stiffness, law.internal.stiffness
     if isinstance(kep, float) and isinstance(kip, float):
-        return 0.5 * abs(1.0 / kep - 1.0 / kip) if kep > 0.0 and kip > 0.0 else 0.0
+        return compliance_of_numbers(kep, kip)
     inverse: list[NDArray[np.float64]] = []
     for gain in (per_finger(kep, n, d), per_finger(kip, n, d)):
         if np.linalg.eigvalsh(gain).min() <= 0.0:
@@ -29,6 +29,13 @@ def release_compliance(law: Coupling, fingers: int, dimensions: int) -> float:
     if inverse[0].ndim != inverse[1].ndim:
         inverse = [_whole(each) for each in inverse]
     return 0.5 * float(np.linalg.norm(inverse[0] - inverse[1], 2, axis=(-2, -1)).max())
+
+
+def compliance_of_numbers(kep: float, kip: float) -> float:
+    """Compute 1/2 |1/kep - 1/kip| [m/N]; zero where one of them is."""
+    if kep <= 0.0 or kip <= 0.0:
+        return 0.0
+    return 0.5 * abs(1.0 / kep - 1.0 / kip)
 
 
 def gaps(needed: float) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from typing import Any
 
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import AGAIN, approach, refactor, turn_axes
+from graspfx.coupling.fade import compliance_of_numbers
 from graspfx.coupling.gains import fill_gains
 from graspfx.coupling.law import push
 from graspfx.coupling.limit import forget_limits, limit
@@ -95,11 +96,9 @@ def let_go(S: Any) -> None:
 
 def check_fade(S: Any) -> None:
     """Keep the largest shortfall of NEAR: below 1/2 |1/kep - 1/kip| sum |f| a fading finger can touch again."""
-    kep, kip, release = S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], S[at.RELEASE]
+    release = S[at.RELEASE]
     if S[at.DENSE] == 0.0:
-        if kep <= 0.0 or kip <= 0.0:
-            return
-        release = 0.5 * abs(1.0 / kep - 1.0 / kip)
+        release = compliance_of_numbers(S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS])
     total = 0.0
     for i in range(int(S[at.FINGERS])):
         total += push(S, i, int(S[at.DIMENSIONS]))

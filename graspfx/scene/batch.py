@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.analysis.arguments import count
+from graspfx.coupling import block as at
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.header import Header, Outcome, RunFault
 from graspfx.loop.layout import Layout
@@ -267,7 +268,9 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
     """How a run went, by what its buffers hold at the end."""
     program = group.program
     servo, tick = program.servo, program.tick
-    program.fill(ended.arena)
+    for name, array in tick.script.arrays.items():
+        if any(array is held.grasped.block for held in servo.objects):  # of a mesh the rest of it is long
+            array[: at.ROW] = ended.arena[program.places[name]][: at.ROW]
     coupling = servo.coupling
     if ended.fault < 0:
         return Outcome(engine="compiled", **coupling)
