@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from recordings import header, layout, rows
 
-from graspfx.loop.header import RunFault
-from graspfx.loop.sink import FileSink
+from graspfx.loop.recording.header import RunFault
+from graspfx.loop.recording.sink import FileSink
 
 ROOT = Path(__file__).parents[1]
 POSIX = pytest.mark.skipif(os.name != "posix", reason="kills a process, limits its files or removes its folder")

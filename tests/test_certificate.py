@@ -9,7 +9,7 @@ import pytest
 from test_linearise import attached
 
 import graspfx as gx
-from graspfx.scene.limits.certificate import Certificate, certificates, lines
+from graspfx.certificate.certificate import Certificate, certificates, lines
 
 
 def limit_of(certificate: Certificate, mode: str) -> float:

@@ -12,10 +12,10 @@ from slid_grasps import askew, slid_grasp, standing
 from whole_ticks import RestedRun
 
 import graspfx as gx
+from graspfx.certificate.certificate import Certificate, mode_limits
+from graspfx.certificate.linearise import linearise
+from graspfx.certificate.rest.cone_edge import released, sliding_notes
 from graspfx.errors import InputError
-from graspfx.scene.limits.certificate import Certificate, mode_limits
-from graspfx.scene.limits.cone_edge import released, sliding_notes
-from graspfx.scene.limits.linearise import linearise
 
 SKEWS = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.010)  # [m]
 SLID = [seed for seed in range(44) if seed not in (2, 3, 11, 13, 15, 20, 22, 25, 29, 32, 35, 38, 42, 43)]

@@ -12,7 +12,7 @@ import graspfx as gx
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.surfaces.shape import Box, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.test_coupling import grasped, law, respond
 from tests.test_touch import every_subset
 

@@ -9,9 +9,9 @@ import pytest
 
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 from graspfx.objects.body import fill_body
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 from tests.test_coupling import law
 
 STEPS = 256  # of a smooth loop: the trapezoid rule is exact to rounding there

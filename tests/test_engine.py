@@ -16,13 +16,13 @@ from conftest import FULLY_COMPILED
 import graspfx as gx
 from graspfx import plugins
 from graspfx.bench.case import is_installed
+from graspfx.build.build import build
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop import engine as engines
 from graspfx.loop.foreign import foreign, looked_ahead
-from graspfx.loop.header import Header
-from graspfx.loop.record import Recording
-from graspfx.loop.recorder import Recorder
-from graspfx.scene.making.build import build
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.tick import engine as engines
 
 TICKS = 60
 POINT = {"name": "simulated", "mass": 0.15, "friction": 0.2}
@@ -278,7 +278,7 @@ def test_a_spoilt_cache_costs_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
 DRIVEN = '''
 """A point device that writes through a kernel of its own."""
 from graspfx.devices import simulated
-from graspfx.devices._point_sample import write
+from graspfx.devices.simulated.point_sample import write
 from graspfx.loop.device import Features
 
 def weaker(S, o):

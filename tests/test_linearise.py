@@ -8,8 +8,8 @@ import pytest
 from sampled_loops import stepped_object
 
 import graspfx as gx
+from graspfx.certificate.linearise import linearise
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.scene.limits.linearise import linearise
 
 M, B, SPRING, M_V, B_V = 0.12, 0.3, 40.0, 0.2, 0.9
 KEP, KIP = 25.0, 60.0
@@ -125,7 +125,7 @@ def test_arms_are_point_devices_at_their_posture() -> None:
     """paper-spring-arms against point devices with the arms' mass and friction there: limits to 1 %."""
     arms = gx.load("paper-spring-arms")
     points = arms.replace({"finger.*.device": {"name": "simulated", "mass": 0.15, "friction": 0.2}})
-    from graspfx.scene.limits.sweep import limits_of_scene
+    from graspfx.certificate.limit_sweep import limits_of_scene
 
     one, other = limits_of_scene(arms), limits_of_scene(points)
     assert one.internal == pytest.approx(other.internal, rel=0.01)

@@ -12,7 +12,7 @@ from mpmath import mp, mpf
 from numpy.typing import NDArray
 
 from graspfx.compile.machine import compiled
-from graspfx.surfaces.proxy import (
+from graspfx.surfaces.closed_form.proxy import (
     BOX,
     CAPSULE,
     CYLINDER,
@@ -23,7 +23,7 @@ from graspfx.surfaces.proxy import (
     closest,
     closest_to_ball,
 )
-from graspfx.surfaces.shape import Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
+from graspfx.surfaces.closed_form.shape import Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
 
 Array = NDArray[np.float64]
 Exact = list[Any]

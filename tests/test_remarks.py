@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recordings import layout, recording
 
-from graspfx.loop.record import Recording
+from graspfx.loop.recording.record import Recording
 from graspfx.show.remarks import remarks
 
 N = 400  # ticks of 5 ms

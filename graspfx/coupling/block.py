@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 
 # The object, its coupling and its shape. Switches are 0.0 or 1.0.
 FINGERS = 0  # n

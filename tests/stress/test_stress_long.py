@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.build import build
 from graspfx.compile.machine import compiled
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
-from graspfx.scene.making.build import build
 from tests.stress.ledger import efforts, family
 from tests.stress.test_stress_bodies import spinning
 
