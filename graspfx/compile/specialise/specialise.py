@@ -15,8 +15,8 @@ from types import FunctionType
 from typing import Any
 
 from graspfx.compile.specialise.definitions import definition
-from graspfx.compile.specialise.expressions import Kernel, Made
-from graspfx.compile.specialise.statements import Body
+from graspfx.compile.specialise.specialise_expressions import Kernel, Made
+from graspfx.compile.specialise.specialise_statements import Body
 from graspfx.compile.specialise.syntax import nodes, place
 from graspfx.compile.specialise.values import Known, Memory, Value
 from graspfx.errors import InputError

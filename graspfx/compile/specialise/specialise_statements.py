@@ -5,8 +5,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable, Sequence
 
-from graspfx.compile.specialise.expressions import Expressions, Kernel, Made, Scope, Specialiser, from_call
 from graspfx.compile.specialise.pruning import without_unused
+from graspfx.compile.specialise.specialise_expressions import Expressions, Kernel, Made, Scope, Specialiser, from_call
 from graspfx.compile.specialise.syntax import (
     assigned,
     assignment,
