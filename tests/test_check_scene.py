@@ -111,20 +111,20 @@ def create(state): return Strange(state)
 """
 FAULTS = {
     "energy: a body that gains 0.2 % of its speed a sample": (
-        "self.real.step(T); self.state[kernels.VELOCITY:kernels.VELOCITY + 3] *= 1.002",
+        "self.real.step(T); self.state[integrators.VELOCITY:integrators.VELOCITY + 3] *= 1.002",
         "the objects gain no more than",
     ),
     "finite: a body that is lost": (
-        "self.state[kernels.POSITION] = float('nan')",
+        "self.state[integrators.POSITION] = float('nan')",
         "nothing goes wrong in a run",
     ),
     "random: a body that throws dice": (
-        "import random; self.real.step(T); self.state[kernels.POSITION] += random.random() * 1e-12",
+        "import random; self.real.step(T); self.state[integrators.POSITION] += random.random() * 1e-12",
         "two runs are the same to the bit",
     ),
     "memory: a body that counts all of its kind": (
         "import sys; sys.steps = getattr(sys, 'steps', 0) + 1; self.real.step(T)\n"
-        "        self.state[kernels.POSITION] += 1e-9 * (sys.steps > {runs} and self.steps < 5)",
+        "        self.state[integrators.POSITION] += 1e-9 * (sys.steps > {runs} and self.steps < 5)",
         "two servos run in turns do what one does alone",
     ),
 }

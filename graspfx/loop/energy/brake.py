@@ -21,7 +21,7 @@ DAMPING = ledger.OUT + 24  # of internal, translation, rotation, as added [N s/m
 def control(S: Any, B: Any, T: float) -> bool:
     """Adds to the forces of this sample what pays the debt of each mode in one more step like the last.
 
-    Damping a W Q_j d/T (`passivity_observer.brake`) with a at most m/(2 T), m the least mass that a step of any mode
+    Damping a W Q_j d/T (`leak.brake`) with a at most m/(2 T), m the least mass that a step of any mode
     moves: held for a sample, damping of that size takes the most energy that it can, and of twice that size none.
     Then each finger's force is brought back into its cone and within the limits.
     Returns whether any force has changed.
