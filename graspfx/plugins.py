@@ -31,7 +31,7 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
 BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
     "hands": {},
-    "dynamics": {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet.bullet"},
+    "dynamics": {"native": "graspfx.objects.native", "bullet": "graspfx.objects.bullet"},
 }
 
 
