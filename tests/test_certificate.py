@@ -9,7 +9,9 @@ import pytest
 from test_linearise import attached
 
 import graspfx as gx
-from graspfx.certificate.certificate import Certificate, certificates, lines
+from graspfx.certificate.certificate import Certificate
+from graspfx.certificate.certificate_lines import lines
+from graspfx.certificate.certificates import certificates
 
 
 def limit_of(certificate: Certificate, mode: str) -> float:

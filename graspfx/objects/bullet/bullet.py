@@ -1,4 +1,4 @@
-"""A rigid body in a PyBullet world, pushed before the world's step and read after it; the package without its banner."""
+"""A rigid body in a PyBullet world: pushed before the world's step, read after it; PyBullet without its banner."""
 
 from __future__ import annotations
 
