@@ -250,7 +250,7 @@ def is_value(kind: Any) -> bool:
 
 
 @cache
-def parts_of(kind: type) -> dict[str, Any]:
+def parts_of(kind: Any) -> dict[str, Any]:
     """Give the fields of a value class and their kinds."""
     hints = get_type_hints(kind, vars(sys.modules[kind.__module__]))
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
