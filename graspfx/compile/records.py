@@ -296,7 +296,11 @@ def _stored(kind: type) -> type:
             raise IndexError(i)
         self._buffer[self._offset + i] = number
 
-    return type(kind.__name__, (kind,), {"__setitem__": write, "__slots__": ("_buffer", "_offset")})
+    def equal(self: Any, other: object) -> bool:
+        return isinstance(other, kind) and list(numbers(self)) == list(numbers(other))
+
+    names = {"__setitem__": write, "__eq__": equal, "__hash__": kind.__hash__, "__module__": kind.__module__}
+    return type(kind.__name__, (kind,), {**names, "__slots__": ("_buffer", "_offset")})
 
 
 def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
