@@ -249,9 +249,13 @@ def is_value(kind: Any) -> bool:
     return dataclasses.is_dataclass(kind) and isinstance(kind, type) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
 
 
-@cache
-def parts_of(kind: type) -> dict[str, Any]:
+def parts_of(kind: Any) -> dict[str, Any]:
     """Give the fields of a value class and their kinds."""
+    return _parts(kind)
+
+
+@cache
+def _parts(kind: Any) -> dict[str, Any]:
     hints = get_type_hints(kind, vars(sys.modules[kind.__module__]))
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
@@ -293,7 +297,11 @@ def _stored(kind: type) -> type:
             raise IndexError(i)
         self._buffer[self._offset + i] = number
 
-    return type(kind.__name__, (kind,), {"__setitem__": write, "__slots__": ("_buffer", "_offset")})
+    def equal(self: Any, other: object) -> bool:
+        return isinstance(other, kind) and list(numbers(self)) == list(numbers(other))
+
+    names = {"__setitem__": write, "__eq__": equal, "__hash__": kind.__hash__, "__module__": kind.__module__}
+    return type(kind.__name__, (kind,), {**names, "__slots__": ("_buffer", "_offset")})
 
 
 def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:

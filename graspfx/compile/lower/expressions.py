@@ -63,6 +63,7 @@ class Expressions:
         self.depth = 0
         self.files: set[str] = {file}
         self.callees: dict[str, Callable[..., Any]] = {}
+        self.buffers: list[str] = []  # of the kernel's parameters
 
     # Names and constants ------------------------------------------------------------------------------------------
 
@@ -110,6 +111,8 @@ class Expressions:
         if isinstance(known, bool | int | float):
             # the kernel's own module names its numbers in the program; those of others are written out
             return load(name) if not frame.prefix and frame.namespace.get(name) is known else ast.Constant(known)
+        if is_value(type(known)):
+            return value_of(known)
         return Constant(known)
 
     def attribute(self, node: ast.Attribute, frame: Frame) -> Lowered:
@@ -385,7 +388,7 @@ class Expressions:
             blank = like(variable(inner, "_"), "_")
             assert isinstance(blank, Place | Span | Grid | Group)
             zeros: list[ast.expr] = [NOTHING, *([ast.Constant(0)] * (len(offsets(blank)) - 1))]
-            return rebuild(replace_buffer(blank, buffers[0]), iter(zeros))
+            return rebuild(replace_buffer(blank, (buffers or self.buffers)[0]), iter(zeros))
         return value
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
@@ -488,6 +491,13 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
     return {name for (name, _), count in uses.items() if count > 1 or whole[name] > 0} | {
         name for name, count in whole.items() if count > 1
     }
+
+
+def value_of(known: Any) -> Lowered:
+    """Write out a value that a module names."""
+    if isinstance(known, bool | int | float):
+        return ast.Constant(known)
+    return Bundle(type(known), tuple(value_of(getattr(known, name)) for name in parts_of(type(known))))
 
 
 def kind_of(value: Lowered) -> tuple[object, ...]:
