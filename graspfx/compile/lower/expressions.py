@@ -12,7 +12,6 @@ from functools import cache
 from types import FunctionType
 from typing import Any, get_args, get_origin
 
-from graspfx.compile.kernel import INLINE, LOWERED, optional, parameter_kinds
 from graspfx.compile.lower.kinds import (
     NOTHING,
     Bundle,
@@ -31,6 +30,7 @@ from graspfx.compile.lower.kinds import (
     plus,
     variable,
 )
+from graspfx.compile.marks import INLINE, LOWERED, optional, parameter_kinds
 from graspfx.compile.records import SCALARS, Field, Floats, Many, Record, Table, is_value, layout, parts_of, size_of
 from graspfx.compile.specialise.definitions import definition
 from graspfx.errors import InputError

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import linecache
+from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from types import FunctionType
 from typing import Any
 
-from graspfx.compile.kernel import parameter_kinds, source_function
 from graspfx.compile.lower.store import Lowering, store
+from graspfx.compile.marks import LOWERED, parameter_kinds
 
 
+@cache
 def lowered(function: FunctionType) -> FunctionType:
     """Lower a kernel; its module's other names stay what they are, kernels that it calls are lowered too.
 
@@ -29,7 +31,7 @@ def lowered(function: FunctionType) -> FunctionType:
         text, code, files = known.text, known.code, known.files
         callees = {alias: attrgetter(name)(import_module(module)) for alias, (module, name) in known.callees.items()}
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    namespace = {**function.__globals__, **{name: source_function(callee) for name, callee in callees.items()}}
+    namespace = {**function.__globals__, **{name: _executed(callee) for name, callee in callees.items()}}
     exec(code, namespace)
     result = namespace[function.__name__]
     assert isinstance(result, FunctionType)
@@ -37,6 +39,12 @@ def lowered(function: FunctionType) -> FunctionType:
         setattr(result, name, getattr(function, name))
     result.__source_files__ = files  # type: ignore[attr-defined] # asked for by the specialiser
     return result
+
+
+def _executed(function: Any) -> Any:
+    """A kernel lowered; any other function as it is."""
+    original = getattr(function, LOWERED, None)
+    return function if original is None else lowered(original)
 
 
 def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:
