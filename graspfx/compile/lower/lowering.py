@@ -51,7 +51,7 @@ def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str
     """Give a kernel's lowered text, the functions that it calls by other names, and the files that it comes from."""
     import ast
 
-    from graspfx.compile.lower.expressions import Frame  # only for a kernel that is not in the cache
+    from graspfx.compile.lower.scratch import Frame  # only for a kernel that is not in the cache
     from graspfx.compile.lower.statements import Body
     from graspfx.compile.specialise.definitions import definition
 
