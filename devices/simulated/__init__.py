@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Self
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.devices.simulated import point_sample as sample
 from graspfx.devices.simulated.point_device import PointDevice
-from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Device, DevicePorts, Features
-from graspfx.loop.velocity import LENGTH, WINDOW, VelocityEstimator, size
+from graspfx.errors import InputError
+from graspfx.loop.velocity import WINDOW
 from graspfx.numeric import LARGEST, SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
