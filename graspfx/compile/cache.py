@@ -26,8 +26,8 @@ def folder() -> Path:
     Raises:
         OSError: the user has no folder, and the environment names none.
     """
-    if chosen := os.environ.get("GRASPFX_CACHE"):
-        return Path(chosen)
+    if override := os.environ.get("GRASPFX_CACHE"):
+        return Path(override)
     try:
         return _own()
     except RuntimeError as error:  # as of a container's user that no table knows
@@ -42,7 +42,7 @@ def _own() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graspfx"
 
 
-def shown() -> str:
+def folder_text() -> str:
     """The folder in words."""
     try:
         return str(folder())
@@ -50,7 +50,7 @@ def shown() -> str:
         return "the folder that GRASPFX_CACHE names"
 
 
-def stored(key: str) -> bytes | None:
+def load(key: str) -> bytes | None:
     """What was kept under a key; None if there is nothing, or if it is not what was written.
 
     Warns where the folder or the file is not the user's alone: then it is not used.
@@ -58,13 +58,13 @@ def stored(key: str) -> bytes | None:
     try:
         path = folder() / f"{key}{SUFFIX}"
         stranger = intrusion(path.parent)
-        found = None if stranger else read_own(path)
+        entry = None if stranger else read_own(path)
     except OSError:
         return None
-    if found is None:
+    if entry is None:
         _warn(path.parent, stranger or f"{path.name} is no file of its user alone")
         return None
-    digest, content = found[:32], found[32:]
+    digest, content = entry[:32], entry[32:]
     if hashlib.sha256(key.encode() + content).digest() != digest:
         return None
     with contextlib.suppress(OSError):

@@ -16,8 +16,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from graspfx.compile import cache as kept
-from graspfx.compile.llvm.llvm import ENTRY, Written, written
+from graspfx.compile import cache as disk
+from graspfx.compile.llvm.llvm import ENTRY, LlvmProgram, llvm_program
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 from graspfx.compile.llvm.llvm_expressions import NAMES
 from graspfx.compile.llvm.method import DECLARED, METHOD, method, method_text, python_function
@@ -110,10 +110,10 @@ class Native:
             for name, length in lengths.items():
                 places[name].value = length
             outside.value = OUTSIDE
-            found = run(*numbers)
+            result = run(*numbers)
             if outside.value != OUTSIDE:
                 raise IndexError(f"entry {outside.value} of a buffer: {lengths}")
-            return found
+            return result
 
         return checked
 
@@ -137,8 +137,8 @@ class Interpreted:
         views = [memoryview(buffer) for buffer in buffers]
 
         def run(*numbers: float) -> int:
-            found = self._entry(*views, *numbers)
-            return 0 if found is None else int(found)
+            result = self._entry(*views, *numbers)
+            return 0 if result is None else int(result)
 
         return Bound(run, run)
 
@@ -182,16 +182,16 @@ def compiled(
     parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), str(wide), source]
     for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
-        found = kept.stored(key)
-        if found is not None:
-            head, _, machine = found.partition(b"\n")
+        entry = disk.load(key)
+        if entry is not None:
+            head, _, machine = entry.partition(b"\n")
             return Native(json.loads(head), machine, cached=True)
     if not make:
         raise LookupError("not compiled yet")
-    program = written(source, floats, checked=checked)
+    program = llvm_program(source, floats, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
     machine = _emitted(program, effort, wide=wide)
-    note = kept.store(key, json.dumps(description).encode() + b"\n" + machine)
+    note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
 
 
@@ -207,7 +207,7 @@ def require_llvm() -> None:
         raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
 
 
-def _emitted(program: Written, effort: int = FULL, *, wide: bool = False) -> bytes:
+def _emitted(program: LlvmProgram, effort: int = FULL, *, wide: bool = False) -> bytes:
     """Machine code."""
     import llvmlite.binding as llvm
 
@@ -287,7 +287,7 @@ def _libraries() -> tuple[ctypes.CDLL, ...]:
     return tuple(ctypes.CDLL(name) for name in names)
 
 
-def _taken(name: str, buffer: Any) -> Any:
+def _shared(name: str, buffer: Any) -> Any:
     """A buffer as a ctypes array that shares its memory and keeps it."""
     view = memoryview(buffer)
     if view.format != "d" or not view.c_contiguous or view.readonly or not view.nbytes:
@@ -297,7 +297,7 @@ def _taken(name: str, buffer: Any) -> Any:
 
 def _pointer(name: str, buffer: Any) -> ctypes.c_void_p:
     """The address of a buffer, which lives as long as this does."""
-    memory = _taken(name, buffer)
+    memory = _shared(name, buffer)
     pointer = ctypes.c_void_p(ctypes.addressof(memory))
     pointer.memory = memory  # type: ignore[attr-defined]
     return pointer

@@ -11,10 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from graspfx.compile import cache as kept
+from graspfx.compile import cache as disk
 from graspfx.compile.kernel import written
 from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Later, Memory
+from graspfx.compile.specialise.values import Dynamic, Memory
 
 UNROLL = 400  # statements: loops over the fingers and axes of most scenes, none over friction's squares
 
@@ -42,11 +42,11 @@ def program_source(
     """
     roots = {name: _identity(kernel) for name, kernel in sorted(kernels.items())}
     numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    asked = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
-    key = hashlib.sha256(f"program {asked}".encode()).hexdigest()
-    found = kept.stored(key)
-    if found is not None:
-        entry = json.loads(found)
+    request = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
+    key = hashlib.sha256(f"program {request}".encode()).hexdigest()
+    content = disk.load(key)
+    if content is not None:
+        entry = json.loads(content)
         same = all(_digest(file) == digest for file, digest in entry["files"].items())
         if same and all(_number(module, name) == number for module, name, number in entry["numbers"]):
             return str(entry["source"])
@@ -56,12 +56,12 @@ def program_source(
     names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
     [tree] = ast.parse(text).body
     assert isinstance(tree, ast.FunctionDef)
-    program.add_text(text, names, [Later(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
+    program.add_text(text, names, [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
     source = program.source()
     folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
     files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
-    others = [[*where, number] for where, number in program.taken.items() if not _is_ours(where[0])]
-    kept.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
+    others = [[*where, number] for where, number in program.numbers_of_modules.items() if not _is_ours(where[0])]
+    disk.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
     return source
 
 

@@ -61,14 +61,14 @@ class Code:
         self.put(f"br i1 {test.text}, label {one}, label {other}")
 
     def intrinsic(self, name: str, *arguments: Number) -> Number:
-        shown = ", ".join(f"double {a.text}" for a in arguments)
-        return self.op(FLOAT, f"call double @llvm.{name}.f64({shown})")
+        operands = ", ".join(f"double {a.text}" for a in arguments)
+        return self.op(FLOAT, f"call double @llvm.{name}.f64({operands})")
 
     def libm(self, name: str, *arguments: Number) -> Number:
         """The platform's own function, under a name of which LLVM knows nothing: it would fold and rewrite `pow`."""
         self.used.add(name)
-        shown = ", ".join(f"double {a.text}" for a in arguments)
-        return self.op(FLOAT, f"call double @graspfx_{name}({shown})")
+        operands = ", ".join(f"double {a.text}" for a in arguments)
+        return self.op(FLOAT, f"call double @graspfx_{name}({operands})")
 
 
 def floating(value: float) -> Number:
@@ -196,8 +196,8 @@ def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Numbe
     if not b.text.isdigit() or b.text == "0":  # the processor traps on these two
         odd = code.op(BOOL, f"icmp eq i64 {b.text}, 0")
         minus = code.op(BOOL, f"icmp eq i64 {b.text}, -1")
-        either = code.op(BOOL, f"or i1 {odd.text}, {minus.text}")
-        divisor = select(code, either, Number(INT, "1"), b)
+        unsafe = code.op(BOOL, f"or i1 {odd.text}, {minus.text}")
+        divisor = select(code, unsafe, Number(INT, "1"), b)
     quotient = code.op(INT, f"sdiv i64 {a.text}, {divisor.text}")
     rest = code.op(INT, f"srem i64 {a.text}, {divisor.text}")
     mixed = code.op(INT, f"xor i64 {rest.text}, {divisor.text}")
@@ -223,8 +223,8 @@ def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
     differ = code.op(BOOL, f"xor i1 {low.text}, {under.text}")
     shift = code.op(BOOL, f"and i1 {some.text}, {differ.text}")
     if isinstance(op, ast.Mod):
-        moved = select(code, shift, code.op(FLOAT, f"fadd double {rest.text}, {b.text}"), rest)
-        return select(code, some, moved, code.intrinsic("copysign", zero, b))
+        adjusted = select(code, shift, code.op(FLOAT, f"fadd double {rest.text}, {b.text}"), rest)
+        return select(code, some, adjusted, code.intrinsic("copysign", zero, b))
     less = code.op(FLOAT, f"fsub double {a.text}, {rest.text}")
     quotient = code.op(FLOAT, f"fdiv double {less.text}, {b.text}")
     quotient = select(code, shift, code.op(FLOAT, f"fsub double {quotient.text}, 1.0"), quotient)
@@ -246,8 +246,8 @@ def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
     shifted = code.op(INT, f"lshr i64 {bits.text}, 52")
     biased = code.op(INT, f"and i64 {shifted.text}, 2047")
     exponent = binary(code, ast.Sub(), biased, select(code, tiny, constant(1022 + 54), constant(1022)))
-    kept = code.op(INT, f"and i64 {bits.text}, {-(2**63) | (2**52 - 1)}")
-    mantissa = code.op(FLOAT, f"bitcast i64 {code.op(INT, f'or i64 {kept.text}, {1022 << 52}').text} to double")
+    low_bits = code.op(INT, f"and i64 {bits.text}, {-(2**63) | (2**52 - 1)}")
+    mantissa = code.op(FLOAT, f"bitcast i64 {code.op(INT, f'or i64 {low_bits.text}, {1022 << 52}').text} to double")
     some = code.op(BOOL, f"fcmp one double {size.text}, 0.0")
     finite = code.op(BOOL, f"fcmp olt double {size.text}, 0x7FF0000000000000")
     usual = code.op(BOOL, f"and i1 {some.text}, {finite.text}")

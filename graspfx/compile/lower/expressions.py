@@ -102,18 +102,18 @@ class Expressions:
         if node.id in frame.scope:
             return frame.scope[node.id]
         missing = object()
-        known = frame.namespace.get(node.id, getattr(builtins, node.id, missing))
-        if known is missing:
+        item = frame.namespace.get(node.id, getattr(builtins, node.id, missing))
+        if item is missing:
             return load(frame.prefix + node.id)  # assigned to in a branch
-        return self.constant(known, node.id, frame)
+        return self.constant(item, node.id, frame)
 
-    def constant(self, known: Any, name: str, frame: Frame) -> Lowered:
-        if isinstance(known, bool | int | float):
+    def constant(self, item: Any, name: str, frame: Frame) -> Lowered:
+        if isinstance(item, bool | int | float):
             # the kernel's own module names its numbers in the program; those of others are written out
-            return load(name) if not frame.prefix and frame.namespace.get(name) is known else ast.Constant(known)
-        if is_value(type(known)):
-            return value_of(known)
-        return Constant(known)
+            return load(name) if not frame.prefix and frame.namespace.get(name) is item else ast.Constant(item)
+        if is_value(type(item)):
+            return value_of(item)
+        return Constant(item)
 
     def attribute(self, node: ast.Attribute, frame: Frame) -> Lowered:
         owner = self.value(node.value, frame)
@@ -130,10 +130,10 @@ class Expressions:
             if isinstance(owner.value, type) and issubclass(owner.value, Record):
                 layout(owner.value)
                 return Constant(vars(owner.value).get(node.attr) or getattr(owner.value, node.attr))
-            known = getattr(owner.value, node.attr)
-            if isinstance(known, bool | int | float):
-                return node if isinstance(node.value, ast.Name) and not frame.prefix else ast.Constant(known)
-            return Constant(known)
+            item = getattr(owner.value, node.attr)
+            if isinstance(item, bool | int | float):
+                return node if isinstance(node.value, ast.Name) and not frame.prefix else ast.Constant(item)
+            return Constant(item)
         if isinstance(owner, Group) and node.attr == "count":
             return owner.count
         if isinstance(owner, Place | Span | Grid | Group) and node.attr in ("buffer", "offset"):
@@ -186,8 +186,8 @@ class Expressions:
 
         class Loads(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
-                known = layout(owner.kind)[node.id]
-                entry = entries(known.kind, owner.buffer, plus(owner.offset, int(known.offset)))
+                field_ = layout(owner.kind)[node.id]
+                entry = entries(field_.kind, owner.buffer, plus(owner.offset, int(field_.offset)))
                 assert isinstance(entry, ast.expr)
                 return entry
 
@@ -291,11 +291,11 @@ class Expressions:
             raise self.cannot(node, "chooses between two kinds, or records of two buffers")
         a, b = offsets(one), offsets(other)
         if len(a) == 1:
-            chosen: list[ast.expr] = [ast.IfExp(test, a[0], b[0])]
+            options: list[ast.expr] = [ast.IfExp(test, a[0], b[0])]
         else:
             test = self.atom(test)
-            chosen = [ast.IfExp(test, p, q) for p, q in zip(a, b, strict=True)]
-        return rebuild(one, iter(chosen))
+            options = [ast.IfExp(test, p, q) for p, q in zip(a, b, strict=True)]
+        return rebuild(one, iter(options))
 
     # Calls --------------------------------------------------------------------------------------------------------
 
@@ -312,12 +312,12 @@ class Expressions:
         if isinstance(function, type) and is_value(function):
             return self.construct(function, node, frame)
         arguments = [self.value(a, frame) for a in node.args]
-        named = {str(k.arg): self.value(k.value, frame) for k in node.keywords}
+        keywords = {str(k.arg): self.value(k.value, frame) for k in node.keywords}
         if function is len and isinstance(arguments[0], Group):
             return arguments[0].count
         if getattr(function, INLINE, False):
-            return self.inline(function, arguments, node, named)
-        return self.kernel_call(node, called.value, function, arguments, named, frame)
+            return self.inline(function, arguments, node, keywords)
+        return self.kernel_call(node, called.value, function, arguments, keywords, frame)
 
     def method(self, func: ast.Attribute, node: ast.Call, frame: Frame) -> Lowered | None:
         """A method of a value, a record or a group, written out; None if the attribute is a module's function."""
@@ -338,10 +338,10 @@ class Expressions:
 
     def construct(self, kind: type, node: ast.Call, frame: Frame) -> Lowered:
         fields = parts_of(kind)
-        given = dict(zip(fields, node.args, strict=False)) | {str(k.arg): k.value for k in node.keywords}
-        if set(given) != set(fields):
-            raise self.cannot(node, f"gives {', '.join(given)} to {kind.__name__}({', '.join(fields)})")
-        return Bundle(kind, tuple(self.value(given[name], frame) for name in fields))
+        values = dict(zip(fields, node.args, strict=False)) | {str(k.arg): k.value for k in node.keywords}
+        if set(values) != set(fields):
+            raise self.cannot(node, f"gives {', '.join(values)} to {kind.__name__}({', '.join(fields)})")
+        return Bundle(kind, tuple(self.value(values[name], frame) for name in fields))
 
     def kernel_call(
         self,
@@ -349,7 +349,7 @@ class Expressions:
         called: Any,
         function: Any,
         arguments: Sequence[Lowered],
-        named: Mapping[str, Lowered],
+        by_name: Mapping[str, Lowered],
         frame: Frame,
     ) -> Lowered:
         """The call of a function that stays a call."""
@@ -361,7 +361,7 @@ class Expressions:
         ]
         flat: list[ast.expr] = [number for a in args for number in expressions(a)]
         keywords = []
-        for key, value in named.items():
+        for key, value in by_name.items():
             target = variable(kinds.get(key, float), key)
             names = [part.id for part in expressions(target) if isinstance(part, ast.Name)]
             values = list(expressions(self.passed(value, kinds.get(key), arguments)))
@@ -404,7 +404,7 @@ class Expressions:
         return load(name)
 
     def inline(
-        self, function: Any, arguments: Sequence[Lowered], node: ast.AST, named: Mapping[str, Lowered] | None = None
+        self, function: Any, arguments: Sequence[Lowered], node: ast.AST, keywords: Mapping[str, Lowered] | None = None
     ) -> Lowered:
         """A function of a few assignments and a return, written out here."""
         tree = definition(function)
@@ -414,11 +414,11 @@ class Expressions:
         frame = Frame({}, function.__globals__, f"i{self.temporaries}_")
         names = [a.arg for a in tree.args.args]
         defaults = dict(zip(names[len(names) - len(tree.args.defaults) :], tree.args.defaults, strict=True))
-        given = dict(zip(names, arguments, strict=False)) | dict(named or {})
+        values = dict(zip(names, arguments, strict=False)) | dict(keywords or {})
         again = repeated(tree)
         for name in names:
-            if name in given:
-                value = given[name]
+            if name in values:
+                value = values[name]
                 frame.scope[name] = self.atoms(value) if name in again else value
             elif name in defaults:
                 frame.scope[name] = self.value(defaults[name], frame)
@@ -473,8 +473,8 @@ class Expressions:
 
     def cannot(self, node: ast.AST, why: str) -> InputError:
         line = getattr(node, "lineno", 0)
-        shown = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
-        return InputError(f"{self.file}:{line}", shown, "what a kernel may hold", why)
+        text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
+        return InputError(f"{self.file}:{line}", text, "what a kernel may hold", why)
 
 
 @cache
@@ -493,11 +493,11 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
     }
 
 
-def value_of(known: Any) -> Lowered:
+def value_of(item: Any) -> Lowered:
     """Write out a value that a module names."""
-    if isinstance(known, bool | int | float):
-        return ast.Constant(known)
-    return Bundle(type(known), tuple(value_of(getattr(known, name)) for name in parts_of(type(known))))
+    if isinstance(item, bool | int | float):
+        return ast.Constant(item)
+    return Bundle(type(item), tuple(value_of(getattr(item, name)) for name in parts_of(type(item))))
 
 
 def kind_of(value: Lowered) -> tuple[object, ...]:

@@ -38,15 +38,15 @@ class Body(Expressions):
 
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
         parameters, defaults = [], []
-        given = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
+        fallbacks = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
         for a in tree.args.args:
             value = variable(kinds[a.arg], a.arg)
             frame.scope[a.arg] = value
             self.buffers += [value.buffer] if isinstance(value, Place | Span | Grid | Group) else []
             names = [part.id for part in expressions(value) if isinstance(part, ast.Name)]
             parameters += names
-            if a.arg in given:
-                default = self.value(given[a.arg], frame)
+            if a.arg in fallbacks:
+                default = self.value(fallbacks[a.arg], frame)
                 if len(names) > 1 or not isinstance(default, ast.expr):
                     raise self.cannot(a, "has a default, which only a number can have")
                 defaults.append(default)
@@ -59,8 +59,8 @@ class Body(Expressions):
         outer, self.out = self.out, []
         for statement in statements:
             self.statement(statement, frame)
-        done, self.out = self.out, outer
-        return done or [ast.Pass()]
+        lowered, self.out = self.out, outer
+        return lowered or [ast.Pass()]
 
     def statement(self, node: ast.stmt, frame: Frame) -> None:
         if isinstance(node, ast.Assign):

@@ -12,7 +12,7 @@ def without_unused(statements: list[ast.stmt]) -> list[ast.stmt]:
     while True:
         read = {n.id for n in nodes(statements) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
         pruner = _Pruner(read)
-        statements = [kept for s in statements if (kept := pruner.visit(s)) is not None]
+        statements = [rest for s in statements if (rest := pruner.visit(s)) is not None]
         if not pruner.dropped:
             return statements
 

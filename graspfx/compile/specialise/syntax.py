@@ -7,7 +7,7 @@ import copy
 import math
 from collections.abc import Iterable, Iterator, Sequence
 
-from graspfx.compile.specialise.values import Known, Later, Number, Several, Value
+from graspfx.compile.specialise.values import Dynamic, Number, Static, TupleValue, Value
 from graspfx.errors import InputError
 
 
@@ -42,17 +42,17 @@ def constant(value: Number) -> ast.expr:
 
 
 def node_of(value: Value) -> ast.expr:
-    if isinstance(value, Known):
+    if isinstance(value, Static):
         return constant(value.value)
-    if isinstance(value, Later | Several) and value.node is not None:
+    if isinstance(value, Dynamic | TupleValue) and value.node is not None:
         return value.node
     raise InputError("kernel", value, "a number")
 
 
 def loaded(target: ast.expr) -> ast.expr:
-    found = copy.copy(target)
-    found.ctx = ast.Load()  # type: ignore[attr-defined] # targets have one
-    return found
+    expression = copy.copy(target)
+    expression.ctx = ast.Load()  # type: ignore[attr-defined] # targets have one
+    return expression
 
 
 def nodes(roots: Iterable[ast.AST]) -> Iterator[ast.AST]:

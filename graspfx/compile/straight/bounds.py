@@ -20,21 +20,21 @@ Bounds = dict[int, float]
 
 def magnitudes(graph: Graph, carried: Mapping[Slot, float]) -> Bounds:
     """A bound of each node, by its number; inf where there is none, and where it may be NaN."""
-    found: Bounds = {}
+    sizes: Bounds = {}
     positive: set[int] = set()
     for node in graph.nodes:
         if node.steady:
-            found[node.number] = 0.0 if multiplied(node) is not None else STEADY
+            sizes[node.number] = 0.0 if multiplied(node) is not None else STEADY
             continue
-        sizes = [_size(arg, found) for arg in node.args if isinstance(arg, Node | bool | int | float)]
-        found[node.number] = _bound(node, sizes, carried, positive) * ROUNDING
+        operands = [_size(arg, sizes) for arg in node.args if isinstance(arg, Node | bool | int | float)]
+        sizes[node.number] = _bound(node, operands, carried, positive) * ROUNDING
         if _is_positive(node, positive):
             positive.add(node.number)
-    return found
+    return sizes
 
 
-def _size(arg: Node | Plain, found: Bounds) -> float:
-    size = found[arg.number] if isinstance(arg, Node) else abs(float(arg))
+def _size(arg: Node | Plain, bounds: Bounds) -> float:
+    size = bounds[arg.number] if isinstance(arg, Node) else abs(float(arg))
     return math.inf if math.isnan(size) else size
 
 
@@ -89,12 +89,12 @@ def divisors(graph: Graph) -> set[int]:
     }
 
 
-def implied(guard: Guard, found: Bounds) -> bool:
+def implied(guard: Guard, bounds: Bounds) -> bool:
     """Whether a guard holds wherever the bounds do."""
     op, a, b, outcome = guard
     if not isinstance(a, Node) or a.steady:
         return False
-    size = found[a.number]
+    size = bounds[a.number]
     if op == "isfinite":
         return outcome and size < math.inf
     if isinstance(b, Node) or b is None:
@@ -120,13 +120,13 @@ def carried_on(
         most: turns.
     """
     carried = dict.fromkeys(ends, CARRIED)
-    found = magnitudes(graph, carried)
-    wanted = [guard for guard in guards if implied(guard, found)]
+    bounds = magnitudes(graph, carried)
+    implied_guards = [guard for guard in guards if implied(guard, bounds)]
     turns = 1
     while turns < most:
-        carried = {slot: max(carried[slot], _size(end, found)) for slot, end in ends.items()}
+        carried = {slot: max(carried[slot], _size(end, bounds)) for slot, end in ends.items()}
         following = magnitudes(graph, carried)
-        if not all(implied(guard, following) for guard in wanted):
+        if not all(implied(guard, following) for guard in implied_guards):
             break
-        found, turns = following, turns + 1
-    return turns, found
+        bounds, turns = following, turns + 1
+    return turns, bounds
