@@ -122,7 +122,7 @@ def _flat(value: Any, kind: Any, blank: Any) -> list[Any]:
 
 
 def _whole(result: Any, kind: Any) -> Any:
-    """A kernel's numbers as the values that it returns."""
+    """Turn a kernel's numbers into the values that it returns."""
     if get_origin(kind) is tuple:
         rest = list(result)
         return tuple(_take(part, rest) for part in get_args(kind))

@@ -50,7 +50,7 @@ class Machine:
         self._native: Native = program(specialised.source(), floats)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
-        """The kernel on these arguments, as often as it is called; what it gives is not handed on."""
+        """Bind the kernel to these arguments, for any number of calls; its result is not returned."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])
         numbers = [arguments[k] for k in self._number_places]
         return partial(bound.brief, *numbers) if numbers else bound.brief
@@ -63,12 +63,12 @@ class Machine:
         return float(results[0]) if self._results else None
 
     def unlocked(self, *arguments: Any) -> None:
-        """The same with the interpreter's lock let go of, for calls that take long: what it gives is not handed on."""
+        """Run with the interpreter's lock released, for calls that take long; the result is not returned."""
         bound, _ = self._bound_to(arguments)
         bound.long(*[arguments[k] for k in self._number_places])
 
     def _bound_to(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
-        """The program on these arguments' buffers: the last ones of this thread, most often."""
+        """Bind the program to these arguments' buffers: the last ones of this thread, most often."""
         buffers = [arguments[k] for k in self._buffer_places]
         last = getattr(self._last, "binding", None)
         if last is None or any(map(is_not, buffers, last[0])):
@@ -76,7 +76,7 @@ class Machine:
         return last[1], last[2]
 
     def _on(self, buffers: Sequence[Any]) -> tuple[Bound, Any]:
-        """The program on these buffers, and where it leaves what it gives."""
+        """Bind the program to these buffers; return where it leaves its results, too."""
         results = np.empty(max(self._results, 1))
         by_name = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
@@ -84,7 +84,7 @@ class Machine:
 
 @cache
 def compiled(kernel: Any) -> Machine:
-    """A kernel and all that it calls as machine code, from the cache if it was compiled before.
+    """Compile a kernel and all that it calls to machine code, or take it from the cache.
 
     Raises:
         MissingPackageError: no LLVM.

@@ -29,7 +29,7 @@ def program_source(
     lanes: int = 1,
     make: bool = True,
 ) -> str:
-    """The function that a text defines as a program of its own, the kernels that it calls specialised for it.
+    """Specialise the function that a text defines, and the kernels that it calls, as a program of its own.
 
     Args:
         text: one function; its parameters stay, its other names are kernels and arrays.
@@ -67,7 +67,7 @@ def program_source(
 
 @cache
 def own_sources() -> str:
-    """One digest of all of our sources: kernels are taken from many files, and numbers from still more."""
+    """Digest all sources of the package: kernels stand in many files, and numbers in still more."""
     digest = hashlib.sha256()
     for folder in _folders():
         for file in sorted(folder.rglob("*.py")):
@@ -77,7 +77,7 @@ def own_sources() -> str:
 
 @cache
 def _folders() -> tuple[Path, ...]:
-    """The package, and in a checkout the shelf of drivers beside it."""
+    """List the package's folder and, in a checkout, the shelf of drivers beside it."""
     package = sys.modules[__name__.partition(".")[0]]
     first, *others = [Path(place) for place in package.__path__]
     return first, *(place / "devices" for place in others if (place / "devices").is_dir())
@@ -88,19 +88,19 @@ def _is_own(file: str) -> bool:
 
 
 def _identity(kernel: Callable[..., Any]) -> list[str]:
-    """A kernel's name, and of others' also its file: another environment may have another of that name."""
+    """Identify a kernel by name, and a foreign one by its file too: another environment may have the same name."""
     code = getattr(written(kernel), "__code__", None)
     file = "" if code is None or _is_own(code.co_filename) else code.co_filename
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
 
 
 def _is_ours(module: str) -> bool:
-    """Whether a module's numbers are written in our sources, or are those of mathematics."""
+    """Tell whether a module's numbers are written in the package's sources, or are those of mathematics."""
     return module.partition(".")[0] in ("math", __name__.partition(".")[0])
 
 
 def _number(module: str, name: str) -> str:
-    """A module's number as it is now: the module may have read it from somewhere else when it was imported."""
+    """Read a module's number as it is now: the module may have read it from elsewhere when it was imported."""
     return repr(getattr(sys.modules.get(module), name, None))
 
 

@@ -71,7 +71,7 @@ class _Module:
 
 
 def llvm_program(source: str, floats: Collection[str] = (), *, checked: bool = False) -> LlvmProgram:
-    """A program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
+    """Write a program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
 
     Args:
         source: the program as Python, such as `Program.source()` gives it.
@@ -115,7 +115,7 @@ def llvm_program(source: str, floats: Collection[str] = (), *, checked: bool = F
 
 
 def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.FunctionDef]) -> bool:
-    """Whether a parameter is indexed, here or in a function that is called."""
+    """Tell whether a parameter is indexed, here or in a function that is called."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == name:
             return True
@@ -150,7 +150,7 @@ def _entry(function: LlvmFunction, values: Sequence[Array | Number]) -> str:
 
 
 def _checking(arrays: Sequence[str]) -> str:
-    """Lengths of the buffers, and a function that gives 0 for an index that is not inside."""
+    """Write the buffers' lengths, and a function that gives 0 for an index outside."""
     lengths = [f'@"length.{name}" = global i64 0' for name in arrays]
     return "\n".join([*lengths, _INSIDE])
 

@@ -167,7 +167,7 @@ class Expressions:
         raise self.cannot(node, "is no entry of a buffer")
 
     def entry_of_tuple(self, items: Tuple, index: Number) -> Number:
-        """An entry of a tuple, the last one for an index that is none of it."""
+        """Select an entry of a tuple, the last one for an index outside."""
         *first, value = items.parts
         if index.text.isdigit() and int(index.text) < len(items.parts):
             return items.parts[int(index.text)]
@@ -176,7 +176,7 @@ class Expressions:
         return value
 
     def entry(self, array: Array, index: ast.expr, scope: Variables) -> str:
-        """The address of an entry."""
+        """Compute the address of an entry."""
         number = self.number(index, scope)
         if number.type == FLOAT:
             raise self.cannot(index, "is no whole number, as an index must be")
@@ -186,7 +186,7 @@ class Expressions:
         return self.code.op("ptr", f"getelementptr inbounds double, ptr {array.text}, i64 {number.text}").text
 
     def value_of_branches(self, ways: Iterable[tuple[str, ast.expr]], scope: Variables) -> Number:
-        """What is found on one of several ways, each of which is a block and an expression."""
+        """Merge the values of several branches, each a block and an expression."""
         code, end = self.code, self.code.name("b")
         edges = []
         for label, node in ways:
@@ -195,7 +195,7 @@ class Expressions:
         return self.meet(end, edges)
 
     def edge(self, number: Number) -> tuple[int, str, Number]:
-        """The end of a block whose jump is written when it is known what type the ways meet in."""
+        """Leave room for the jump at the end of a block; it is written once all branches have a common type."""
         self.code.lines.append("")
         return len(self.code.lines) - 1, self.code.block, number
 
@@ -211,7 +211,7 @@ class Expressions:
         return code.op(to, f"phi {to} {', '.join(sources)}")
 
     def detached(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
-        """What `write` writes, taken out of the text to be put elsewhere."""
+        """Collect the lines that `write` writes instead of leaving them in the text."""
         mark = len(self.code.lines)
         number = write()
         text = self.code.lines[mark:]
@@ -219,7 +219,7 @@ class Expressions:
         return number, text
 
     def logic(self, node: ast.BoolOp, scope: Variables) -> Number:
-        """`and`, `or`: the value of the operand that settles it, those behind it not evaluated."""
+        """Write `and`, `or`: the value of the operand that settles it, later operands not evaluated."""
         code, end = self.code, self.code.name("b")
         stops = isinstance(node.op, ast.Or)
         number = self.number(node.values[0], scope)
@@ -259,7 +259,7 @@ class Expressions:
         return self.meet(end, [*edges, self.edge(outcome)]) if edges else outcome
 
     def test(self, node: ast.expr, one: str, other: str, scope: Variables) -> None:
-        """Goes to block `one` if the expression is true, otherwise to the other."""
+        """Jump to block `one` if the expression is true, else to the other."""
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             self.test(node.operand, other, one, scope)
         elif isinstance(node, ast.BoolOp) and not all(map(_harmless, node.values)):
@@ -276,7 +276,7 @@ class Expressions:
             self.code.choose(truth(self.code, self.number(node, scope)), one, other)
 
     def call(self, node: ast.Call, scope: Variables) -> Number | Tuple | None:
-        """The value of a call; None if the function returns nothing."""
+        """Write a call and give its value; None if the function returns nothing."""
         if node.keywords:
             raise self.cannot(node, "names an argument")
         arguments = [self.value(a, scope) for a in node.args]
@@ -314,7 +314,7 @@ class Expressions:
         return None
 
     def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
-        """A call of another function of the program."""
+        """Call another function of the program."""
         function = self.functions.function_for(name, arguments, lambda why: self.cannot(node, why))
         operands = ", ".join(
             f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in _flat(arguments)
@@ -331,7 +331,7 @@ class Expressions:
 
 
 def result_type(result: Type) -> str:
-    """How LLVM writes what a function returns."""
+    """Write the type of a result in LLVM's language."""
     if result is None:
         return "void"
     return result if isinstance(result, str) else f"{{ {', '.join(result)} }}"
@@ -342,7 +342,7 @@ def _flat(values: Iterable[Value]) -> list[Number | Array]:
 
 
 def _harmless(node: ast.expr) -> bool:
-    """Whether an expression may be evaluated where Python would not: it neither reads memory nor calls."""
+    """Tell whether an expression may be evaluated where Python would not: it neither reads memory nor calls."""
     if not isinstance(node, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Name | ast.Constant):
         return False
     inner = (n for n in ast.walk(node) if isinstance(n, ast.Call | ast.Subscript | ast.IfExp | ast.Div | ast.Pow))

@@ -47,7 +47,7 @@ class Statements(Expressions):
         self.returns: list[tuple[int, Number | Tuple | None]] = []
 
     def function_text(self, name: str, arguments: Sequence[Value]) -> tuple[LlvmFunction, str]:
-        """The function's name with what it returns, and its text."""
+        """Write the function; return its name with its result's type, and its text."""
         scope: Variables = {}
         parameters = []
         roots = [a.root for a in arguments if isinstance(a, Array)]
@@ -77,7 +77,7 @@ class Statements(Expressions):
         self.returns.append((len(self.code.lines) - 1, value))
 
     def returned(self) -> Type:
-        """What all that is returned has in common; a way that returns nothing then gives zeros, which nobody reads."""
+        """Find the common type of all results; a branch that returns nothing gives zeros, which nobody reads."""
         result: Type = None
         for _, value in self.returns:
             if value is not None:
@@ -115,7 +115,7 @@ class Statements(Expressions):
         join.edges.append((len(self.code.lines) - 1, dict(scope)))
 
     def seal(self, join: Join, to: Variables) -> None:
-        """Writes the jumps to a join, each with its variables converted to what they are from there on."""
+        """Write the jumps to a join, each after converting its variables to the types from there on."""
         for place, scope in join.edges:
             _, text = self.detached(lambda variables=scope: self.adapt(variables, to))  # type: ignore[misc]
             self.code.lines[place] = "\n".join([*text, f"  br label {join.label}"])
@@ -138,7 +138,7 @@ class Statements(Expressions):
         return Number(BOOL, "true")
 
     def meet_here(self, join: Join, scope: Variables) -> bool:
-        """Goes on where ways have met; whether none came."""
+        """Continue where branches join; return whether none came."""
         if not join.edges:
             return True
         to = together(variables for _, variables in join.edges)
@@ -151,7 +151,7 @@ class Statements(Expressions):
     # Statements ---------------------------------------------------------------------------------------------------
 
     def block(self, statements: Sequence[ast.stmt], scope: Variables, loop: Loop | None) -> bool:
-        """Statements one after another; whether their end is never reached."""
+        """Write statements one after another; return whether their end is never reached."""
         return any(self.statement(statement, scope, loop) for statement in statements)
 
     def statement(self, node: ast.stmt, scope: Variables, loop: Loop | None) -> bool:
@@ -302,7 +302,7 @@ class Statements(Expressions):
         advance: Callable[[], None],
         side_by_side: bool = False,
     ) -> bool:
-        """A loop, written again until the types at its head are those that its turns leave.
+        """Write a loop, again until the types at its head are those at the end of its turns.
 
         Turns over `lane` are side by side: none touches entries of another, so that LLVM may do several at once.
         """
@@ -341,7 +341,7 @@ class Statements(Expressions):
         return self.meet_here(loop.after, scope)
 
     def free(self, mark: int) -> None:
-        """Says of the loop that has just been written, from a line on, that its turns may be done in any order."""
+        """Mark the loop that has just been written, from a line on: its turns may run in any order."""
         notes = self.functions.notes
         group, loop = f"!{len(notes)}", f"!{len(notes) + 1}"
         notes += [
@@ -361,7 +361,7 @@ def type_of(value: Number | Tuple) -> str | tuple[str, ...]:
 
 
 def joined(one: Type | Array, other: Type | Array) -> Type | Array:
-    """What a variable is that has one type on one way and another on another; None if it cannot be read."""
+    """Find the common type of a variable that two branches leave with different types; None if it cannot be read."""
     if one == other:
         return one
     if isinstance(one, str) and isinstance(other, str):
@@ -374,7 +374,7 @@ def joined(one: Type | Array, other: Type | Array) -> Type | Array:
 
 
 def together(scopes: Iterable[Variables]) -> Variables:
-    """The variables of several ways; one that is not set on some is read only after it has been set."""
+    """Merge the variables of several branches; one that some do not set is read only after it has been set."""
     out: Variables = {}
     for scope in scopes:
         for name, type_ in scope.items():

@@ -36,7 +36,7 @@ class _Definition(ctypes.Structure):
 
 
 def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
-    """LLVM's text of the function that reads its arguments and calls the entry.
+    """Write LLVM's text of the function that reads its arguments and calls the entry.
 
     Its `self` is a tuple that begins with the buffers' addresses, as bytes.
     """
@@ -81,7 +81,7 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
 
 
 def method(address: int, pointers: Sequence[ctypes.c_void_p], owner: Any) -> Callable[..., int]:
-    """The function on the buffers at these addresses; it keeps the pointers and the owner of its code.
+    """Create the function on the buffers at these addresses; it keeps the pointers and the owner of its code alive.
 
     Args:
         address: of the machine code of `method_text`.
@@ -96,11 +96,11 @@ def method(address: int, pointers: Sequence[ctypes.c_void_p], owner: Any) -> Cal
 
 @cache
 def _new_function() -> Any:
-    """PyCFunction_NewEx(definition, self, module)."""
+    """Look up PyCFunction_NewEx(definition, self, module)."""
     kind = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     return kind(("PyCFunction_NewEx", ctypes.pythonapi))
 
 
 def python_function(name: str) -> int | None:
-    """Where a function of the interpreter is."""
+    """Look up the address of a function of the interpreter."""
     return ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value

@@ -156,7 +156,7 @@ class Expressions:
         return self.entry(owner, field)
 
     def entry(self, owner: Place, field: Field) -> Lowered:
-        """What stands in a field of a record."""
+        """Read a field of a record."""
         at = self.at(owner, field)
         kind = field.kind
         if field.reference:
@@ -182,7 +182,7 @@ class Expressions:
         return ast.BinOp(owner.offset, ast.Add(), self.size(owner, field.offset))
 
     def size(self, owner: Place, text: str) -> ast.expr:
-        """A size as an expression of the record's entries."""
+        """Express a size by the record's entries."""
 
         class Loads(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -320,7 +320,7 @@ class Expressions:
         return self.kernel_call(node, called.value, function, arguments, keywords, frame)
 
     def method(self, func: ast.Attribute, node: ast.Call, frame: Frame) -> Lowered | None:
-        """A method of a value, a record or a group, written out; None if the attribute is a module's function."""
+        """Write out a method of a value, a record or a group; None if the attribute is a module's function."""
         owner = self.value(func.value, frame)
         if isinstance(owner, Group) and func.attr == "part":
             field = self.value(node.args[0], frame)
@@ -352,7 +352,7 @@ class Expressions:
         by_name: Mapping[str, Lowered],
         frame: Frame,
     ) -> Lowered:
-        """The call of a function that stays a call."""
+        """Call a function that stays a call."""
         name = self.callee(node.func, called, frame)
         kinds = parameter_kinds(function) if isinstance(function, FunctionType) else {}
         order = list(kinds)
@@ -381,7 +381,7 @@ class Expressions:
         return result
 
     def passed(self, value: Lowered, kind: Any, arguments: Sequence[Lowered]) -> Lowered:
-        """An argument as its parameter asks for it; None as an offset below zero."""
+        """Pass an argument as its parameter asks for it; None as an offset below zero."""
         if isinstance(value, ast.Constant) and value.value is None and kind is not None:
             inner, _ = optional(kind)
             buffers = [p.buffer for a in arguments for p in pieces(a) if isinstance(p, Place | Span | Grid | Group)]
@@ -392,7 +392,7 @@ class Expressions:
         return value
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """The name under which a function is called: its own in the module, or one that stands for another module's."""
+        """Name a function that is called: its own name in the module, or one that stands for another module's."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)
@@ -406,7 +406,7 @@ class Expressions:
     def inline(
         self, function: Any, arguments: Sequence[Lowered], node: ast.AST, keywords: Mapping[str, Lowered] | None = None
     ) -> Lowered:
-        """A function of a few assignments and a return, written out here."""
+        """Write out a function of a few assignments and a return."""
         tree = definition(function)
         self.files.add(function.__code__.co_filename)
         self.depth += 1
@@ -451,7 +451,7 @@ class Expressions:
         return f"t{self.temporaries}"
 
     def atom(self, node: ast.expr) -> ast.expr:
-        """A number in a variable, unless it is one or a constant already."""
+        """Put a number in a variable, unless it is one or a constant already."""
         if isinstance(node, ast.Name | ast.Constant):
             return node
         name = self.temporary()
@@ -459,7 +459,7 @@ class Expressions:
         return load(name)
 
     def atoms(self, value: Lowered, name: str = "") -> Lowered:
-        """All numbers of a value in variables."""
+        """Put all numbers of a value in variables."""
         if isinstance(value, Constant):
             return value
         numbers = offsets(value)

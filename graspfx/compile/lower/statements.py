@@ -146,7 +146,7 @@ class Body(Expressions):
         self.out.append(assign_all(names, values))
 
     def target(self, node: ast.expr, value: Lowered, frame: Frame) -> list[ast.expr]:
-        """The numbers that a target consists of; a name is bound to the kind of the value."""
+        """List the numbers of a target; a name is bound to the kind of the value."""
         if isinstance(node, ast.Name):
             frame.scope[node.id] = like(value, frame.prefix + node.id)
             return offsets(frame.scope[node.id])
@@ -197,7 +197,7 @@ class Body(Expressions):
         self.out.append(ast.If(test, body, otherwise))
 
     def joined(self, name: str, a: Lowered, b: Lowered, frame: Frame, node: ast.AST) -> Lowered:
-        """A variable after a branch: both branches have assigned to the same names, or none has."""
+        """Join a variable after a branch: both branches have assigned to the same names, or none has."""
         if isinstance(a, Constant) and isinstance(b, Constant):
             if a.value is not b.value:
                 raise self.cannot(node, f"gives {name!r} another function in each branch")
@@ -244,7 +244,7 @@ class Body(Expressions):
         return ast.Name(frame.prefix + target.id, ast.Store())
 
     def each(self, node: ast.For, frame: Frame) -> None:
-        """`for record in group`, or `for i, record in enumerate(group)`."""
+        """Lower `for record in group`, or `for i, record in enumerate(group)`."""
         call = node.iter
         target, index = node.target, ""
         if isinstance(call, ast.Call):
@@ -275,7 +275,7 @@ class Body(Expressions):
 
 
 def entry_of(number: ast.expr) -> ast.expr:
-    """The entry that a number was read from."""
+    """Give the entry that a number was read from."""
     if isinstance(number, ast.Compare):
         number = number.left
     if isinstance(number, ast.Call):

@@ -14,7 +14,7 @@ from graspfx.errors import InputError
 
 @cache
 def _definitions(file: str, text: str) -> dict[int, tuple[ast.FunctionDef, CodeType | None]]:
-    """The functions of a file by the line on which they begin, and what Python makes of each."""
+    """Index the functions of a file by their first line, each with its code object."""
     tree = ast.parse(text)
     codes = {code.co_firstlineno: code for code in _codes(compile(tree, file, "exec", dont_inherit=True))}
     functions = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
@@ -30,7 +30,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def definition(function: FunctionType) -> ast.FunctionDef:
-    """The syntax tree of a function.
+    """Parse a function.
 
     Raises:
         InputError: its source is not to be found, or has changed since the function was made from it.

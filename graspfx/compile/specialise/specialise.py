@@ -46,7 +46,7 @@ class Program:
     _first: dict[tuple[tuple[int, str], ...], str] = field(default_factory=dict)
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel:
-        """The function specialised for these arguments; unknown ones become its parameters.
+        """Specialise the function for these arguments; dynamic ones become its parameters.
 
         Arrays of which the same is known share what is made for the first of them.
         """
@@ -60,7 +60,7 @@ class Program:
         return replace(specialised, arrays=tuple(actual[array] for array in specialised.arrays))
 
     def _alike(self, array: str) -> str:
-        """The first array of which as much is known as of this one."""
+        """Find the first array with the same static entries as this one."""
         if not self._frozen_of:
             for (name, index), value in self.frozen.items():
                 self._frozen_of.setdefault(name, []).append((index, value.hex()))
@@ -84,7 +84,7 @@ class Program:
         return specialised
 
     def add_text(self, text: str, namespace: Mapping[str, Any], arguments: Sequence[Value]) -> SpecialisedKernel:
-        """The function that a text defines; its names are kernels, buffers (`Memory`), modules and numbers."""
+        """Specialise the function that a text defines; its names are kernels, buffers, modules and numbers."""
         [tree] = ast.parse(text).body
         assert isinstance(tree, ast.FunctionDef)
         return self._make(Kernel(tree, namespace, f"<{tree.name}>"), arguments, tree.name)
@@ -95,7 +95,7 @@ class Program:
         return specialised
 
     def source(self) -> str:
-        """The program as Python."""
+        """Write the program as Python."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
         called = {self.functions[-1].name}
         reachable = []

@@ -158,7 +158,7 @@ class Expressions:
         return self.constant(node, item)
 
     def note(self, module: Any, name: str, item: Any) -> None:
-        """Keeps a module's number that is folded in."""
+        """Record a module's number that is folded in."""
         if isinstance(item, bool | int | float) and isinstance(module, str):
             self.program.numbers_of_modules[module, name] = repr(item)
 
@@ -192,7 +192,7 @@ class Expressions:
         raise self.cannot(node, "is no entry of a buffer")
 
     def entry(self, node: ast.Subscript, scope: Scope, *, store: bool = False) -> ast.Subscript:
-        """An entry of a buffer as one of the program's array."""
+        """Write an entry of a buffer as one of the program's array."""
         owner = self.value(node.value, scope)
         if not isinstance(owner, Memory):
             raise self.cannot(node, "is no entry of a buffer")
@@ -256,7 +256,7 @@ class Expressions:
         return Dynamic(ast.Compare(first, node.ops, others))
 
     def call(self, node: ast.Call, scope: Scope) -> tuple[ast.expr | None, Value | None]:
-        """The call that is left, None if there is none, and what is known of its value."""
+        """Specialise a call: the call that remains, None if none does, and what is static of its value."""
         called = self.value(node.func, scope)
         if not isinstance(called, Reference) or isinstance(called.of, ModuleType):
             raise self.cannot(node, "calls something else than a function")
@@ -310,7 +310,7 @@ class Expressions:
 
 
 def _folded(function: Callable[..., Any], *numbers: Number) -> Static | None:
-    """What a function gives; None where it raises or leaves the reals, which is to happen where and if it does."""
+    """Fold a function of numbers; None where it raises or leaves the reals: that is left to the running program."""
     try:
         result = function(*numbers)
     except (ArithmeticError, ValueError):
@@ -319,7 +319,7 @@ def _folded(function: Callable[..., Any], *numbers: Number) -> Static | None:
 
 
 def from_call(call: ast.expr | None, result: Value | None) -> Value:
-    """A call as a value; no call where all that it gives is known."""
+    """Turn a call into a value; there is no call where its whole result is static."""
     if call is None:
         if isinstance(result, TupleValue):
             return TupleValue(result.parts, tuple_of([node_of(part) for part in result.parts]))

@@ -79,7 +79,7 @@ class Body(Expressions):
         return SpecialisedKernel(name, arrays, node, self.result(), self.pure, self.called + size(body))
 
     def result(self) -> Value | None:
-        """What is known of all that may be returned."""
+        """Combine what is static of all returned values."""
         first, *others = self.returned
         if first is None:
             return None
@@ -94,7 +94,7 @@ class Body(Expressions):
         return first if all(same(first, r) for r in others) else Dynamic(load("_"))
 
     def block(self, statements: Iterable[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
-        """Statements specialised, and whether the end is never reached."""
+        """Specialise statements; tell whether their end is never reached."""
         out: list[ast.stmt] = []
         for statement in statements:
             more, ended = self.statement(statement, scope)
@@ -238,7 +238,7 @@ class Body(Expressions):
         return turned, False
 
     def written_out(self, node: ast.For, turns: range, scope: Scope) -> tuple[list[ast.stmt], bool] | None:
-        """The turns of a loop one after another, and whether the end is never reached; None if that is too much."""
+        """Write out the turns of a loop, and tell whether the end is never reached; None if that is too much."""
         assert isinstance(node.target, ast.Name)
         most = self.program.unroll
         if len(turns) * len(node.body) > most or leaves(node.body):
@@ -278,7 +278,7 @@ class Body(Expressions):
         return [ast.While(node_of(test), body or [ast.Pass()], [])], False
 
     def forget(self, statements: Sequence[ast.stmt], scope: Scope) -> None:
-        """Nothing is known of a variable that a loop assigns to."""
+        """Forget what is known of the variables that a loop assigns to."""
         for name in assigned(statements):
             if isinstance(scope.get(name), Memory | Reference):
                 raise self.cannot(statements[0], f"changes the buffer {name!r} in a loop")

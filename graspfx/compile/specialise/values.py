@@ -1,4 +1,4 @@
-"""What a kernel's expression is known to be before the program runs."""
+"""Values of expressions during specialisation: static, dynamic, or references."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class Dynamic:
-    """What only the running program knows: the expression that computes it."""
+    """A number of the running program: the expression that computes it."""
 
     node: ast.expr
 
@@ -56,7 +56,7 @@ Value = Static | Memory | Reference | Dynamic | TupleValue
 
 
 def same(a: Value | None, b: Value | None) -> bool:
-    """Whether both are known to be the same, to the last bit."""
+    """Tell whether both are static and equal to the last bit."""
     if isinstance(a, Static) and isinstance(b, Static):
         return a.key == b.key
     return isinstance(a, Memory | Reference) and a == b

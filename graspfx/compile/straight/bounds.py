@@ -19,7 +19,7 @@ Bounds = dict[int, float]
 
 
 def magnitudes(graph: Graph, carried: Mapping[Slot, float]) -> Bounds:
-    """A bound of each node, by its number; inf where there is none, and where it may be NaN."""
+    """Bound the size of each node, by its number; inf where there is no bound, and where it may be NaN."""
     sizes: Bounds = {}
     positive: set[int] = set()
     for node in graph.nodes:
@@ -63,7 +63,7 @@ def _bound(node: Node, sizes: Sequence[float], carried: Mapping[Slot, float], po
 
 
 def _is_positive(node: Node, positive: set[int]) -> bool:
-    """Whether it is zero or more (or NaN)."""
+    """Tell whether a node is zero or more (or NaN)."""
     if node.op == "*":
         return node.args[0] is node.args[1]
     if node.op == "+":
@@ -72,7 +72,7 @@ def _is_positive(node: Node, positive: set[int]) -> bool:
 
 
 def multiplied(node: Node) -> Node | None:
-    """The steady number that is multiplied by zero: zero, if it is finite."""
+    """Give the steady number that a node multiplies by zero: the product is zero if the number is finite."""
     if node.steady and node.op == "*":
         for one, other in (node.args, node.args[::-1]):
             if isinstance(other, Node) and not isinstance(one, Node) and one == 0.0:
@@ -81,7 +81,7 @@ def multiplied(node: Node) -> Node | None:
 
 
 def divisors(graph: Graph) -> set[int]:
-    """Steady nodes by which others are divided."""
+    """List the steady nodes that others are divided by."""
     return {
         node.args[1].number
         for node in graph.nodes
@@ -90,7 +90,7 @@ def divisors(graph: Graph) -> set[int]:
 
 
 def implied(guard: Guard, bounds: Bounds) -> bool:
-    """Whether a guard holds wherever the bounds do."""
+    """Tell whether the bounds imply a guard."""
     op, a, b, outcome = guard
     if not isinstance(a, Node) or a.steady:
         return False
@@ -111,7 +111,7 @@ def implied(guard: Guard, bounds: Bounds) -> bool:
 def carried_on(
     graph: Graph, ends: Mapping[Slot, Node | Plain], guards: Sequence[Guard], most: int
 ) -> tuple[int, Bounds]:
-    """For how many turns, `most` or fewer, bounds at their beginning bound all that is guarded; and those of the last.
+    """Count the turns, up to `most`, whose guards follow from bounds at their beginning; return the last bounds too.
 
     Args:
         graph: one turn.

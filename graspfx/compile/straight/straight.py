@@ -57,7 +57,7 @@ def written_down(
     same: Callable[[Slot], bool],
     columns: Sequence[int],
 ) -> Turns:
-    """The turns of `run(..., k, count, r)`, of which each writes a row to `rows`.
+    """Trace the turns of `run(..., k, count, r)`, each of which writes a row to `rows`.
 
     Args:
         program: the program.
@@ -157,7 +157,7 @@ class _Writer:
 
 
 def _changed(now: Mapping[str, Cells]) -> Iterator[Slot]:
-    """Slots that are read and then hold something else at the end."""
+    """List the slots that are read and hold something else at the end."""
     for name, cells in now.items():
         for k, first in cells.first.items():
             last = cells.now[k]
@@ -206,7 +206,7 @@ class Body:
 
 
 def reduced(turns: Turns) -> Body:
-    """The body of a program without what bounds imply and without what nothing asks for."""
+    """Reduce a turn to the nodes that are asked for, without the guards that bounds imply."""
     graph = turns.body
     every = list(graph.guards.values())
     once = [g for g in every if all(n.steady for n in (g.a, g.b) if isinstance(n, Node))]
@@ -280,7 +280,7 @@ class _Replaced:
 
 
 def _is_unsafe(node: Node) -> bool:
-    """Whether a division may be by a zero, of which the sign counts."""
+    """Tell whether a division may be by a zero, whose sign then counts."""
     if node.op != "/":
         return True
     return isinstance(node.args[1], Node) and not node.args[1].steady

@@ -40,7 +40,7 @@ WHOLE = ("floor", "ceil", "trunc")
 
 
 class Guard(NamedTuple):
-    """What a turn took for granted: `a op b`, `math.op(a)`, or for op "whole" int(a) = b, came out like this.
+    """An assumption of a traced turn: `a op b`, `math.op(a)`, or, for op "whole", int(a) = b, with this outcome.
 
     What stands in a program as text may be asked of, too.
     """
@@ -119,7 +119,7 @@ class Graph:
         return node_
 
     def operation(self, symbol: str, a: Any, b: Any) -> Any:
-        """a op b; a product or sum that changes nothing, whatever the number is, is none."""
+        """Add a op b; a product or sum that changes nothing, whatever the number is, adds no node."""
         if symbol == "*" and _is(a, 1.0):
             return b
         if (symbol in ("*", "/") and _is(b, 1.0)) or (symbol == "-" and _is(b, 0.0)):
@@ -139,7 +139,7 @@ class Graph:
         self.guards.setdefault((op, _key(a), _key(b)), Guard(op, a, b, outcome))
 
     def called(self, name: str, args: Sequence[Any], compute: Callable[..., Any]) -> Any:
-        """A function of the program as one operation."""
+        """Add a function of the program as one operation."""
         result = compute(*map(plain, args))
         steady = all(arg.steady for arg in args if isinstance(arg, Node))
         if not isinstance(result, tuple):
@@ -187,7 +187,7 @@ class Traceable:
         exec(self._code, self._plain)
 
     def turn(self, graph: Graph, arguments: Sequence[Any], whole: Callable[[Sequence[Any]], bool]) -> None:
-        """Runs the entry once on these arguments.
+        """Run the entry once on these arguments.
 
         Args:
             graph: what is computed is added to it.
@@ -218,17 +218,17 @@ class Traceable:
 
 
 def plain(value: Any) -> Any:
-    """The number itself."""
+    """Take the number of a node."""
     return value.value if isinstance(value, Node) else value
 
 
 def parts(node: Node) -> Iterator[Node]:
-    """What an operation is made from."""
+    """List the nodes that an operation is computed from."""
     return (arg for arg in node.args if isinstance(arg, Node))
 
 
 def needed(roots: Iterable[Node]) -> list[Node]:
-    """All that some nodes are made from, and themselves, in order."""
+    """List all nodes that some nodes are computed from, and themselves, in order."""
     needed_: dict[int, Node] = {}
     rest = list(roots)
     while rest:
@@ -250,7 +250,7 @@ def _is(value: Any, number: float) -> bool:
 
 
 def _builtins(graph: Graph) -> dict[str, Any]:
-    """`math` and the builtins of a program, for nodes too."""
+    """Provide `math` and the builtins of a program, for nodes too."""
 
     def lifted(name: str, compute: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any) -> Any:
@@ -297,7 +297,7 @@ def _builtins(graph: Graph) -> dict[str, Any]:
 
 
 def _pure(functions: Sequence[ast.FunctionDef]) -> list[ast.FunctionDef]:
-    """Functions that touch no buffer, nor call one that does; each stands after those that it calls."""
+    """List the functions that touch no buffer, nor call one that does; each stands after those that it calls."""
     names = {f.name for f in functions}
     pure: dict[str, ast.FunctionDef] = {}
     for function in functions:
@@ -313,7 +313,7 @@ def _branches(function: ast.FunctionDef) -> bool:
 
 
 def definitions(tree: ast.Module, names: Iterable[str]) -> list[str]:
-    """The text of functions of a program, with those that they call, in its order."""
+    """Write the text of functions of a program, with those that they call, in its order."""
     functions = {f.name: f for f in tree.body if isinstance(f, ast.FunctionDef)}
     reached: set[str] = set()
     rest = list(names)
