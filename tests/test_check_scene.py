@@ -150,7 +150,7 @@ def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None
             S[block.BODY + a] *= 2.0
         return code
 
-    monkeypatch.setattr("graspfx.loop.tick.conclude", conclude)
+    monkeypatch.setattr("graspfx.loop.tick.tick.conclude", conclude)
     monkeypatch.setattr("graspfx.testing.scene._check_wrench", lambda *_: None)
     waved = gx.load("paper-waving")
     with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):

@@ -17,7 +17,7 @@ from graspfx.errors import InputError
 from graspfx.loop.hand import Hand, JoinedHands, join
 from graspfx.loop.motion import Levels, Path, Reach, Rest, Sine, Sum
 from graspfx.loop.plant import FusedHand
-from graspfx.loop.targets import later
+from graspfx.loop.tick.targets import later
 from graspfx.loop.turn import Turn
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.tick import FAULTED, TICK, Tick
+from graspfx.loop.tick.tick import FAULTED, TICK, Tick
 
 FloatArray = NDArray[np.float64]
 Run = Callable[[int, int, int], int]

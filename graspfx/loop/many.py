@@ -21,7 +21,7 @@ from graspfx.compile.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
 from graspfx.loop.engine import whole_text
 from graspfx.loop.measures import empty, take
-from graspfx.loop.tick import FAULTED, TICK, Tick
+from graspfx.loop.tick.tick import FAULTED, TICK, Tick
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

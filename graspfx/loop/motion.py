@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.loop import targets
+from graspfx.loop.tick import targets
 from graspfx.paths import require_file, to_path
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +37,7 @@ class Motion(Protocol):
 
 
 class Part(NamedTuple):
-    """One term of a motion: a kind of `graspfx.loop.targets` with its numbers, or a motion that is none of ours."""
+    """One term of a motion: a kind of `tick.targets` with its numbers, or a motion that is none of ours."""
 
     kind: int
     rows: int  # how many points or levels

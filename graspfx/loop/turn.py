@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.loop import targets
 from graspfx.loop.motion import Course, Motion, direction, floats, lay_out, parts_of
+from graspfx.loop.tick import targets
 
 FloatArray = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit
 from graspfx.loop.observer import MET, Observer
 from graspfx.loop.parts import Moved, Mover, Parts, Station, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
-from graspfx.loop.script import Script, copied, under
-from graspfx.loop.sources import sources
+from graspfx.loop.tick.script import Script, copied, under
+from graspfx.loop.tick.sources import sources
 from graspfx.loop.watch import watch
 from graspfx.objects.body import NativeBody
 from graspfx.objects.guest import Guest
