@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.loop import plant
-from graspfx.loop.tick import targets
 from graspfx.loop.motion import Levels, Motion, Rest, floats, lay_out, parts_of
+from graspfx.loop.tick import targets
 from graspfx.loop.turn import Turn
 
 FloatArray = NDArray[np.float64]
