@@ -10,8 +10,8 @@ import pytest
 import graspfx as gx
 from graspfx.errors import InputError
 from graspfx.loop.engine import Interpreted
-from graspfx.loop.tick.script import Script
-from graspfx.loop.tick.tick import Tick, write
+from graspfx.loop.tick.script import Script, Tick
+from graspfx.loop.tick.text import write
 from graspfx.scene.making.build import build
 
 

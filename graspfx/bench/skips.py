@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.coupling import block as at
 from graspfx.loop.engine import Compiled
-from graspfx.loop.tick.tick import CHUNK
+from graspfx.loop.tick.memory import CHUNK
 from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene
 from graspfx.surfaces import walk

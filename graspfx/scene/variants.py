@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.engine import whole_text
 from graspfx.loop.foreign import foreign, guests, looked_ahead
-from graspfx.loop.tick.tick import Tick, write
+from graspfx.loop.tick.script import Tick
+from graspfx.loop.tick.text import write
 from graspfx.scene.making.build import build
 
 if TYPE_CHECKING:
