@@ -249,9 +249,13 @@ def is_value(kind: Any) -> bool:
     return dataclasses.is_dataclass(kind) and isinstance(kind, type) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
 
 
-@cache
-def parts_of(kind: type) -> dict[str, Any]:
+def parts_of(kind: Any) -> dict[str, Any]:
     """Give the fields of a value class and their kinds."""
+    return _parts(kind)
+
+
+@cache
+def _parts(kind: Any) -> dict[str, Any]:
     hints = get_type_hints(kind, vars(sys.modules[kind.__module__]))
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 

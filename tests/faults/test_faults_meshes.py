@@ -7,9 +7,9 @@ import random
 import sys
 from pathlib import Path
 
-import damaged_meshes
 import pytest
-import trial
+
+from tests.support import damaged_meshes, trial
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and /proc are Linux's")
 

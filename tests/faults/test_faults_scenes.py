@@ -6,9 +6,9 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-import damaged_scenes
 import pytest
-import trial
+
+from tests.support import damaged_scenes, trial
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory and /proc are Linux's")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from graspfx.loop.header import machine
-from tests.stress.ledger import FAMILIES, Family
+from tests.support.families import FAMILIES, Family
 
 PAGE = Path("docs/stress.md")
 

@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 
 from graspfx.objects import kernels as at
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
-from tests.stress.exact import DIGITS
-from tests.stress.ledger import efforts, family
-from tests.stress.scatter import decades
+from tests.support.exact import DIGITS
+from tests.support.exact_bodies import exact_step, spinning
+from tests.support.families import efforts, family
+from tests.support.scatter import decades
 
 FloatArray = NDArray[np.float64]
 
@@ -51,23 +52,6 @@ def random_body(rng: np.random.Generator, d: int, integrator: str, **more: Any) 
     fill_body(state, **{**given, **more})
     label = f"{integrator}, {d}-D, {m:.1e} kg, {size:.1e} m, {1e3 * T:.2g} ms, b T/m {z:.1e}, {away:g} m away"
     return state, T, label
-
-
-def exact_step(kind: str, x: Any, v: Any, u: Any, z: Any, T: Any) -> tuple[Any, Any]:
-    """x and v after T of v' = u - (z/T) v by the integrator's definition, in the arithmetic of its arguments."""
-    a = z / T
-    if kind == "explicit":
-        return x + T * v, v + T * (u - a * v)
-    if kind == "semi-implicit":
-        w = v + T * (u - a * v)
-        return x + T * w, w
-    if kind == "implicit":
-        w = (v + T * u) / (1 + z)
-        return x + T * w, w
-    if z == 0:
-        return x + T * v + T * T * u / 2, v + T * u
-    E = mp.exp(-z)
-    return x + T * v * (1 - E) / z + T * T * u * (z - 1 + E) / z**2, v * E + T * u * (1 - E) / z
 
 
 @efforts(short=8, full=400)
@@ -171,13 +155,6 @@ def test_a_free_box_keeps_its_energy_and_momentum(cases: int) -> None:
         allowed = 200.0 * (2e-2 * min(turned, 0.1) ** 4 * turned + 4.0 * EPS)
         KEPT.check(max(energy, momentum), allowed, f"case {case}: {turned:.2g} rad a sample, {label}")
         NORM.check(abs(float(np.linalg.norm(state[at.QUATERNION : at.QUATERNION + 4])) - 1.0), 4.0 * EPS, label)
-
-
-def spinning(state: FloatArray) -> tuple[float, FloatArray]:
-    """Energy of rotation and angular momentum in world axes."""
-    R, w = state[at.ROTATION : at.ROTATION + 9].reshape(3, 3), state[at.ANGULAR_VELOCITY : at.ANGULAR_VELOCITY + 3]
-    L = R @ (state[at.INERTIA : at.INERTIA + 3] * (R.T @ w))
-    return 0.5 * float(w @ L), L
 
 
 @efforts(short=6, full=400)

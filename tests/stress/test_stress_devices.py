@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from graspfx import plugins
-from tests.stress.bad_values import bad_values, outcome
-from tests.stress.ledger import family
+from tests.support.bad_values import bad_values, outcome
+from tests.support.families import family
 
 SETTINGS = family("devices: bad settings", "an error of GraspFX, or a device")
 

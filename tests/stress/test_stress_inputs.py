@@ -18,8 +18,8 @@ from graspfx.objects import kernels as at
 from graspfx.objects.body import fill_body
 from graspfx.surfaces import shape
 from graspfx.surfaces.mesh import make_mesh
-from tests.stress.bad_values import bad_values, outcome
-from tests.stress.ledger import efforts, family
+from tests.support.bad_values import bad_values, outcome
+from tests.support.families import efforts, family
 
 FAMILY = family("inputs: refused or used", "an error of GraspFX, or no NaN")
 

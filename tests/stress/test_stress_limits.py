@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from tests.stress.exact import DIGITS
-from tests.stress.ledger import efforts, family
-from tests.stress.scatter import decades
+from tests.support.exact import DIGITS
+from tests.support.families import efforts, family
+from tests.support.scatter import decades
 
 WALL = family(
     "stability: wall", "spectral radius at 50 digits: below 1 up to 1e-7 under the limit, above 1 as far over"

@@ -15,8 +15,8 @@ from graspfx.compile.machine import compiled
 from graspfx.objects import kernels as at
 from graspfx.objects.body import fill_body
 from graspfx.scene.making.build import build
-from tests.stress.ledger import efforts, family
-from tests.stress.test_stress_bodies import spinning
+from tests.support.exact_bodies import spinning
+from tests.support.families import efforts, family
 
 DRIFT = family("long: energy and momentum of a free box, 'exact'", "their values at first")
 STEADY = family("long: energy of a body with equal moments of inertia, 'exact'", "its value at first")

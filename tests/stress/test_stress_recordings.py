@@ -17,8 +17,8 @@ import pytest
 import graspfx as gx
 from graspfx.errors import RecordingError
 from graspfx.loop.seal import seal
-from tests.recordings import layout, recording, rows
-from tests.stress.ledger import efforts, family
+from tests.support.families import efforts, family
+from tests.support.recordings import layout, recording, rows
 
 SPOILT = family("recordings: spoilt bytes", "RecordingError, or a recording that can be looked at")
 CHANGED = family("recordings: spoilt attributes and data", "RecordingError")

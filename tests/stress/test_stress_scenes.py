@@ -10,12 +10,12 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import GraspFXError, SceneError
-from tests.stress.bad_values import bad_values
-from tests.stress.exact import DIGITS
-from tests.stress.ledger import efforts, family
-from tests.stress.scatter import decades
-from tests.stress.scenes import COLUMNS, factor, in_units, random_table
-from tests.stress.test_stress_bodies import exact_step
+from tests.support.bad_values import bad_values
+from tests.support.exact import DIGITS
+from tests.support.exact_bodies import exact_step
+from tests.support.families import efforts, family
+from tests.support.scatter import decades
+from tests.support.scenes import COLUMNS, factor, in_units, random_table
 
 UNITS = family("scenes: other units", "the same numbers, of the largest in a column")
 LINE = family("scenes: one dimension, attached", "50 digits, of the largest position")

@@ -9,9 +9,9 @@ import graspfx as gx
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.objects.body import fill_body
-from tests.stress.exact import distance, exact_force, exact_share
-from tests.stress.ledger import efforts, family
-from tests.stress.scatter import contact_set, decades, rotation
+from tests.support.exact import distance, exact_force, exact_share
+from tests.support.families import efforts, family
+from tests.support.scatter import contact_set, decades, rotation
 
 SHARE = family("split: P e", "50 digits, of the largest entry of e")
 LAWS = family("split: P = P', P P = P, G (I - P) = 0, trace P = rank", "the definitions")

@@ -9,10 +9,10 @@ from mpmath import mp, mpf
 from graspfx.bench.brute_force import brute_force
 from graspfx.surfaces import proxy, shape
 from graspfx.surfaces.mesh import make_mesh, new_fingers
-from tests import test_primitives as exact
-from tests.meshes import SHAPES
-from tests.stress.ledger import efforts, family
-from tests.stress.scatter import decades
+from tests.support import exact_surfaces as exact
+from tests.support.families import efforts, family
+from tests.support.meshes import SHAPES
+from tests.support.scatter import decades
 
 NEAREST = family("shapes: contact point, normal, gap", "50 digits, of the larger of size and distance")
 UNITS = family("shapes: other units", "the same bits")

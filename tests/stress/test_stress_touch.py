@@ -6,10 +6,11 @@ import mpmath as mp
 import numpy as np
 
 import graspfx as gx
-from tests.stress.exact import DIGITS, distance
-from tests.stress.ledger import efforts, family
-from tests.stress.scatter import decades, rotation
-from tests.stress.test_stress_split import EPS
+from tests.support.exact import DIGITS, distance
+from tests.support.families import efforts, family
+from tests.support.scatter import decades, rotation
+
+EPS = np.finfo(float).eps
 
 SETS = family("touch: active set", "50 digits, of the largest entry of K e")
 LAW = family("touch: violation of the law", "cones, complementarity, slip; of the largest entry of K e")

@@ -110,6 +110,8 @@ class Expressions:
         if isinstance(known, bool | int | float):
             # the kernel's own module names its numbers in the program; those of others are written out
             return load(name) if not frame.prefix and frame.namespace.get(name) is known else ast.Constant(known)
+        if is_value(type(known)):
+            return value_of(known)
         return Constant(known)
 
     def attribute(self, node: ast.Attribute, frame: Frame) -> Lowered:
@@ -488,6 +490,13 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
     return {name for (name, _), count in uses.items() if count > 1 or whole[name] > 0} | {
         name for name, count in whole.items() if count > 1
     }
+
+
+def value_of(known: Any) -> Lowered:
+    """Write out a value that a module names."""
+    if isinstance(known, bool | int | float):
+        return ast.Constant(known)
+    return Bundle(type(known), tuple(value_of(getattr(known, name)) for name in parts_of(type(known))))
 
 
 def kind_of(value: Lowered) -> tuple[object, ...]:

@@ -1,0 +1,402 @@
+"""The graspfx command: what each command prints and writes, and what it exits with."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import graspfx
+import graspfx.errors
+from graspfx.__main__ import main
+from graspfx.commands.arguments import override
+
+ROOT = Path(__file__).parents[2]
+
+WORN = """
+from math import nan
+import numpy as np
+from graspfx.loop.device import Features
+
+class Worn:
+    features = Features(fingers=1, dimensions=1)
+    reads = 0
+    def open(self, period): self.period = period
+    def read(self):
+        self.reads += 1
+        position = 0.001 if self.reads <= 10 else nan
+        return np.array([[position]]), np.zeros((1, 1)), self.reads * self.period
+    def write(self, forces): pass
+    def stop(self): pass
+    def close(self): pass
+    def __enter__(self): return self
+    def __exit__(self, *exc): self.close()
+
+def connect(): return Worn()
+"""
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands write into the current folder: here one of their own."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("object.mass=0.2", ("object.mass", 0.2)),
+        ("object.free=[true, false]", ("object.free", [True, False])),
+        ("object.dynamics=bullet", ("object.dynamics", "bullet")),
+        ('object.dynamics="bullet"', ("object.dynamics", "bullet")),
+        ("object.shape={ kind = 'box', size = [1.0] }", ("object.shape", {"kind": "box", "size": [1.0]})),
+        ("finger.0.device.port=a=b", ("finger.0.device.port", "a=b")),
+        ("title=", ("title", "")),
+    ],
+)
+def test_a_value_is_toml_else_a_string(text: str, expected: tuple[str, object]) -> None:
+    assert override(text) == expected
+
+
+@pytest.mark.parametrize("text", ["object.mass", "=3"])
+def test_an_override_needs_a_key_and_a_value(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["run", "reference-1dof", "--set", text])
+    assert "is not of the form KEY=VALUE" in capsys.readouterr().err
+
+
+def test_a_run_writes_what_it_names(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "reference-1dof", "--duration", "0.1", "--out", "here"]) == 0
+    printed = capsys.readouterr().out
+    for name in ("here/recording.h5", "here/figure.png"):
+        assert name in printed
+        assert Path(name).stat().st_size > 1000
+    assert graspfx.Recording.load(Path("here/recording.h5")).time.shape == (20,)
+
+
+def test_a_run_goes_to_a_folder_named_after_its_scene() -> None:
+    assert main(["run", "reference-1dof", "--duration", "0.05", "--no-figure"]) == 0
+    assert [path.as_posix() for path in sorted(Path().rglob("*.*"))] == ["out/reference-1dof/recording.h5"]
+
+
+def test_json_is_all_that_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "reference-1dof", "--duration", "0.1", "--no-figure", "--json"]) == 0
+    assert isinstance(json.loads(capsys.readouterr().out), dict)
+
+
+def test_a_picture_of_a_folder_that_is_not_there_names_the_recording_it_looked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["picture", "out/nowhere"]) == 2
+    assert capsys.readouterr().err == "out/nowhere/recording.h5: there is no such file\n"
+
+
+def test_set_may_be_repeated_and_takes_several() -> None:
+    changes = ["object.mass=0.2", "object.viscosity=1.0", "--set", "coupling.internal.stiffness=50.0"]
+    assert main(["run", "reference-1dof", "--duration", "0.05", "--no-figure", "--out", "here", "--set", *changes]) == 0
+    scene = graspfx.load("reference-1dof", {"object.mass": 0.2})
+    assert scene.object[0].mass == 0.2
+
+
+def test_an_unknown_scene_is_one_line_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "reference-1dfo"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "did you mean 'reference-1dof'" in printed.err
+    assert "Traceback" not in printed.err
+
+
+def test_check_shows_a_plan_with_reasons(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "reference-1dof"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    end = next(i for i, line in enumerate(lines) if line.split()[0] in ("runs", "skipped"))
+    certificate, plan = lines[:end], lines[end:]
+    assert {line.split()[0] for line in plan} == {"runs", "skipped"}
+    assert any(line.startswith("  internal 70 N/m: limit ") for line in certificate)
+
+
+def test_check_shows_every_fault_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "scenes" / "reference-1dof.toml").read_text()
+    broken = text.replace("viscosity", "viscosty").replace("period = 0.005", "period = -1")
+    Path("broken.toml").write_text(broken)
+    assert main(["check", "broken.toml"]) == 2
+    faults = capsys.readouterr().err.splitlines()
+    at = 1 + next(row for row, line in enumerate(broken.splitlines()) if "viscosty" in line)
+    assert any(f"broken.toml:{at}: object.viscosty" in fault and "'viscosity'" in fault for fault in faults)
+    assert any("period" in fault for fault in faults)
+
+
+def test_list_names_scenes_devices_and_dynamics(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in ("paper-waving", "two-link", "native", "bullet"))
+
+
+def test_schema_is_a_json_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema"]) == 0
+    assert {"period", "object", "coupling", "finger"} <= json.loads(capsys.readouterr().out)["properties"].keys()
+
+
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    command = [sys.executable, "-m", "graspfx", "schema"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+
+
+def test_plot_draws_one_recording_or_two_compared(capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("a", "b"):
+        assert main(["run", "reference-1dof", "--duration", "0.1", "--no-figure", "--out", name]) == 0
+    assert main(["plot", "a/recording.h5"]) == 0
+    assert main(["plot", "a/recording.h5", "b/recording.h5", "--out", "both"]) == 0
+    assert Path("a/figure.png").is_file()
+    assert Path("both/comparison.png").is_file()
+    assert "both/comparison.png" in capsys.readouterr().out
+    assert main(["plot", "a/recording.h5", "b/recording.h5", "a/recording.h5"]) == 2
+
+
+def test_a_recording_that_is_none_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("notes.h5").write_text("not HDF5")
+    assert main(["plot", "notes.h5"]) == 2
+    assert main(["plot", "missing.h5"]) == 2
+    assert "notes.h5" in capsys.readouterr().err
+
+
+def test_a_run_says_what_its_author_may_not_have_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    far = "finger.0.start=[-0.4]", "finger.0.hand.rest=[-0.4]", "coupling.internal.stiffness=9000.0"
+    main(["run", "paper-spring", "--set", *far, "--duration", "0.3", "--no-figure"])
+    before, after = capsys.readouterr().err.splitlines()
+    assert "does not settle under kip = 9000 N/m" in before
+    assert after.startswith("note: finger0 never touches object: 3")  # it sets out 375 mm from the cube
+
+
+def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    changes = ["finger.0.hand.squeeze=3.0", "coupling.internal.stiffness=9000.0"]
+    assert main(["check", "paper-spring", "--set", *changes]) == 0
+    unit, settle = (line for line in capsys.readouterr().out.splitlines() if line.startswith("note: "))
+    assert unit == "note: finger.0.hand.squeeze = 3 m: check the unit"
+    assert settle.startswith("note: at a period of 5 ms finger0 does not settle under kip = 9000 N/m")
+
+
+def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.CaptureFixture[str]) -> None:
+    """A device whose reading becomes NaN after 10 samples: zero force from there on, and a fault that is said."""
+    Path("worn.py").write_text(WORN)
+    lines = (ROOT / "scenes" / "reference-1dof.toml").read_text().splitlines()
+    without_hands = (line for line in lines if not line.startswith("hand"))
+    scene = ['device = { name = "worn.py" }' if line.startswith("device") else line for line in without_hands]
+    Path("worn.toml").write_text("\n".join(scene))
+    assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure"]) == 3
+    assert "tick 10" in capsys.readouterr().err
+    recording = graspfx.Recording.load(Path("out/worn/recording.h5"))
+    assert recording.time.size == 20
+    assert (recording.finger_force[:10] != 0.0).any()
+    assert (recording.finger_force[10:] == 0.0).all()
+
+
+INTERRUPTED = """
+import signal, sys, weakref
+import graspfx.loop.sink as file
+from graspfx.__main__ import main
+
+class Sink(file.FileSink):
+    count = 0
+    def write(self, rows, faults):  # the third block: Ctrl-C comes while a weak reference is called back
+        super().write(rows, faults)
+        Sink.count += 1
+        if Sink.count == 3:
+            class Thing: pass
+            thing = Thing()
+            watched = weakref.ref(thing, lambda _: [signal.raise_signal(signal.SIGINT) for _ in range({times})])
+            del thing
+
+file.FileSink = Sink
+signal.signal(signal.SIGINT, {handler})  # whatever the shell that runs the tests has set
+sys.exit(main(["run", "reference-1dof", "--duration", "1000", "--no-figure", "--out", "cut"]))
+"""
+
+
+def interrupted(handler: str, times: int) -> tuple[int, str]:
+    """Exit code and standard error of a run of 1000 s that sends itself SIGINT after 3 s."""
+    code = INTERRUPTED.format(handler=handler, times=times)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    return process.returncode, said.strip()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_an_interrupted_run_says_how_far_it_came_and_leaves_a_readable_recording() -> None:
+    """Blocks of 200 ticks of 5 ms: the run ends with the tick in which the third was written."""
+    said = "interrupted after 3 of 1000 s; cut/recording.h5 holds them"
+    assert interrupted("signal.default_int_handler", 1) == (130, said)
+    read = graspfx.Recording.load(Path("cut/recording.h5"))
+    assert (len(read), read.outcome.complete, read.wall_time) == (600, False, None)
+    assert read.finger_force.shape == (600, 2, 1)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_a_second_interrupt_ends_the_process_and_what_was_written_can_be_read() -> None:
+    code, _ = interrupted("signal.default_int_handler", 2)
+    assert code == -signal.SIGINT
+    assert len(graspfx.Recording.load(Path("cut"))) == 600
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends SIGINT")
+def test_ctrl_c_reaches_a_run_from_another_process() -> None:
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "import sys; from graspfx.__main__ import main; sys.exit(main(sys.argv[1:]))"
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "run",
+        "reference-1dof",
+        "--duration",
+        "10000",
+        "--no-figure",
+        "--out",
+        "cut",
+    ]
+    recording = Path("cut/recording.h5.part")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            deadline = time.monotonic() + 60.0
+            while process.poll() is None and not (recording.is_file() and recording.stat().st_size > 200_000):
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    assert said.startswith("interrupted after ")
+    assert len(graspfx.Recording.load("cut/recording.h5")) > 100
+    assert not recording.exists()
+
+
+def test_a_run_from_python_may_be_stopped() -> None:
+    scene = graspfx.load("reference-1dof")
+    asked = iter([False] * 7 + [True])
+    rec = graspfx.run(scene, stop=lambda: next(asked))
+    assert (len(rec), rec.outcome.complete) == (7, False)
+    assert np.array_equal(rec.rows, graspfx.run(scene, duration=0.035).rows)
+    assert len(graspfx.run(scene, out="none", stop=lambda: True)) == 0
+
+
+def test_rows_of_a_run_are_the_same_from_its_file() -> None:
+    scene = graspfx.load("reference-1dof")
+    kept, read = graspfx.run(scene, duration=1.5), graspfx.run(scene, duration=1.5, out="here")
+    assert kept.rows.tobytes() == read.rows.tobytes()
+
+
+@pytest.mark.parametrize(("key", "value"), [("period", 1e-40), ("period", 1e-59), ("duration", 1e12)])
+@pytest.mark.parametrize("out", [None, "here"])
+def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | None) -> None:
+    scene = graspfx.load("reference-1dof", {key: value})
+    with pytest.raises(graspfx.errors.InputError, match=r"this machine's memory has room for .* GB.*shorter"):
+        graspfx.run(scene, out=out)
+    assert not Path("here").exists()
+
+
+def test_more_ticks_than_the_disk_has_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=108_799))  # 136 bytes twice, 400 ticks
+    scene = graspfx.load("reference-1dof")
+    assert len(graspfx.run(scene)) == 400
+    with pytest.raises(graspfx.errors.InputError, match=r"duration: given 400, .*each takes 272 bytes .*disk of here"):
+        graspfx.run(scene, out="here")
+
+
+@pytest.mark.parametrize("command", ["run", "plot"])
+def test_an_out_that_cannot_be_made_is_one_line(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("file").write_text("")
+    graspfx.run(graspfx.load("reference-1dof"), duration=0.05, out="done")
+    given = "reference-1dof" if command == "run" else "done"
+    places = {"file": "a file is in its way", "file/sub": "a file is in its way"}
+    if sys.platform == "linux":
+        places |= {"/proc/x": "No such file or directory", "/dev/full": "a file is in its way"}
+    for place, why in places.items():
+        assert main([command, given, "--out", place]) == 2
+        assert capsys.readouterr().err == f"{place}: no folder can be made there; {why}\n"
+
+
+def test_a_folder_where_the_picture_goes_is_said_before_the_run(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("here/figure.png").mkdir(parents=True)
+    assert main(["run", "reference-1dof", "--out", "here"]) == 2
+    assert capsys.readouterr().err.startswith("here/figure.png: is a folder, where the picture is to go")
+    assert not Path("here/recording.h5").exists()
+    assert main(["run", "reference-1dof", "--out", "here", "--no-figure", "--duration", "0.05"]) == 0
+    assert main(["plot", "here"]) == 2
+
+
+def test_a_picture_that_cannot_be_written_leaves_the_recording(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("graspfx.show.plot.figure", full)
+    assert main(["run", "reference-1dof", "--out", "here", "--duration", "0.05"]) == 2
+    said = "here/figure.png: cannot be written; No space left on device; the run is in here/recording.h5\n"
+    assert capsys.readouterr().err == said
+    assert len(graspfx.Recording.load("here")) == 10
+
+
+def test_plot_takes_the_folder_of_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "reference-1dof", "--duration", "0.05", "--no-figure", "--out", "here"]) == 0
+    assert main(["plot", "here"]) == 0
+    assert "wrote here/figure.png" in capsys.readouterr().out
+    Path("empty").mkdir()
+    assert main(["plot", "empty"]) == 2
+    assert capsys.readouterr().err == "empty/recording.h5: there is no such file\n"
+
+
+def test_check_refuses_what_a_run_would(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "scenes" / "paper-waving.toml").read_text().replace("start = [-0.025,", "start = [-0.5,")
+    Path("far.toml").write_text(text)
+    line = 1 + next(row for row, each in enumerate(text.splitlines()) if "-0.5," in each)
+    for command in ("check", "run"):
+        assert main([command, "far.toml"]) == 2
+        assert capsys.readouterr().err.startswith(f"far.toml:{line}: finger.0.start: finger at (-0.5000, 0.0000) m")
+    assert not Path("out").exists()
+
+
+def test_a_warning_is_one_line_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("loud.py").write_text(
+        "import warnings\nimport graspfx as gx\n"
+        "def scene():\n"
+        "    for _ in range(3):\n        warnings.warn('makes\\nenergy', stacklevel=1)\n"
+        "    return gx.load('reference-1dof')\n"
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert main(["check", "loud.py"]) == 0
+    assert capsys.readouterr().err == "warning: makes energy\n"
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"graspfx {graspfx.__version__}\n"

@@ -1,0 +1,193 @@
+"""Cones cut off at a limit: the answer's own conditions, no change where nothing is cut, and a gradient."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from graspfx.compile.machine import compiled
+from graspfx.cones.cut import HALF_SPACE, NO_CONE
+from graspfx.cones.friction import (
+    ASSOCIATED,
+    COULOMB,
+    RESTARTS,
+    UNRESOLVED,
+    friction_force,
+    friction_force_square,
+    problem_size,
+)
+from tests.support.cone_problems import Problem
+
+RATIOS = [0.01, 0.1, 2.0, 100.0]  # kip/kep
+
+
+def return_map(t: np.ndarray, mu: float, limit: float, theta: float) -> tuple[np.ndarray, np.ndarray]:
+    """The force of a trial force in its cone, and the one that the limit leaves of it."""
+    y = t.copy()
+    if mu == HALF_SPACE:
+        y[0] = max(t[0], 0.0)
+    elif mu >= 0.0:
+        length = np.linalg.norm(t[1:])
+        if t[0] + theta * mu * length <= 0.0:
+            y[:] = 0.0
+        elif length > mu * t[0]:
+            y[0] = (t[0] + theta * mu * length) / (1.0 + theta * mu**2)
+            y[1:] = mu * y[0] * t[1:] / length if length > 0.0 else 0.0
+    counted = y[:3] if mu < 0.0 else y
+    size = np.linalg.norm(counted)
+    cut = y.copy()
+    if size > limit:
+        cut[: len(counted)] *= limit / size
+    return y, cut
+
+
+def violation(problem: Problem, f: np.ndarray, K: np.ndarray, c: float, limits: np.ndarray, law: int) -> float:
+    """max |f - R(f - c s)|, s = K^-1 f - e, of the cut return map [N], in the scale of equal weights."""
+    s = np.linalg.solve(K, f) - problem.e
+    worst = 0.0
+    for i in range(problem.n):
+        mine = slice(i * problem.d, (i + 1) * problem.d)
+        w = problem.root[i * problem.d] ** 2
+        _, cut = return_map(f[mine] - c * w * s[mine], problem.mu[i], limits[i], float(law == ASSOCIATED))
+        worst = max(worst, float(np.abs(f[mine] - cut).max()))
+    return worst
+
+
+def random_problem(rng: np.random.Generator, ratio: float, mu: float) -> tuple[Problem, np.ndarray]:
+    """A random problem of two to six fingers with unequal weights, and limits that cut about half of the forces."""
+    n, d = int(rng.integers(2, 7)), int(rng.integers(1, 4))
+    problem = Problem(rng, n, d, ratio, mu, rng.uniform(0.5, 2.0, n))
+    return problem, limit(problem, rng)
+
+
+def limit(problem: Problem, rng: np.random.Generator) -> np.ndarray:
+    """Adds limits to a problem, of the size of the forces that it has without any."""
+    assert answer(problem, False, cut=False) == ASSOCIATED or problem.mu[0] < 0.0
+    longest = np.abs(problem.force).max() if problem.mu[0] >= 0.0 else np.abs(problem.K @ problem.e).max()
+    limits = max(longest, 1e-3 * problem.size) * rng.uniform(0.1, 1.0, problem.n)
+    problem.S = np.concatenate([problem.S, limits])
+    problem.unknowns[:] = 0.0
+    return limits
+
+
+def answer(problem: Problem, coulomb: bool, *, cut: bool = True) -> int:
+    where = len(problem.S) - problem.n if cut else 0
+    law, _, _ = compiled(friction_force)(
+        problem.S, 0, problem.n, problem.d, problem.count, problem.external, problem.internal,
+        coulomb, RESTARTS, where, -1,
+    )  # fmt: skip
+    return int(law)
+
+
+@pytest.mark.parametrize("mu", [NO_CONE, HALF_SPACE, 0.0, 0.5, 1.5])
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_the_force_is_the_nearest_one_in_the_cut_cones(ratio: float, mu: float) -> None:
+    """f = R(f - c s) to 1e-12 of the largest force per ratio of gains, either law; limits are kept to rounding."""
+    rng = np.random.default_rng(int(100 * ratio + 10 * mu) + 50)
+    hits = 0
+    for _ in range(40):
+        problem, limits = random_problem(rng, ratio, mu)
+        for coulomb in (False, True):
+            law = answer(problem, coulomb)
+            assert law in (ASSOCIATED, COULOMB)
+            size = np.linalg.norm(problem.force.reshape(problem.n, -1)[:, :3], axis=1)
+            assert (size <= limits * (1.0 + 4e-16)).all()
+            hits += int((size >= limits * (1.0 - 1e-12)).sum())
+            scale = 1e-12 * max(ratio, 1.0 / ratio) * problem.size
+            assert violation(problem, problem.force.copy(), problem.K, problem.internal, limits, law) <= scale
+    assert hits > 40
+
+
+@pytest.mark.parametrize("mu", [NO_CONE, HALF_SPACE, 0.0, 0.5])
+def test_a_square_gives_the_same_as_the_modes(mu: float) -> None:
+    """1e-11 of the largest force, by the associated law, which has one answer."""
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        problem, limits = random_problem(rng, 2.5, mu)
+        problem.S[: problem.n], problem.root = 1.0, np.ones(problem.m)
+        assert answer(problem, False) == ASSOCIATED
+        n, d, m = problem.n, problem.d, problem.m
+        size = problem_size(n, d, m, True)
+        S = np.concatenate([np.zeros(size), problem.K.ravel(), limits])
+        S[:n], S[n : 2 * n], S[3 * n : 3 * n + m] = 1.0, problem.mu, problem.e
+        law, _, _ = friction_force_square(memoryview(S), 0, n, d, size, m, True, False, 0, size + m * m)
+        assert law == ASSOCIATED
+        force = S[3 * n + 2 * m : 3 * n + 3 * m]
+        np.testing.assert_allclose(force, problem.force, rtol=0.0, atol=1e-11 * problem.size)
+
+
+@pytest.mark.parametrize("mu", [0.3, 1.5])
+@pytest.mark.parametrize("coulomb", [False, True])
+def test_torsion_of_soft_fingers_is_cut_with_the_force(mu: float, coulomb: bool) -> None:
+    """Four coordinates a finger, 60 problems: |(f, tau/rho)| within the limit, and the return map's conditions."""
+    rng = np.random.default_rng(11)
+    for _ in range(60):
+        problem = Problem(rng, 4, 3, 3.0, mu)
+        n, d, m = 4, 4, 16
+        problem.n, problem.d, problem.m, problem.root = n, d, m, np.ones(m)
+        problem.Q = np.linalg.qr(rng.normal(size=(m, 6)))[0]
+        problem.e, problem.count = rng.normal(size=m) * 0.01, 6
+        size = problem_size(n, d, 6, False)
+        problem.S = np.zeros(size)
+        problem.S[:n], problem.S[n : 2 * n], problem.S[3 * n : 3 * n + m] = 1.0, mu, problem.e
+        problem.S[size - 6 * (1 + m) : size] = np.column_stack([np.ones(6), problem.Q.T]).ravel()
+        limits = limit(problem, rng)
+        law = answer(problem, coulomb)
+        assert law != UNRESOLVED
+        assert (np.linalg.norm(problem.force.reshape(n, d), axis=1) <= limits * (1.0 + 4e-16)).all()
+        f = problem.force.copy()
+        assert violation(problem, f, problem.K, problem.internal, limits, law) <= 1e-11 * problem.size
+
+
+@pytest.mark.parametrize("coulomb", [False, True])
+def test_limits_that_do_not_bite_leave_every_bit(coulomb: bool) -> None:
+    """Infinite limits, 100 problems: force, slip and unknowns are those without."""
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        problem, _ = random_problem(rng, float(rng.choice(RATIOS)), float(rng.choice([0.0, 0.5, 1.5])))
+        problem.S[-problem.n :] = np.inf
+        start = problem.S.copy()
+        assert answer(problem, coulomb, cut=False) != UNRESOLVED
+        whole = problem.S.copy()
+        problem.S[:] = start
+        answer(problem, coulomb)
+        assert np.array_equal(problem.S, whole)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 10.0])
+@pytest.mark.parametrize("mu", [NO_CONE, HALF_SPACE, 0.0, 0.5])
+def test_the_cut_force_is_a_gradient(mu: float, ratio: float) -> None:
+    """Around 3 random triangles of displacements: 1e-6 of a side's work, the integration's error at 2000 steps.
+
+    Clamping the finished force leaves 4 to 30 %: that is no gradient.
+    """
+    rng = np.random.default_rng(23)
+    nodes, weights = np.polynomial.legendre.leggauss(2)
+
+    def round_trip(problem: Problem, limits: np.ndarray, corners: np.ndarray, *, cut: bool) -> float:
+        total = scale = 0.0
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            along = 0.0
+            for k in range(2000):
+                for node, weight in zip(nodes, weights, strict=True):
+                    problem.S[3 * problem.n : 3 * problem.n + problem.m] = a + (k + 0.5 + 0.5 * node) / 2000 * (b - a)
+                    assert answer(problem, False, cut=cut) == ASSOCIATED
+                    f = problem.force.reshape(problem.n, -1).copy()
+                    if not cut:
+                        f *= np.minimum(1.0, limits / np.linalg.norm(f, axis=1).clip(1e-300))[:, None]
+                    along += 0.5 * weight / 2000 * float(f.ravel() @ (b - a))
+            total += along
+            scale = max(scale, abs(along))
+        return abs(total) / scale
+
+    left, clamped = [], []
+    for _ in range(3):
+        problem = Problem(rng, 3, 2, ratio, mu)
+        limits = np.full(3, 0.3 * np.abs(problem.K @ problem.e).max())
+        problem.S = np.concatenate([problem.S, limits])
+        corners = 0.01 * rng.normal(size=(3, problem.m))
+        left.append(round_trip(problem, limits, corners, cut=True))
+        if mu >= 0.0:
+            clamped.append(round_trip(problem, limits, corners, cut=False))
+    assert max(left) < 1e-6
+    assert not clamped or max(clamped) > 1e-2

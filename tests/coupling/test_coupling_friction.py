@@ -1,0 +1,298 @@
+"""Friction in the sample: the public law, anchors, holding and slipping, damping, continuity, many fingers."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.coupling import block as at
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.coupling.rules import Rules
+from graspfx.errors import SceneError
+from graspfx.objects.body import NativeBody
+from graspfx.scene.plan import plan
+from graspfx.surfaces.shape import Box, Sphere
+from tests.support.grasps import grasped, law, respond
+
+INERTIA = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}
+SHARP = (1e-9, 2e-9)  # a blend that is over before any contact is so near a line
+T = 0.005
+
+
+def held(n: int, d: int, gains: gx.Coupling, mu: object, shape: object = None, **settings: Any) -> GraspedObject:
+    turning = {"inertia": INERTIA[d], **({"rotational_viscosity": 0.0} if d == 1 else {})}
+    rules = Rules(fade=None, friction=mu, blend=SHARP)  # type: ignore[arg-type]
+    return grasped(n, d, gains, rules, shape=shape or Box((0.05,) * d), **{**turning, **settings})
+
+
+def stiffness(g: GraspedObject, gains: gx.Coupling) -> np.ndarray:
+    """K of the analysis at the sample's contacts; under the implicit integrator with the object's compliance."""
+    c, d = g.contact_position, g.dimensions
+    K = gains.stiffness(gx.Grasp(c).split(tolerance=1e-12))
+    if not g.implicit:
+        return K
+    turns = {1: [], 2: [4e-5], 3: [1e-5, 2e-5, 3e-5]}[d]
+    give = np.diag([T * T / 0.1] * d + [T * T / (j + T * 1e-4) for j in turns])
+    G = gx.grasp_matrix(c)
+    made = np.linalg.inv(np.linalg.inv(K) + G.T @ give @ G)
+    return np.asarray((made + made.T) / 2)
+
+
+@pytest.mark.parametrize("integrator", ["exact", "implicit"])
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_forces_are_those_of_the_public_law(d: int, integrator: str) -> None:
+    """Random states after a random motion, so that anchors are sheared: 2e-14 of the largest force of K e.
+
+    The oracle assembles K from an SVD of G and solves in n d unknowns; the sample does neither (nor the other way).
+    """
+    rng = np.random.default_rng(d)
+    seen = set()
+    for k in range(40):
+        n, mu = int(rng.integers(1, 6)), float(rng.choice([0.1, 0.5, 1.5]))
+        gains = law(*([40.0, 160.0], [160.0, 40.0], [70.0, 70.0])[k % 3])
+        g = held(n, d, gains, mu, (Box((0.05,) * d), Sphere(0.03))[k % 2], integrator=integrator)
+        if g.implicit:
+            NativeBody(g.body_state).free_motion(T)
+        p = rng.uniform(-0.028, 0.028, size=(n, d))
+        respond(g, p)
+        p += rng.normal(size=(n, d)) * rng.choice([1e-4, 3e-3])
+        f = respond(g, p).ravel()
+        K, e = stiffness(g, gains), (p - g.contact_position).ravel()
+        touch = gx.unilateral_force(K, e, g.inward(), mu)
+        assert touch.law == ("coulomb", "associated")[int(g.block[at.LAW])]
+        np.testing.assert_allclose(f, touch.force, rtol=0.0, atol=2e-14 * np.abs(K @ e).max())
+        assert g.block[at.RESIDUAL] <= 2e-14 * np.abs(K @ e).max()
+        status = [("free", "stick", "slide")[int(s)] for s in g.rows[:, at.STATUS]]
+        if (np.abs(f) > 1e-12).any():
+            assert status == list(touch.status)
+        seen.update(status)
+    assert seen >= ({"free", "stick"} if d == 1 else {"free", "stick", "slide"})
+
+
+def test_matrix_gains_are_numbers_where_they_say_the_same() -> None:
+    """40 I and 160 I through the square, 40 and 160 through the modes, damped, over a sliding motion: 1e-12."""
+    rng = np.random.default_rng(3)
+    numbers = held(3, 2, law(40.0, 160.0, 0.2, 0.7), 0.4)
+    eye = np.eye(2)
+    matrices = held(3, 2, law(40.0 * eye, 160.0 * eye, 0.2 * eye, 0.7 * eye), 0.4)
+    p = np.array([[-0.023, 0.0], [0.022, 0.004], [0.003, -0.021]])
+    for _ in range(30):
+        p, v = p + rng.normal(size=(3, 2)) * 3e-4, rng.normal(size=(3, 2)) * 0.02
+        np.testing.assert_allclose(respond(matrices, p, v), respond(numbers, p, v), rtol=0.0, atol=1e-12)
+
+
+def test_no_coefficient_for_a_finger_is_no_friction_for_it() -> None:
+    """mu = (0.5, 0): the second finger's force stays along its normal however it is dragged."""
+    g = held(2, 2, law(40.0, 160.0), [0.5, 0.0])
+    for y in np.linspace(0.0, 0.01, 20):
+        f = respond(g, [[-0.023, y], [0.023, y]])
+        assert f[1, 1] == 0.0
+    assert f[0, 1] == pytest.approx(0.5 * f[0, 0], rel=1e-12)  # dragged 10 mm at 1 mm depth: it slides
+
+
+def test_a_dragged_finger_slides_at_mu_and_a_held_one_never_moves_its_anchor() -> None:
+    """Equal gains, 100 N/m, 2 mm deep: held up to 1 mm aside at mu = 0.5, then dragged along 1 mm behind."""
+    g = held(1, 2, law(100.0, 100.0), 0.5)
+    respond(g, [[-0.023, 0.0]])
+    for y in np.linspace(0.0, 0.000999, 50):
+        f = respond(g, [[-0.023, y]])
+        assert f[0, 1] == pytest.approx(100.0 * y, rel=1e-12, abs=1e-16)
+        assert g.contact_position[0].tolist() == [-0.025, 0.0]
+    for y in np.linspace(0.001, 0.005, 50):
+        f = respond(g, [[-0.023, y]])
+        assert f[0, 1] == pytest.approx(0.1, rel=1e-12)
+    respond(g, [[-0.023, 0.005]])
+    assert g.contact_position[0, 1] == pytest.approx(0.004, abs=1e-15)
+    f = respond(g, [[-0.023, 0.004]])  # and back by as much: no shear left
+    assert abs(f[0, 1]) < 1e-14
+
+
+def test_without_friction_is_where_mu_goes_to_zero_and_sticking_where_it_grows() -> None:
+    """Rotation locked: where in its face a contact lies does not matter. mu = 1e-9 to 1e-9, mu = 1e9 exactly."""
+    rng = np.random.default_rng(4)
+    free = [True, True, False]
+    box = Box((0.05, 0.05))
+    for _ in range(10):
+        p = np.array([[-0.022, 0.0], [0.022, 0.0], [0.0, 0.021]])
+        slippery, smooth = (
+            grasped(3, 2, law(40.0, 160.0), Rules(fade=None, friction=mu), shape=box, free=free) for mu in (1e-9, 0.0)
+        )
+        rough = grasped(3, 2, law(40.0, 160.0), Rules(fade=None, friction=1e9), shape=box, free=free)
+        glued = grasped(3, 2, law(40.0, 160.0), Rules(fade=None, stick=True), shape=box, free=free)
+        for _ in range(8):
+            p = p + rng.normal(size=(3, 2)) * 3e-4
+            f = respond(smooth, p)
+            np.testing.assert_allclose(respond(slippery, p), f, rtol=0.0, atol=3e-9 * np.abs(f).max())
+            np.testing.assert_allclose(respond(rough, p), respond(glued, p), rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("damping", [(0.3, 0.8), (0.0, 0.5), (0.5, 0.0), (0.5, 0.5)])
+def test_damping_is_passive_and_stays_in_the_cones(damping: tuple[float, float], soft: bool) -> None:
+    """(f - f0)'e' >= 0, |f_t| <= mu f_n to rounding and nothing where f0 is nothing: random states, singular D too."""
+    rng = np.random.default_rng(6)
+    for k in range(24):
+        n, d, mu = int(rng.integers(1, 5)), 3 if soft else 1 + k % 3, float(rng.choice([0.1, 0.5, 1.5]))
+        turning = {"inertia": INERTIA[d], **({"rotational_viscosity": 0.0} if d == 1 else {})}
+        rules = Rules(fade=None, friction=mu, patch=0.005 if soft else 0.0)
+        g = grasped(n, d, law(40.0, 160.0, *damping), rules, shape=Box((0.05,) * d), **turning)
+        respond(g, rng.uniform(-0.028, 0.028, size=(n, d)))
+        p, v = g.finger_position + rng.normal(size=(n, d)) * 1e-3, rng.normal(size=(n, d)) * 0.1
+        before = g.block.copy()
+        g.block[at.DAMPED] = 0.0
+        respond(g, p, v)
+        f0 = g.rows[:, at.LOCAL : at.LOCAL + 4].copy()
+        g.block[:] = before
+        respond(g, p, v)
+        f, rate, normal = (g.rows[:, o : o + w] for o, w in ((at.LOCAL, 4), (at.RATE, 4), (at.NORMAL, 3)))
+        push = (f[:, :3] * normal).sum(axis=1)
+        tangent = np.hypot(np.linalg.norm(f[:, :3] - push[:, None] * normal, axis=1), f[:, 3])
+        size = np.abs(f).max() + 1e-300
+        assert ((f - f0) * rate).sum() >= -1e-12 * size
+        assert (tangent <= mu * push + 1e-14 * size).all()
+        assert not f[(f0[:, :3] * normal).sum(axis=1) <= 0.0].any()
+
+
+def test_implicit_damping_of_a_held_grasp_is_the_bilateral_sample() -> None:
+    """All fingers stick: f = K (e - G'u) + D (e' - G'u/T) together with u, as attached contacts have it, to 1e-14."""
+    settings: dict[str, Any] = {"integrator": "implicit", "velocity": [0.02, 0.0], "angular_velocity": 0.3}
+    gains = law(40.0, 160.0, 0.3, 0.8)
+    sticking = held(2, 2, gains, 1e6, **settings)
+    fixed = grasped(2, 2, gains, Rules(attached=True, blend=SHARP), contacts=[[-0.025, 0.0], [0.025, 0.0]], **settings)
+    p, v = np.array([[-0.022, 0.001], [0.022, 0.001]]), np.array([[0.01, 0.02], [-0.03, 0.0]])
+    for g in (sticking, fixed):
+        NativeBody(g.body_state).free_motion(T)
+    respond(sticking, [[-0.022, 0.0], [0.022, 0.0]])
+    sticking.rows[:, at.CONTACT : at.CONTACT + 2] = [[-0.025, 0.0], [0.025, 0.0]]
+    np.testing.assert_allclose(respond(sticking, p, v), respond(fixed, p, v), rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize(("mu", "bound"), [(0.1, 160.0), (0.5, 160.0)])
+@pytest.mark.parametrize("d", [2, 3])
+def test_force_is_continuous_through_touch_slip_and_release(d: int, mu: float, bound: float) -> None:
+    """In steps of 6 um and less no force changes by more than the stiffest mode times the step."""
+    n = 3 if d == 2 else 4
+    out = np.array([[-1.0, 0.1, 0.05], [1.0, -0.2, 0.1], [0.1, 1.0, -0.1], [-0.1, -1.0, 0.2]])[:n, :d]
+    side = np.stack([-out[:, 1], out[:, 0], 0.3 * np.ones(n)], axis=1)[:, :d]
+    rate = np.arange(1, n + 1)
+    g = held(n, d, law(40.0, 160.0), mu)
+    changes, last = 0, None
+    for t in np.linspace(0.0, 0.25, 600):
+        deep = 0.002 * np.sin(2 * np.pi * rate * t + rate) - 0.001 * rate / n
+        p = out * (0.025 + deep)[:, None] + side * (0.002 * np.sin(2 * np.pi * (rate + 0.5) * t))[:, None]
+        f, status = respond(g, p), g.rows[:, at.STATUS].copy()
+        if last is not None and t > 0.001:  # the first sample finds contacts, the second lets them slip
+            assert np.abs(f - last[0]).max() <= bound * np.abs(p - last[1]).max()
+            changes += int((status != last[2]).sum())
+        last = f, p, status
+    assert changes >= 4
+
+
+def test_twenty_fingers_are_many_but_not_too_many_unknowns() -> None:
+    """No finger unresolved, with friction and without, and without equal to the pivoted answer to 1e-14."""
+    rng = np.random.default_rng(9)
+    p = rng.normal(size=(20, 3))
+    p *= 0.0235 / np.abs(p).max(axis=1, keepdims=True)
+    smooth, pivoted, rough = (held(20, 3, law(40.0, 160.0, 0.3, 0.8), mu) for mu in (0.0, 0.0, 0.5))
+    pivoted.block[at.RAYS] = 0.0
+    for _ in range(2):
+        p, v = p + rng.normal(size=p.shape) * 1e-4, rng.normal(size=p.shape) * 0.01
+        f = respond(smooth, p, v)
+        respond(rough, p, v)
+        np.testing.assert_allclose(f, respond(pivoted, p, v), rtol=0.0, atol=1e-14 * np.abs(f).max())
+
+
+@pytest.mark.parametrize(("kep", "kip"), [(40.0, 160.0), (160.0, 40.0), (1.0, 1000.0)])
+@pytest.mark.parametrize("ked", [0.1, 0.9])
+def test_forces_along_the_normals_are_the_pivoted_ones(kep: float, kip: float, ked: float) -> None:
+    """Friction 0, damped, against principal pivoting: 1e-15 x max(10, kip/kep) of the largest trial force."""
+    rng = np.random.default_rng(10)
+    for d, n in itertools.product((1, 2, 3), (1, 2, 4)):
+        gains = law(kep, kip, ked, 0.5)
+        short, long = held(n, d, gains, 0.0), held(n, d, gains, 0.0)
+        long.block[at.RAYS] = 0.0
+        for _ in range(4):
+            p, v = rng.uniform(-0.028, 0.028, size=(n, d)), rng.normal(size=(n, d)) * 0.05
+            expected = respond(long, p, v)
+            np.testing.assert_allclose(
+                respond(short, p, v), expected, rtol=0.0, atol=1e-15 * max(10.0, kip / kep) * max(kep, kip) * 0.05
+            )
+
+
+# Scenes -----------------------------------------------------------------------------------------------------------
+
+
+def pinch(duration: float, mu: object, *, opening: float = 0.0, above: float = 0.0, turns: bool = False) -> gx.Scene:
+    """A box of 0.1 kg between two fingers in the plane, under gravity; they squeeze 2.5 N at first, then open."""
+    kip, hand = 500.0, 300.0
+
+    def finger(side: float) -> dict[str, Any]:
+        path = {"kind": "path", "times": [0.0, 0.5, duration], "positions": [[0, 0], [0, 0], [side * opening, 0]]}
+        path["positions"] = [[float(x) for x in row] for row in path["positions"]]  # type: ignore[attr-defined]
+        rest = [side * (0.02 - 0.005 * kip / hand), above]
+        return {
+            "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+            "start": [side * 0.02, above],
+            "hand": {"stiffness": hand, "damping": 5.0, "rest": rest, "motion": path},
+        }
+
+    return gx.Scene(
+        dimensions=2, period=0.001, duration=duration, gravity=[0.0, -9.81],
+        object={
+            "mass": 0.1, "viscosity": 0.5, "rotational_viscosity": 1e-3, "free": [True, True, turns],
+            "shape": {"kind": "box", "size": [0.05, 0.05]},
+        },
+        coupling={
+            "external": {"stiffness": 200.0, "damping": 0.5}, "internal": {"stiffness": kip, "damping": 0.5},
+            "friction": mu,
+        },
+        finger=[finger(-1.0), finger(1.0)],
+    )  # fmt: skip
+
+
+def test_a_pinched_box_slips_where_its_weight_is_twice_mu_times_the_squeeze() -> None:
+    """m g = 2 mu f_n: the squeeze falls by 2.5 N in 0.9 s, and the box slips within 1 % of m g/(2 mu) = 0.981 N."""
+    rec = gx.run(pinch(1.4, 0.5, opening=0.0125))
+    assert rec.status is not None and rec.objects["object"].law is not None
+    falls = (rec.status[600:] == 2).all(axis=1)
+    first = 600 + int(np.argmax(falls))
+    squeeze = np.abs(rec.finger_force[first, :, 0])
+    assert falls.any() and squeeze == pytest.approx(0.981, rel=0.01)
+    assert np.ptp(rec.object_position[500:first, 1]) < 2e-4  # until then it hangs on two springs
+    assert rec.object_position[-1, 1] < rec.object_position[first, 1] - 0.005
+    summary = rec.summary()
+    assert summary["associated"] == 0.0 and summary["friction_residual"] < 1e-13 and not rec.faults
+
+
+def test_a_held_box_does_not_creep() -> None:
+    """Held 5 mm above its centre, free to turn: once it has settled it stays, to less than 0.1 um."""
+    rec = gx.run(pinch(2.0, 0.8, above=0.005, turns=True))
+    assert rec.status is not None and (rec.status[500:] == 1).all()
+    assert np.abs(rec.object_position[-1] - rec.object_position[1500]).max() < 1e-7
+
+
+def test_a_recording_keeps_status_law_and_residual(tmp_path: Any) -> None:
+    rec = gx.run(pinch(0.6, 0.5, opening=0.0125), duration=0.05)
+    rec.save(tmp_path / "r.h5")
+    back = gx.Recording.load(tmp_path / "r.h5")
+    assert back.status is not None and rec.status is not None and np.array_equal(back.status, rec.status)
+    found, made = back.objects["object"], rec.objects["object"]
+    assert np.array_equal(found.law, made.law) and np.array_equal(found.residual, made.residual)  # type: ignore[arg-type]
+    smooth = gx.run(pinch(0.6, 0.0), duration=0.01)
+    assert smooth.status is None and smooth.objects["object"].law is None and smooth.summary()["associated"] is None
+
+
+def test_fingers_may_have_coefficients_of_their_own() -> None:
+    scene = pinch(0.6, 0.5).replace({"finger.1.friction": 0.1})
+    assert scene.coefficients == (0.5, 0.1)
+    with pytest.raises(SceneError, match="'stick' holds every finger"):
+        scene.replace({"coupling.friction": "stick"})
+
+
+def test_the_plan_says_which_law_runs() -> None:
+    rows = {row.step: row.why for row in plan(pinch(0.6, 0.5))}
+    assert "mu = 0.5" in rows["letting go"] and "associated" in rows["letting go"]

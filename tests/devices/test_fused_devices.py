@@ -1,0 +1,177 @@
+"""Simulated devices on one array with their plant and their hand: their methods to the bit, compiled to rounding."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspfx import plugins
+from graspfx.compile.machine import compiled
+from graspfx.devices._point_sample import nearest
+from graspfx.devices.simulated import PointDevice, connect
+from graspfx.errors import DeviceError
+from graspfx.loop.device import FusedDevice, fused
+from graspfx.loop.hand import Hand
+from graspfx.loop.motion import Sine
+from graspfx.loop.plant import fused as fused_plant
+from tests.support.fused import Arena, called, on_memory
+
+two_link: Any = plugins.load("devices", "two-link")
+
+T = 0.005
+START = np.array([[-0.025, 0.0], [0.03, 0.01]])
+POINTS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "sensors, delay and limit": {"resolution": 1e-5, "delay": 2, "force_limit": 0.4, "workspace": ([-1, -1], [1, 1])},
+}
+ARMS: dict[str, dict[str, Any]] = {
+    "base": {},
+    "elbow": {"drive": "elbow", "delay": 1, "torque_limit": 0.002, "gear": (15.0, -12.0)},
+}
+
+
+def points(settings: dict[str, Any]) -> tuple[Any, Any, Hand]:
+    device = connect(mass=0.15, friction=0.2, fingers=2, dimensions=2, **settings)
+    return ready(device, START)
+
+
+def arm(settings: dict[str, Any]) -> tuple[Any, Any, Hand]:
+    return ready(two_link.connect(base=(-0.04, -0.18), **settings), START[:1])
+
+
+def ready(device: Any, start: Any) -> tuple[Any, Any, Hand]:
+    plant = type(device).plant([device])
+    plant.place(start)
+    device.open(T)
+    inward = np.tile([[0.0, 1.0]], (len(start), 1))
+    return device, plant, Hand(start, 60.0, 1.0, Sine(0.03, 0.8, [1.0, 0.5], 0.1, 0.5), 0.004, inward)
+
+
+def wall(x: Any, v: Any) -> Any:
+    """A stiff wall at x = -20 mm to the left, and some damping: forces beyond the limits."""
+    force = -0.5 * v
+    force[:, 0] -= 150.0 * np.minimum(x[:, 0] + 0.02, 0.0)
+    return force
+
+
+CASES = [(points, settings) for settings in POINTS.values()] + [(arm, settings) for settings in ARMS.values()]
+
+
+@pytest.mark.parametrize(("make", "settings"), CASES, ids=[*POINTS, *ARMS])
+def test_blocks_alone_are_the_methods_to_the_bit(make: Any, settings: dict[str, Any]) -> None:
+    device, plant, hand = make(settings)
+    assert isinstance(device, FusedDevice)
+    arena = Arena(*make(settings), T, on_memory)
+    for _ in range(300):
+        np.testing.assert_array_equal(arena.tick(wall), called(device, plant, hand, T, wall))
+    structure = device.structure
+    np.testing.assert_array_equal(device.state[structure], arena.device.state[structure])
+    np.testing.assert_array_equal(device.state[structure], np.rint(device.state[structure]))
+    assert np.isnan(arena.S).sum() == 9  # nothing was written between the blocks
+
+
+@pytest.mark.parametrize(("make", "settings"), [CASES[1], CASES[3]], ids=["points", "arm"])
+def test_compiled_it_is_the_same_to_rounding(make: Any, settings: dict[str, Any]) -> None:
+    # Rounding of positions around 0.1 m, that of velocities over 5 ms and of forces by 150 N/m; no count of these runs
+    # is so near to a half that it falls on its other side.
+    interpreted, machine = (Arena(*make(settings), T, kernels) for kernels in (on_memory, compiled))
+    for _ in range(300):
+        x, y = interpreted.tick(wall), machine.tick(wall)
+        np.testing.assert_allclose(y[[0, 3]], x[[0, 3]], rtol=0, atol=1e-14)
+        np.testing.assert_allclose(y[[1, 2]], x[[1, 2]], rtol=0, atol=1e-11)
+
+
+def test_codes_say_what_the_methods_say() -> None:
+    device, plant, _ = points({"workspace": ([-0.1, -0.1], [0.1, 0.1]), "delay": 1})
+    S, ports = memoryview(device.state), device.ports
+    device.write(np.ones((2, 2)))
+    S[ports.command + 3] = math.nan
+    code = device.writing(S, 0)
+    with pytest.raises(DeviceError) as error:
+        device.write(np.array([[1.0, 1.0], [1.0, math.nan]]))
+    assert str(error.value) == device.fault_text(code)
+    assert not device.state[ports.effort : ports.effort + 4].any()
+    device.write(np.zeros((2, 2)))
+    assert not device.effort.any()  # nothing left of the delay
+    plant.place(np.array([[0.0, 0.0], [0.0, 0.2]]))
+    with pytest.raises(DeviceError, match=r"finger 1 .*outside its workspace"):
+        device.read()
+    S[ports.sensed + 1] = math.inf
+    assert "finger 0 of a simulated device is at (0, inf) m; its motion has diverged" in device.fault_text(
+        device.reading(S, 0)
+    )
+
+
+def test_an_arm_says_what_stops_it() -> None:
+    device, _, _ = arm({"delay": 1})
+    S, ports = memoryview(device.state), device.ports
+    device.write(np.array([[1.0, 0.0]]))
+    S[ports.command] = math.inf
+    assert "cannot be displayed" in device.fault_text(device.writing(S, 0))
+    S[ports.command] = 0.0
+    assert device.writing(S, 0) == 0
+    assert not device.effort.any()
+    before = device.read()[0].copy()
+    for angles, said in (((0.0, 0.001), "stretched posture"), ((0.0, 1.0), "on the right"), ((math.nan, 0.0), "nan")):
+        S[ports.sensed], S[ports.sensed + 1] = angles
+        assert said in device.fault_text(device.reading(S, 0))
+    np.testing.assert_array_equal(device.read()[0], before)
+
+
+def test_stopping_is_stop() -> None:
+    for make in (points, arm):
+        device, _, _ = make({"delay": 2})
+        for _ in range(3):
+            device.write(np.full(device.effort.shape, 0.1))
+        assert device.effort.any()
+        assert device.stopping(memoryview(device.state), 0) == 0
+        for _ in range(3):
+            assert not device.effort.any()
+            device.write(np.zeros(device.effort.shape))
+
+
+def test_a_class_that_reads_or_moves_in_its_own_way_is_not_fused() -> None:
+    class Shaking(PointDevice):
+        def read(self) -> Any:
+            x, v, time = super().read()
+            return x + 1e-6, v, time
+
+    class Named(PointDevice):
+        @property
+        def name(self) -> str:
+            return "thumb"
+
+    settings = {
+        "mass": 0.1, "friction": 0.0, "fingers": 1, "dimensions": 1, "resolution": 0.0, "velocity_window": 1,
+        "delay": 0, "force_limit": None, "workspace": None,
+    }  # fmt: skip
+    plain, shaking, named = PointDevice(**settings), Shaking(**settings), Named(**settings)
+    assert fused(plain) is plain
+    assert fused(named) is named
+    assert fused(shaking) is None
+    arm_device = two_link.connect()
+    assert fused(arm_device) is arm_device
+
+    class Board:
+        def open(self, period: float) -> None: ...
+
+    assert fused(two_link.connect(board=Board())) is None
+
+    plant = PointDevice.plant([plain])
+    assert fused_plant(plant) is plant
+
+    class Slow(type(plant)):
+        def advance(self, force: Any, hand: Any, T: float) -> None:
+            super().advance(force, hand, 0.5 * T)
+
+    assert fused_plant(Slow([0.1], [0.0], 1)) is None
+
+
+def test_rounding_is_half_to_even() -> None:
+    rng = np.random.default_rng(5)
+    x = np.concatenate([np.arange(-6, 7) / 2.0, rng.normal(size=500) * 10.0 ** rng.uniform(-3, 18, 500), [np.inf]])
+    np.testing.assert_array_equal([nearest(float(a)) for a in x], np.rint(x))
+    assert math.isnan(nearest(math.nan))

@@ -1,0 +1,306 @@
+"""Growth found in recordings: none missed where the sampled loop is unstable, none seen where it is stable.
+
+`pytest -m large tests/loop/recording/test_growth.py` tries some two hundred scenes more.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import graspfx as gx
+from graspfx.__main__ import main
+from graspfx.analysis.stability import spectral_radius
+from graspfx.loop.drive import drive
+from graspfx.loop.evidence import coherent_pole
+from graspfx.loop.growth import Growth, growths
+from graspfx.loop.mode import mode_name
+from graspfx.loop.octaves import BLOCK, amplitudes, octaves, poles, rises
+from graspfx.loop.record import Recording
+from graspfx.plugins import names
+from tests.support.random_scenes import boundary, random_case, scaled
+from tests.support.recordings import header, layout, recording, rows
+
+NAMED = [
+    ("paper-waving-turning", {"external": 70.0, "internal": 70.0}, "external rotation", 55.04),
+    ("paper-waving", {"internal": 600.0}, "internal", 483.4),
+    ("paper-spring", {"external": 60.0}, "external", 51.85),
+]
+QUICK = (0, 2, 5, 38, 133)  # with a boundary; 133 runs away without swinging
+DRIVES = ("ramp", "exponential", "two", "walk", "opposed")
+DRIVEN = ("paper-waving", "paper-waving-turning", "paper-spring", "sphere-three-fingers", "soft-pinch", "prism")
+
+
+@pytest.fixture(scope="module")
+def unstable() -> dict[str, Recording]:
+    return {name: gx.run(gx.load(name, stiffnesses(gains))) for name, gains, _, _ in NAMED}
+
+
+def stiffnesses(gains: dict[str, float]) -> dict[str, Any]:
+    return {f"coupling.{part}.stiffness": value for part, value in gains.items()}
+
+
+@pytest.mark.parametrize(("name", "gains", "mode", "limit"), NAMED)
+def test_a_named_loss_is_in_the_summary_with_its_limit(
+    unstable: dict[str, Recording], name: str, gains: dict[str, float], mode: str, limit: float
+) -> None:
+    """The rate is that of the sampled loop to a quarter; hands that wave change the arms' masses, and with them it."""
+    (growth,) = unstable[name].summary()["growth"]
+    certificate = growth["certificate"]
+    rate = math.log(certificate["spectral_radius"]) / unstable[name].period
+    assert growth["mode"] == mode
+    assert growth["rate"] == pytest.approx(rate, rel=0.25)
+    assert 0.9 < growth["frequency"] / {"external rotation": 7.05, "internal": 9.53, "external": 6.05}[mode] < 1.15
+    assert certificate["limit"] == pytest.approx(limit, rel=1e-3)
+    assert certificate["gain"] == gains[mode.split()[0]]
+    assert growth["text"].startswith(f"NOT STABLE: {mode} of object grows by itself, ")
+    assert f"limit {limit:.4g}, margin " in growth["text"]
+
+
+def test_a_run_prints_it_the_second_time_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second run takes its scene from the cache, the plotted one has none to certify."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
+    for out in ("a", "b"):
+        assert (
+            main(["run", "paper-spring", "--set", "coupling.external.stiffness=60", "--no-figure", "--out", out]) == 0
+        )
+        (note,) = (line for line in capsys.readouterr().out.splitlines() if "NOT STABLE" in line)
+        assert note.startswith("note: NOT STABLE: external of object grows by itself, 0.4")
+        assert note.endswith("external 60 N/m: limit 51.85, margin 0.86, lost at 6.05 Hz")
+    assert main(["plot", "a/recording.h5"]) == 0
+    (note,) = (line for line in capsys.readouterr().out.splitlines() if "NOT STABLE" in line)
+    assert note.startswith("note: NOT STABLE: external of object grows by itself, 0.4") and "limit" not in note
+
+
+@pytest.mark.parametrize("name", names("scenes"))
+def test_no_scene_of_the_shelf_grows(name: str) -> None:
+    """Hands that close, turn, wave, slide and let go."""
+    assert gx.run(gx.load(name)).summary()["growth"] == []
+
+
+def test_nothing_is_certified_unless_something_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    rec = gx.run(gx.load("paper-spring"), duration=2.0)
+    rec.beside = lambda name, mode: {"text": asked.append(name)}
+    assert rec.summary()["growth"] == [] and not asked
+
+
+@pytest.mark.parametrize("kip", [1200.0, 3000.0])
+def test_a_limit_cycle_of_contacts_that_let_go_is_said(kip: float) -> None:
+    """At 1200 N/m the growth takes a second, at 3000 N/m three cycles: nothing but the ringing is left of it."""
+    (growth,) = gx.run(gx.load("paper-waving", stiffnesses({"internal": kip}))).summary()["growth"]
+    assert growth["sustained"]
+    if kip == 1200.0:
+        assert growth["mode"] == "internal" and growth["rate"] > 5.0
+        assert growth["text"].split(";")[0].endswith(", and goes on")
+    else:
+        assert growth["rate"] == 0.0 and "rings without end" in growth["text"]
+
+
+@pytest.mark.parametrize("seed", QUICK)
+def test_random_grasps_beyond_their_limit(seed: int) -> None:
+    """5 % beyond: a motion that grows by e^9 is seen."""
+    found = beyond(seed)
+    assert found is not None and found[0], seed
+
+
+@pytest.mark.parametrize("seed", QUICK[:-1])
+def test_random_grasps_below_their_limit(seed: int) -> None:
+    rec = near(seed, 0.95, 5.0)
+    assert rec is not None and growths(rec) == []
+
+
+@pytest.mark.large
+def test_many_random_grasps() -> None:
+    """Missed ones beyond the limit, and alarms below it, of those with a boundary that a run shows."""
+    missed, alarms, tried = [], [], 0
+    for seed in range(200, 300):
+        found, rec = beyond(seed), near(seed, 0.95, 5.0)
+        tried += (found is not None) + (rec is not None)
+        missed += [seed] if found is not None and not found[0] else []
+        alarms += [seed] if rec is not None and growths(rec) else []
+    assert tried > 100 and not missed and not alarms, (tried, missed, alarms)
+
+
+def near(seed: int, factor: float, change: float) -> Recording | None:
+    """A random grasp with its stiffnesses near their limit, until its slowest mode has changed by exp(change)."""
+    case = random_case(seed, 1e-8)
+    edge = boundary(case)
+    if edge is None:
+        return None
+    case = scaled(case, edge * factor)
+    rate = math.log(spectral_radius(case.linear))
+    if rate * (factor - 1.0) <= 0.0 or abs(rate) < change / 20000:
+        return None
+    ticks = max(60, math.ceil(change / abs(rate)))
+    return gx.run(gx.Scene(**case.table, duration=ticks * case.linear.period))
+
+
+def beyond(seed: int) -> tuple[list[Growth]] | None:
+    rec = near(seed, 1.05, 9.0)
+    return None if rec is None else (growths(rec),)
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_operators_motions_that_grow_are_theirs(kind: str) -> None:
+    for seed in range(2):
+        assert driven(kind, seed) == []
+
+
+@pytest.mark.large
+@pytest.mark.parametrize("kind", DRIVES)
+def test_many_operators_motions(kind: str) -> None:
+    assert [seed for seed in range(2, 30) if driven(kind, seed)] == []
+
+
+def driven(kind: str, seed: int) -> list[Growth]:
+    """A stable scene whose hands move as never before: sines that fade in slowly, exponentials, beats, random walks."""
+    rng = np.random.default_rng([seed, DRIVES.index(kind)])
+    scene = gx.load(DRIVEN[rng.integers(len(DRIVEN))])
+    d, duration = scene.dimensions, rng.uniform(3.0, 8.0)
+    frequency = math.exp(rng.uniform(math.log(0.5), math.log(12.0)))
+    amplitude, axis = 0.02 * min(1.0, frequency**-1.5), int(rng.integers(d))
+    sine = {"kind": "sine", "amplitude": amplitude, "frequency": frequency, "axis": axis, "begin": 0.5}
+    sine["ramp"] = rng.uniform(0.3, 1.0) * duration
+    motion: Any = sine
+    if kind == "exponential":
+        t = np.arange(0.0, duration, min(0.02, 0.1 / frequency))
+        x = np.zeros((len(t), d))
+        rate = rng.uniform(0.3, 2.0)
+        x[:, axis] = amplitude * np.exp(rate * (t - duration)) * np.sin(2.0 * np.pi * frequency * t)
+        motion = {"kind": "path", "times": t.tolist(), "positions": x.tolist()}
+    if kind == "walk":
+        t = np.arange(0.0, duration, 0.1)
+        x = np.cumsum(rng.normal(size=(len(t), d)) * 0.004, axis=0)
+        motion = {"kind": "path", "times": t.tolist(), "positions": (x - x[0]).tolist()}
+    if kind == "two":
+        motion = [sine, sine | {"frequency": 1.06 * frequency, "amplitude": amplitude / 2, "begin": 1.0}]
+    changes: dict[str, Any] = {}
+    if scene.hand:
+        changes["hand.0.motion"] = motion
+    for i in [i for i, finger in enumerate(scene.finger) if not isinstance(finger.hand, str)]:
+        sign = -1.0 if kind == "opposed" and i % 2 else 1.0
+        own = sine | {"amplitude": 0.4 * sign * amplitude, "axis": 0} if kind == "opposed" else motion
+        changes[f"finger.{i}.hand.motion"] = own
+    return growths(gx.run(scene.replace(changes), duration=duration))
+
+
+def test_noise_of_encoders_near_a_limit_is_no_growth() -> None:
+    """3 % below the limit of kip coarse encoders shake a mode that hardly decays: its size wanders by some e^2."""
+    changes = {"coupling.internal.stiffness": 0.97 * 483.4, "finger.*.device.counts": 4096}
+    assert gx.run(gx.load("paper-waving", changes), duration=60.0).summary()["growth"] == []
+
+
+def test_a_hand_that_nobody_knows_may_do_all_that_is_slower_than_10_hz() -> None:
+    """The same growth by hand: of a scene whose hands stay it is the grasp's; without a table it may be a person's."""
+    still = {"finger": [{"device": {"name": "simulated"}, "hand": {"stiffness": 33.0}}] * 2}
+    for frequency, table, grows in ((6.0, still, True), (6.0, {}, False), (14.0, {}, True)):
+        assert bool(growths(swelling(frequency, scene_table=table))) is grows
+
+
+def test_a_fault_ends_what_is_judged() -> None:
+    """kep = 250 N/m throws a fingertip out of its arm's reach; the rows after that are no motion of the grasp."""
+    rec = gx.run(gx.load("paper-waving", stiffnesses({"external": 250.0})))
+    (growth,) = rec.summary()["growth"]
+    assert rec.faults and growth["mode"] == "external" and growth["end"] < rec.faults[0].tick * rec.period
+
+
+def test_a_motion_that_grows_is_measured() -> None:
+    """Two fingers squeeze 1 um exp(0.9 t) sin(2 pi 7.3 t): rate, frequency, size and mode as they were made."""
+    still = {"finger": [{"device": {"name": "simulated"}, "hand": {"stiffness": 33.0}}] * 2}
+    (growth,) = growths(swelling(7.3, scene_table=still))
+    assert growth.mode == "internal" and growth.frequency == pytest.approx(7.3, rel=1e-3)
+    assert growth.rate == pytest.approx(0.9, rel=1e-3)
+    assert growth.first == pytest.approx(1e-6 * math.exp(0.9 * growth.begin), rel=0.02)
+    assert growth.last == pytest.approx(1e-6 * math.exp(0.9 * growth.end), rel=0.02)
+
+
+def swelling(frequency: float, **head: Any) -> Recording:
+    t = np.arange(1600) * 0.005
+    e = np.zeros((1600, 2, 2))
+    e[:, 0, 0] = 1e-6 * np.exp(0.9 * t) * np.sin(2.0 * np.pi * frequency * t)
+    e[:, 1, 0] = -e[:, 0, 0]
+    arms = np.array([[-0.025, 0.0], [0.025, 0.0]]) + np.zeros((1600, 1, 1))
+    columns = {"finger_position": arms + e, "contact_position": arms, "touching": np.ones((1600, 2))}
+    return recording(columns, layout(simulated=False), **head)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e-3, 1e200])
+@pytest.mark.parametrize("N", [0, 1, 7, 33, 400])
+def test_any_recording_is_judged(scale: float, N: int) -> None:
+    """Nothing, noise, jumps, numbers beyond all measure and none at all, up to the last row."""
+    made = layout(simulated=False)
+    values = scale * rows(made, N)
+    values[:, made.columns["touching"].where] = 1.0
+    if N:
+        assert growths(Recording(values, made, header())) == []
+        blown = values * np.exp(np.linspace(0.0, 230.0, N))[:, None]
+        growths(Recording(blown, made, header()))
+        values = np.array(values)
+        values[N // 2 :] = np.nan
+    assert growths(Recording(values, made, header())) == []
+
+
+def test_poles_and_amplitudes_of_two_swings() -> None:
+    k = np.arange(80)
+    z, w = 1.02 * np.exp(1.9j), 0.97 * np.exp(2.6j)
+    c = np.array([1.0 + 0.5j, -0.3j])
+    y = np.real(c * z ** k[:, None]) + np.real(0.2 * w ** k[:, None])
+    found, share = poles(y, math.log(1.02), 4)
+    upper = sorted((each for each in found if each.imag > 0.0), key=np.angle)
+    assert upper == pytest.approx([z, w], rel=1e-6) and share == pytest.approx(1.0, abs=1e-9)
+    assert amplitudes(y, upper[0], upper[1:]) == pytest.approx(c, rel=1e-6)
+
+
+def test_octaves_take_each_row_once_and_in_blocks() -> None:
+    """A run of 1e5 ticks costs little: no row is asked for more often than once, hardly, nor many of them at once."""
+    asked: list[int] = []
+    x = np.random.default_rng(0).normal(size=(100_000, 2))
+
+    def take(first: int, stop: int) -> np.ndarray:
+        asked.append(stop - first)
+        return x[first:stop]
+
+    made = list(octaves(take, len(x), 0.005))
+    assert sum(asked) < 1.01 * len(x) and max(asked) <= BLOCK + 8
+    assert [each.step / 0.005 for each in made] == [2.0**j for j in range(len(made))] and len(made) > 10
+    lucky = [(each, stretch) for each in made for logs in each.logs for stretch in rises(logs)]
+    assert all(coherent_pole(each, stretch) is None for each, stretch in lucky)  # noise is of no one phase
+
+
+def test_modes_by_their_shape() -> None:
+    """Three fingers on a disc: turned, shifted, squeezed; two of them alone; and with the rotation locked."""
+    angle = np.array([0.3, 2.4, 4.5])
+    arms = 0.03 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    turn, shift = np.stack([-arms[:, 1], arms[:, 0]], axis=1), np.tile([0.01, 0.02], (3, 1))
+    three, who = np.ones(3, dtype=bool), ["thumb", "index", "ring"]
+
+    def name(swing: np.ndarray, free: list[bool], on: np.ndarray = three) -> str:
+        return mode_name(swing.astype(complex), arms, free, on, who)
+
+    assert name(turn, [True] * 3) == "external rotation"
+    assert name(shift, [True] * 3) == "external translation"
+    assert name(-arms, [True] * 3) == "internal"
+    assert name(turn, [True, True, False]) == "internal"
+    assert name(shift, [True, True, False]) == "external"
+    assert name(shift, [True] * 3, np.array([True, False, True])) == "pushing with thumb, ring"
+
+
+def test_the_drive_of_a_scene_is_read_from_its_table() -> None:
+    scene = gx.load("paper-waving")
+    hands = drive(scene.to_dict(), [0, 1], "", np.array([[-0.025, 0.0], [0.025, 0.0]]), np.zeros(2))
+    assert hands.complete and hands.frequencies == (0.5, 0.5)
+    assert hands.swings(1.0, 0.01) and not hands.swings(7.0, 0.1)
+    meant = hands.at(np.array([0.0, 2.5]))
+    assert meant[0] == pytest.approx(np.zeros(meant.shape[1]), abs=1e-15)
+    assert np.abs(meant[1]).max() == pytest.approx(0.05, rel=1e-12)  # the top of a sine
+    plug_in = scene.to_dict()
+    plug_in["finger"][0]["hand"] = {"kind": "push"}
+    assert not drive(plug_in, [0, 1], "", np.zeros((2, 2)), np.zeros(2)).complete

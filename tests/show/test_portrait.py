@@ -1,0 +1,305 @@
+"""The picture of one instant: surfaces of the right size, near hides far, arrows to scale, no names that overlap."""
+
+from __future__ import annotations
+
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from numpy.typing import NDArray
+
+import graspfx as gx
+from graspfx import plugins
+from graspfx.__main__ import main
+from graspfx.errors import InputError
+from graspfx.loop.record import Recording
+from graspfx.show.instant import instant
+from graspfx.show.painter import Camera, Painter
+from graspfx.show.portrait import picture
+from graspfx.show.surfaces import Surface, arrow, ball, finer, rotation, surface
+from tests.support.recordings import layout, recording, waving
+
+FloatArray = NDArray[np.float64]
+
+SOLIDS = {
+    "box": ({"size": [0.02, 0.03, 0.05]}, 3e-5, 1e-12),
+    "sphere": ({"radius": 0.03}, 4 / 3 * pi * 0.03**3, 2e-3),
+    "capsule": ({"radius": 0.02, "length": 0.05}, pi * 0.02**2 * (0.05 + 4 / 3 * 0.02), 2e-3),
+    "cylinder": ({"radius": 0.02, "length": 0.05}, pi * 0.02**2 * 0.05, 2e-3),
+    "ellipsoid": ({"semi_axes": [0.01, 0.02, 0.03]}, 4 / 3 * pi * 6e-6, 2e-3),
+}  # volume [m^3], and how much the facets may take: a polygon of 96 sides has 0.07 % less area than its circle
+FLAT = {
+    "box": ({"size": [0.02, 0.03]}, 6e-4, 1e-12),
+    "sphere": ({"radius": 0.03}, pi * 9e-4, 1e-3),
+    "capsule": ({"radius": 0.02, "length": 0.05}, pi * 4e-4 + 0.04 * 0.05, 1e-3),
+    "ellipsoid": ({"semi_axes": [0.01, 0.02]}, pi * 2e-4, 1e-3),
+}
+
+
+def volume(made: Surface) -> float:
+    a, b, c = np.moveaxis(made.vertices[made.faces], 1, 0)
+    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)
+
+
+def held(
+    shape: dict[str, Any] | None = None, n: int = 5, radius: float = 0.0, obstacles: tuple[Any, ...] = (), **head: Any
+) -> Recording:
+    """n fingers around a ball of 40 mm, pushing inwards, the k-th with (1 + k/n) N; three ticks, the second twice."""
+    k = np.arange(n) + 0.5
+    z, angle = 1.0 - 2.0 * k / n, pi * (1.0 + 5**0.5) * k
+    s = np.sqrt(1.0 - z**2)
+    out = np.column_stack([s * np.cos(angle), s * np.sin(angle), z])
+    force = -out * (1.0 + np.arange(n) / n)[:, None] * np.array([1.0, 2.0, 1.0])[:, None, None]
+    still = np.tile(0.04 * out, (3, 1, 1))
+    columns = {
+        "finger_position": still + radius * out,
+        "true_position": still + radius * out,
+        "contact_position": still,
+        "finger_force": force,
+        "touching": np.ones((3, n)),
+        "objects/object0/orientation": np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)),
+    }
+    table: dict[str, Any] = {
+        "object": [{"name": "object0", "shape": shape or {"kind": "sphere", "radius": 0.04}}],
+        "finger": [{"radius": radius}] * n,
+        "obstacle": list(obstacles),
+    }
+    return recording(columns, layout(3, n), **({"scene_table": table, "title": "By hand"} | head))
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    saved: list[Figure] = []
+    save = Figure.savefig
+
+    def keep(self: Figure, *arguments: Any, **options: Any) -> None:
+        saved.append(self)
+        save(self, *arguments, **options)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+
+    def draw(recorded: Recording, **options: Any) -> tuple[Figure, tuple[str, ...]]:
+        notes = picture(recorded, tmp_path / "picture.png", **options)
+        return saved[-1], notes
+
+    return draw
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_a_solid_is_closed_faces_outwards_and_has_its_volume(kind: str) -> None:
+    lengths, expected, facets = SOLIDS[kind]
+    made = surface({"kind": kind, **lengths}, 3, 0.1)
+    assert expected * (1.0 - facets) <= volume(made) <= expected * (1.0 + 1e-12)
+    assert volume(finer(made, 0.004)) == pytest.approx(volume(made), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", FLAT)
+def test_an_outline_has_its_area(kind: str) -> None:
+    lengths, expected, facets = FLAT[kind]
+    x, y = surface({"kind": kind, **lengths}, 2, 0.1).vertices.T
+    area = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    assert expected * (1.0 - facets) <= area <= expected * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("kind", ["plane", "half-space"])
+def test_an_endless_surface_is_a_piece_across_its_normal(kind: str) -> None:
+    shape = {"kind": kind, "normal": [1.0, 2.0, 2.0]}
+    assert np.abs(surface(shape, 3, 0.1).vertices @ [1.0, 2.0, 2.0]).max() < 1e-16
+    ground = surface({"kind": kind, "normal": [3.0, 4.0]}, 2, 0.1).vertices @ [0.6, 0.8]
+    assert ground.max() < 1e-16 and (ground.min() < -1e-3) == (kind == "half-space")
+
+
+def test_a_mesh_by_its_corners_and_from_a_file() -> None:
+    box = surface({"kind": "box", "size": [0.08, 0.06, 0.001]}, 3, 0.1)
+    corners = {"vertices": box.vertices.tolist(), "faces": box.faces.tolist()}
+    assert volume(surface(corners, 3, 0.1)) == pytest.approx(4.8e-6, rel=1e-12)
+    table = {"mesh": "meshes/plate.ply", "scale": 1e-3}
+    assert volume(surface(table, 3, 0.1, plugins.shelf("scenes"))) == pytest.approx(4.8e-6, rel=1e-12)
+
+
+def test_finer_cells_are_short_and_their_number_bounded() -> None:
+    """The 80 mm by 2.6 mm sides of the mug: halved along their length only."""
+    mug = surface({"mesh": "meshes/mug.ply", "scale": 1e-3}, 3, 0.1, plugins.shelf("scenes"))
+    cut = finer(mug, 0.005)
+    corners = cut.vertices[cut.faces]
+    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.005
+    assert len(cut.faces) < 30 * len(mug.faces)  # cutting in four would make 1024 of a side
+
+
+def test_an_arrow_reaches_from_tail_to_tip() -> None:
+    tail, tip = np.array([0.1, 0.2, 0.3]), np.array([0.2, 0.2, 0.3])
+    v = arrow(tail, tip, 0.001).vertices
+    assert np.abs(v - tip).sum(axis=1).min() < 1e-12 and np.abs(v - tail).sum(axis=1).min() < 1e-12
+    assert v[:, 0].min() >= 0.1 - 1e-12 and v[:, 0].max() <= 0.2 + 1e-12
+
+
+def test_a_surface_turns_as_its_quaternion_says() -> None:
+    """A quarter turn about z takes x to y; an angle does the same in the plane."""
+    half = np.sqrt(0.5)
+    assert np.allclose(rotation([0.0, 0.0, half, half], 3) @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
+    assert np.allclose(rotation(pi / 2, 2) @ [1.0, 0.0], [0.0, 1.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("view", [(-60.0, 22.0), (10.0, -30.0), (200.0, 89.0)])
+def test_the_camera_keeps_lengths_and_hands(view: tuple[float, float]) -> None:
+    axes = Camera(*view).axes
+    assert np.allclose(axes @ axes.T, np.eye(3), atol=1e-15)
+    assert np.allclose(np.cross(axes[0], axes[1]), axes[2], atol=1e-15)
+
+
+def test_what_is_near_hides_what_is_far() -> None:
+    """From +x: a point behind a ball is hidden, beside it or before it not."""
+    painter = Painter(Camera(0.0, 0.0), 0.1)
+    painter.add(ball(0.02), "red")
+    points = np.array([[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0], [-0.03, 0.03, 0.0], [0.0, 0.0, 0.0]])
+    assert painter.hidden(points).tolist() == [True, False, False, True]
+
+
+def test_the_nearer_finger_is_painted_over_the_object(tmp_path: Path) -> None:
+    """Two fingers at the ends of a diameter, seen along it: the near red one is there; of the far one, dashes."""
+    p = np.array([[0.0, -0.05, 0.0], [0.0, 0.05, 0.0]])
+    columns = {
+        "finger_position": p[None], "true_position": p[None], "contact_position": 0.8 * p[None],
+        "touching": np.ones((1, 2)), "finger_force": np.zeros((1, 2, 3)),
+        "objects/object0/orientation": np.array([[0.0, 0.0, 0.0, 1.0]]),
+    }  # fmt: skip
+    table = {
+        "object": [{"name": "object0", "shape": {"kind": "sphere", "radius": 0.04}}],
+        "finger": [{"radius": 0.01}] * 2,
+    }
+    file = tmp_path / "picture.png"
+    picture(recording(columns, layout(3, 2), scene_table=table, title=""), file, view=(-90.0, 0.0))
+    pixels = imread(file)[..., :3]
+    red, green, blue = (pixels[..., k] for k in range(3))
+    ball_of_finger = ((red > 2.5 * green) & (red > 2.5 * blue)).sum()
+    assert ball_of_finger > 2000
+    assert ((blue > 2.5 * red) & (blue > 1.3 * green)).sum() < 0.2 * ball_of_finger
+
+
+@pytest.mark.parametrize(("n", "radius"), [(1, 0.0), (5, 0.0), (5, 0.008), (20, 0.0)])
+def test_names_do_not_overlap(drawn: Any, n: int, radius: float) -> None:
+    made, notes = drawn(held(n=n, radius=radius))
+    axes = made.axes[0]
+    named = [text for text in axes.texts if text.get_text() and text.get_color() not in ("#222222",)]
+    assert len(named) == n and not notes
+    made.draw_without_rendering()  # at the resolution that the figure now has
+    boxes = [text.get_window_extent(made.canvas.get_renderer()) for text in named]
+    for i, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:i]), named[i].get_text()
+        assert made.bbox.contains(box.x0, box.y0) and made.bbox.contains(box.x1, box.y1)
+
+
+def test_axes_are_equal_and_hold_every_surface(drawn: Any) -> None:
+    made, _ = drawn(held())
+    axes = made.axes[0]
+    assert axes.get_aspect() == 1.0
+    (surfaces,) = axes.collections[:1]
+    corners = np.concatenate([path.vertices for path in surfaces.get_paths()])
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    assert x0 < corners[:, 0].min() and corners[:, 0].max() < x1
+    assert y0 < corners[:, 1].min() and corners[:, 1].max() < y1
+
+
+def test_arrows_and_their_scale_agree(drawn: Any) -> None:
+    """In the plane: an arrow's length over the scale's length is its force over the scale's."""
+    made, _ = drawn(with_shape(waving()), time=0.0)
+    axes = made.axes[0]
+    arrows = [p.get_xy() for p in axes.patches if hasattr(p, "get_xy") and len(p.get_xy()) == 8]
+    lengths = [np.ptp(corners[:, 0]) for corners in arrows]
+    bar = next(t for t in axes.texts if getattr(t, "arrowprops", None) and t.arrowprops["arrowstyle"] == "-|>")
+    value = float(next(text.get_text() for text in axes.texts if text.get_text().endswith(" N")).split()[0])
+    width = (bar.xy[0] - bar.xyann[0]) * np.ptp(axes.get_xlim())
+    f = np.abs(waving().finger_force[0, :, 0])
+    assert lengths == pytest.approx((f / value * width).tolist(), rel=1e-9)
+
+
+def with_shape(recorded: Recording) -> Recording:
+    table = {"object": {"name": "object0", "shape": {"kind": "box", "size": [0.05, 0.05]}}}
+    head = recorded.header
+    return Recording(recorded.rows, recorded.layout, type(head)(**{**vars(head), "scene_table": table}))
+
+
+def test_twenty_thousand_triangles_over_a_floor(drawn: Any) -> None:
+    floor = {"shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "position": [0.0, 0.0, -0.05]}
+    post = {
+        "name": "post",
+        "shape": {"kind": "cylinder", "radius": 0.005, "length": 0.05},
+        "position": [0.07, 0.0, 0.0],
+    }
+    shape = {"mesh": "meshes/potato.ply", "scale": 1e-3}
+    made, notes = drawn(held(shape, obstacles=(floor, post)), folder=plugins.shelf("scenes"))
+    assert not notes
+    (surfaces,) = made.axes[0].collections[:1]
+    assert len(surfaces.get_paths()) > 8000  # the half of the triangles that faces the viewer
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ({"kind": "klein-bottle"}, "klein-bottle"),
+        ({"kind": "box"}, "size"),
+        ({"mesh": "nowhere.stl"}, "nowhere.stl"),
+        ({"vertices": [[0.0, 0.0, 0.0]], "faces": []}, "triangles"),
+    ],
+)
+def test_what_cannot_be_drawn_is_skipped_with_a_note(drawn: Any, shape: dict[str, Any], words: str) -> None:
+    strange = {"name": "strange"}
+    _, notes = drawn(held(shape, obstacles=(strange,)))
+    assert any("object0" in note and words in note for note in notes)
+    assert any("strange" in note for note in notes)
+
+
+def test_the_instant_is_where_forces_are_largest_else_the_end(drawn: Any) -> None:
+    assert instant(held()).time == pytest.approx(0.005)  # the second tick
+    assert instant(held(), 0.0).time == 0.0
+    idle = recording({"objects/object0/position": np.zeros((4, 2))}, layout(2))
+    assert instant(idle).time == pytest.approx(0.015)
+    for time in (-0.1, 0.02, np.nan, np.inf):
+        with pytest.raises(InputError, match=r"from 0 to 0\.01 s"):
+            instant(held(), time)
+
+
+def test_a_finger_that_is_nowhere_is_left_out(drawn: Any) -> None:
+    lost = held()
+    rows = lost.rows.copy()
+    rows[:, lost.layout.columns["true_position"].where.start] = np.nan
+    made, notes = drawn(Recording(rows, lost.layout, lost.header))
+    assert "nowhere" in notes[0] and "finger0" not in {text.get_text() for text in made.axes[0].texts}
+
+
+@pytest.mark.parametrize("scene", ["reference-1dof", "paper-waving"])
+def test_the_command_runs_a_scene_or_takes_a_recording(
+    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["picture", scene, "--time", "0.2", "--out", "there/one.svg"]) == 0
+    assert capsys.readouterr().out == "wrote there/one.svg\n" and "<svg" in Path("there/one.svg").read_text()
+    assert main(["run", scene, "--duration", "0.1", "--no-figure", "--out", "here"]) == 0
+    assert main(["picture", "here"]) == 0
+    assert imread("here/picture.png").shape[2] == 4
+    assert main(["picture", "here", "--set", "object.mass=0.2"]) == 2
+    assert main(["picture", "here", "--out", "strange.ending"]) == 2
+    assert main(["picture", "missing.h5"]) == 2
+    said = capsys.readouterr().err
+    assert "a scene to set values in" in said and ".png" in said and "missing.h5" in said
+
+
+def test_a_shape_stands_where_its_scene_describes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording that knows the frame of a mesh's file from the centre of mass says so itself."""
+    pose = np.tile([0.1, 0.0, 0.0], (3, 1)), np.tile([0.0, 0.0, 0.0, 1.0], (3, 1))
+    monkeypatch.setattr(Recording, "described_pose", lambda self, name: pose, raising=False)
+    (thing,) = instant(held({"mesh": "meshes/plate.ply", "scale": 1e-3}), folder=plugins.shelf("scenes")).things
+    assert thing.surface.vertices.mean(axis=0) == pytest.approx([0.1, 0.0, 0.0], abs=1e-12)
+    assert not thing.path.any()  # of the centre of mass
+
+
+def test_a_recording_knows_where_its_meshes_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawn from anywhere, after the file has been written and read."""
+    rec = gx.run(gx.load("thin-plate"), duration=0.02)
+    rec.save(tmp_path / "recording.h5")
+    monkeypatch.chdir(tmp_path)
+    assert picture(gx.Recording.load(tmp_path / "recording.h5"), tmp_path / "picture.png") == ()

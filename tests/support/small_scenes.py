@@ -1,0 +1,58 @@
+"""Small scenes that several tests run: two fingers on a line, and fingers attached to a box."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import graspfx as gx
+
+M, B, SPRING, M_V, B_V = 0.12, 0.3, 40.0, 0.2, 0.9
+KEP, KIP = 25.0, 60.0
+
+POINT = {"name": "simulated", "mass": 0.15, "friction": 0.2}
+LINE: dict[str, Any] = {
+    "dimensions": 1,
+    "period": 0.005,
+    "duration": 0.3,
+    "object": {  # the integrator that the native body has for others, too
+        "mass": 0.1, "viscosity": 0.8, "integrator": "semi-implicit", "shape": {"kind": "box", "size": [0.05]},
+    },
+    "coupling": {"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0, "damping": 0.1}},
+    "finger": [
+        {"start": [x], "device": POINT, "hand": {"stiffness": 60.0, "damping": 0.5, "squeeze": 0.005}}
+        for x in (-0.0251, 0.0252)
+    ],
+}  # fmt: skip
+
+
+def line(**changes: Any) -> gx.Scene:
+    """Two fingers on a box; changes by dotted key, __ for dots."""
+    return gx.Scene(**LINE).replace({key.replace("__", "."): value for key, value in changes.items()})
+
+
+def attached(d: int, integrator: str = "exact", squeeze: float = 0.0, **device: object) -> gx.Scene:
+    """2, 3 and 4 fingers held on the middle of sides of a box, and `squeeze` [m] into it."""
+    size = [0.04, 0.05, 0.06][:d]
+    directions = {1: [[-1], [1]], 2: [[-1, 0], [1, 0], [0, 1]], 3: [[-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1]]}[d]
+    start = [(0.5 * np.array(size) * np.array(u)).tolist() for u in directions]
+    rest = [(np.array(p) * (1.0 - squeeze / np.linalg.norm(p))).tolist() for p in start]
+    table = {"name": "simulated", "mass": M, "friction": B} | device
+    return gx.Scene(
+        dimensions=d,
+        period=0.004,
+        duration=1.0,
+        object={
+            "mass": M_V,
+            "viscosity": B_V,
+            "integrator": integrator,
+            "shape": {"kind": "box", "size": size},
+        }
+        | ({} if d == 1 else {"rotational_viscosity": 4e-4}),
+        coupling={"contact": "attached", "external": {"stiffness": KEP}, "internal": {"stiffness": KIP}},
+        finger=[
+            {"start": p, "device": table, "hand": {"stiffness": SPRING, "damping": 0.1, "rest": r}}
+            for p, r in zip(start, rest, strict=True)
+        ],
+    )
