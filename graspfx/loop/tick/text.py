@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from graspfx.compile.unfold import Line, unfold
+from graspfx.compile.unfold.unfold import Line, unfold
 from graspfx.loop.parts import Parts
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.loop.tick.tick import begin, end
-from graspfx.loop.tick.wire import Wirer
+from graspfx.loop.tick.wire_parts import Wirer
 
 
 def write(parts: Parts, *, record: bool = True) -> Tick:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from graspfx.compile.unfold import stage
+from graspfx.compile.unfold.unfold import stage
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.loop.tick.memory import AHEAD, FAULTED, MOVER, OBJECT_, PERIOD, PLANT, STATION, latch
-from graspfx.loop.tick.wiring import (
+from graspfx.loop.tick.wires import (
     BodyWires,
     Channel,
     DeviceWires,

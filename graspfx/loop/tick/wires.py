@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class FingerWires:
     """One finger; each array is a piece of a longer memory."""
 
@@ -27,7 +27,7 @@ class FingerWires:
     energy: FloatArray  # work that the device did on it so far, (1,) [J]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class Channel:
     """One channel of a device: where it shows what it reads of a finger, and takes the force to display."""
 
@@ -38,7 +38,7 @@ class Channel:
     command: FloatArray  # (d,) [N]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class DeviceWires:
     """A simulated device, which kernels read and write."""
 
@@ -53,7 +53,7 @@ class DeviceWires:
     stopping: Kernel
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class PortWires:
     """The memory of a device that is read and written between two calls."""
 
@@ -62,7 +62,7 @@ class PortWires:
     channels: Sequence[Channel]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class LedgerWires:
     """The energies of an object's grasp; on planes also what these did to the body."""
 
@@ -71,7 +71,7 @@ class LedgerWires:
     contact_wrench: FloatArray | None  # where the planes' memory has it, (6,) [N, N m]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class GraspWires:
     """An object and its coupling."""
 
@@ -82,7 +82,7 @@ class GraspWires:
     ledger: LedgerWires | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class BodyWires:
     """A body that kernels move."""
 
@@ -94,7 +94,7 @@ class BodyWires:
     stepping: Kernel
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class GuestPart:
     """One object of a guest: its block, and where its part of the guest's buffer begins."""
 
@@ -103,7 +103,7 @@ class GuestPart:
     first: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class GuestWires:
     """A body, or a world of bodies, that other software moves between two calls."""
 
@@ -114,7 +114,7 @@ class GuestWires:
     taking: Kernel
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class Target:
     """A hand's intended positions r and their velocities r', flat."""
 
@@ -122,7 +122,7 @@ class Target:
     velocity: FloatArray  # (n d,) [m/s]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class HandWires:
     """A hand whose kernel works out its targets."""
 
@@ -131,7 +131,7 @@ class HandWires:
     target: Target
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class TableWires:
     """The targets of a hand that is plain Python, asked beforehand for many ticks."""
 
@@ -139,7 +139,7 @@ class TableWires:
     width: int  # of a tick: r and r' at the end of its sample, then in its middle if asked for
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class PlantWires:
     """A plant that a kernel moves."""
 
@@ -153,7 +153,7 @@ class PlantWires:
     end: Target
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, repr=False)
 class Wiring:
     """A scene."""
 

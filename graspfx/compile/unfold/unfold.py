@@ -20,8 +20,19 @@ from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.dynamic import AND, ATOM, COMPARISON, NOT, OR, Dynamic, NotUnfoldable, joined, number, operand
-from graspfx.compile.stage_syntax import FRAME, rewritten
+from graspfx.compile.unfold.dynamic import (
+    AND,
+    ATOM,
+    COMPARISON,
+    NOT,
+    OR,
+    Dynamic,
+    NotUnfoldable,
+    joined,
+    number,
+    operand,
+)
+from graspfx.compile.unfold.stages import FRAME, rewritten, stamp
 from graspfx.errors import InputError
 
 ARITHMETIC = (abs, min, max, int, float)  # of Python, that a program may call
@@ -40,6 +51,7 @@ Stage = TypeVar("Stage", bound=Callable[..., Any])
 def stage(function: Stage) -> Stage:
     """Marks a function that is unfolded where another stage calls it."""
     function.is_stage = True  # type: ignore[attr-defined] # a function takes any attribute
+    stamp(function.__code__.co_filename)
     return function
 
 

@@ -18,7 +18,7 @@ from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.tick.memory import CHUNK, PERIOD, STUCK
 from graspfx.loop.tick.script import Port, Table, Tick
 from graspfx.loop.tick.sources import sources
-from graspfx.loop.tick.wiring import (
+from graspfx.loop.tick.wires import (
     BodyWires,
     Channel,
     DeviceWires,
