@@ -10,7 +10,7 @@ from tempfile import mkdtemp
 
 from hypothesis import settings
 
-from graspfx.loop import engine
+from graspfx.loop.tick import engine
 
 os.environ.setdefault("MPLBACKEND", "agg")
 os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")

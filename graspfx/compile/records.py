@@ -283,7 +283,8 @@ def numbers(value: Any) -> Iterator[float]:
     if isinstance(value, bool | int | float | np.floating | np.integer | np.bool_):
         yield float(value)
     else:
-        for name in parts_of(type(value)):
+        kind: type = type(value)
+        for name in parts_of(kind):
             yield from numbers(getattr(value, name))
 
 
@@ -296,7 +297,11 @@ def _stored(kind: type) -> type:
             raise IndexError(i)
         self._buffer[self._offset + i] = number
 
-    return type(kind.__name__, (kind,), {"__setitem__": write, "__slots__": ("_buffer", "_offset")})
+    def equal(self: Any, other: object) -> bool:
+        return isinstance(other, kind) and list(numbers(self)) == list(numbers(other))
+
+    names = {"__setitem__": write, "__eq__": equal, "__hash__": kind.__hash__, "__module__": kind.__module__}
+    return type(kind.__name__, (kind,), {**names, "__slots__": ("_buffer", "_offset")})
 
 
 def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:

@@ -32,7 +32,7 @@ from graspfx.compile.lower.kinds import (
     variable,
 )
 from graspfx.compile.records import SCALARS, Field, Floats, Many, Record, Table, is_value, layout, parts_of, size_of
-from graspfx.compile.source import definition
+from graspfx.compile.specialise.definitions import definition
 from graspfx.errors import InputError
 
 OPERATORS: dict[type[ast.operator], str] = {
@@ -63,6 +63,7 @@ class Expressions:
         self.depth = 0
         self.files: set[str] = {file}
         self.callees: dict[str, Callable[..., Any]] = {}
+        self.buffers: list[str] = []  # of the kernel's parameters
 
     # Names and constants ------------------------------------------------------------------------------------------
 
@@ -387,7 +388,7 @@ class Expressions:
             blank = like(variable(inner, "_"), "_")
             assert isinstance(blank, Place | Span | Grid | Group)
             zeros: list[ast.expr] = [NOTHING, *([ast.Constant(0)] * (len(offsets(blank)) - 1))]
-            return rebuild(replace_buffer(blank, buffers[0]), iter(zeros))
+            return rebuild(replace_buffer(blank, (buffers or self.buffers)[0]), iter(zeros))
         return value
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:

@@ -42,6 +42,7 @@ class Body(Expressions):
         for a in tree.args.args:
             value = variable(kinds[a.arg], a.arg)
             frame.scope[a.arg] = value
+            self.buffers += [value.buffer] if isinstance(value, Place | Span | Grid | Group) else []
             names = [part.id for part in expressions(value) if isinstance(part, ast.Name)]
             parameters += names
             if a.arg in given:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable
-from types import FunctionType, TracebackType
+from types import FunctionType
 from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
 
 import numpy as np
@@ -96,8 +96,9 @@ def unfold(function: Callable[..., Any], names: Names, **parts: object) -> list[
     try:
         rewritten(function)(frame, *values)
     except NotUnfoldable as error:
-        file, line = _place(error.__traceback__)
-        raise InputError(f"{file}:{line}", error.found, error.expected, error.do) from error
+        raise InputError(_place(error), error.found, error.expected, error.do) from error
+    except (AttributeError, IndexError, TypeError) as error:
+        raise InputError(_place(error), str(error), "what the parts have, and arithmetic that a program has") from error
     return writer.lines
 
 
@@ -338,20 +339,19 @@ class Choice:
 class Nothing:
     """A variable that has no value here: it has none yet, or one that depends on a choice of the program."""
 
-    def __getattr__(self, name: str) -> NoReturn:
-        self._refuse()
-
-    def _refuse(self, *_: object) -> NoReturn:
-        raise NotUnfoldable(self, "a variable that the parts settle, or one of the program")
-
     def __repr__(self) -> str:
         return "a variable without a value, or with one that depends on a choice of the program"
 
-    __bool__ = __iter__ = __len__ = __getitem__ = __call__ = __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = (
-        _refuse  # type: ignore[assignment]
-    )
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __neg__ = _refuse
-    __hash__ = None  # type: ignore[assignment]
+    def __bool__(self) -> NoReturn:
+        raise NotUnfoldable(self, "one that the parts settle, or a number of the program")
+
+    def __getattr__(self, name: str) -> NoReturn:
+        self.__bool__()
+
+    def __eq__(self, other: object) -> NoReturn:
+        self.__bool__()
+
+    __hash__ = None  # type: ignore[assignment] # what it is equal to is not known
 
 
 Frame.nothing = Nothing()
@@ -383,12 +383,12 @@ def _here() -> tuple[str, int]:
     return frame.f_code.co_filename, frame.f_lineno
 
 
-def _place(trace: TracebackType | None) -> tuple[str, int]:
+def _place(error: BaseException) -> str:
     """The file and the line of the innermost stage in which an error happened."""
-    place = "", 0
+    place, trace = "stage", error.__traceback__
     while trace is not None:
         code = trace.tb_frame.f_code
         if FRAME in code.co_varnames[:1]:
-            place = code.co_filename, trace.tb_lineno
+            place = f"{code.co_filename}:{trace.tb_lineno}"
         trace = trace.tb_next
     return place

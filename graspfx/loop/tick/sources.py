@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.observer import BY_MODE, OF_OBJECT
+from graspfx.loop.energy.observer import BY_MODE, OF_OBJECT
 from graspfx.loop.parts import Parts
 
 FloatArray = NDArray[np.float64]

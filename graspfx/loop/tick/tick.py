@@ -13,6 +13,7 @@ from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
+from graspfx.loop.energy.watch import watch
 from graspfx.loop.tick.memory import AHEAD, FAULTED, MOVER, OBJECT_, PERIOD, PLANT, STATION, latch
 from graspfx.loop.tick.wires import (
     BodyWires,
@@ -28,7 +29,6 @@ from graspfx.loop.tick.wires import (
     Target,
     Wiring,
 )
-from graspfx.loop.watch import watch
 
 
 @stage

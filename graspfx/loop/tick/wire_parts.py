@@ -12,7 +12,7 @@ from graspfx.coupling import block as at
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port
-from graspfx.loop.observer import MET
+from graspfx.loop.energy.observer import MET
 from graspfx.loop.parts import Moved, Mover, Parts, Station, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.tick.memory import CHUNK, PERIOD, STUCK

@@ -9,7 +9,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
 from graspfx.errors import InputError
-from graspfx.loop.motion import Levels, Path, Reach, Rest, Sine, Sum, direction
+from graspfx.loop.motion.motion import Levels, Path, Reach, Rest, Sine, Sum, direction
 from graspfx.loop.tick.targets import minimum_jerk
 
 TIMES = np.array([0.0, 0.4, 1.0, 1.5, 2.5])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.build import build
 from graspfx.errors import InputError
-from graspfx.loop.engine import Interpreted
+from graspfx.loop.tick.engine import Interpreted
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.loop.tick.text import write
-from graspfx.scene.making.build import build
 
 
 def test_a_memory_has_one_name_however_it_is_shown() -> None:
