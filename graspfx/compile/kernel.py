@@ -46,10 +46,7 @@ def written(function: F) -> F:
 def source_function(function: Callable[..., Any]) -> FunctionType:
     """Give the function on numbers and entries that is specialised, and that interpreted runs execute."""
     original = getattr(function, LOWERED, None)
-    if original is None:
-        assert isinstance(function, FunctionType)
-        return function
-    return _lowered(original)
+    return cast("FunctionType", function) if original is None else _lowered(original)
 
 
 @cache
@@ -57,6 +54,14 @@ def _lowered(function: FunctionType) -> FunctionType:
     from graspfx.compile.lower.lowering import lowered  # only where a kernel is asked for
 
     return lowered(function)
+
+
+def keep_lowerings() -> None:
+    """Write lowered kernels to the disk cache, so that the next process need not lower them."""
+    if _lowered.cache_info().currsize:
+        from graspfx.compile.lower.store import store
+
+        store().save()
 
 
 def call(function: FunctionType, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from graspfx.compile import cache as kept
-from graspfx.compile.kernel import written
+from graspfx.compile.kernel import keep_lowerings, written
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Later, Memory
 
@@ -58,6 +58,7 @@ def program_source(
     assert isinstance(tree, ast.FunctionDef)
     program.add_text(text, names, [Later(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
     source = program.source()
+    keep_lowerings()
     folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
     files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
     others = [[*where, number] for where, number in program.taken.items() if not _is_ours(where[0])]

@@ -31,6 +31,7 @@ from graspfx.compile.lower.kinds import (
     variable,
 )
 from graspfx.compile.records import layout
+from graspfx.compile.specialise.syntax import place
 
 
 class Body(Expressions):
@@ -53,7 +54,8 @@ class Body(Expressions):
         body = self.block(tree.body, frame)
         args = ast.arguments([], [ast.arg(p) for p in parameters], None, [], [], None, defaults)
         node = ast.FunctionDef(name=tree.name, args=args, body=body, decorator_list=[], type_params=[])  # type: ignore[call-arg, unused-ignore] # type_params from Python 3.12 on
-        return ast.fix_missing_locations(node)
+        place(node)
+        return node
 
     def block(self, statements: Sequence[ast.stmt], frame: Frame) -> list[ast.stmt]:
         outer, self.out = self.out, []

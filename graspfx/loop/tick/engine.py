@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import source_function
+from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.tick.memory import FAULTED, TICK
 from graspfx.loop.tick.script import Tick
@@ -108,6 +108,7 @@ class Interpreted:
             **{name: source_function(kernel) for name, kernel in tick.script.kernels.items()},
             **arrays,
         }
+        keep_lowerings()
         self._run: Run = self._function("run", whole_text(tick, pausing=True))
         self._begin = self._function("begin", part_text("begin", "k", tick.begin))
         self._end = self._function("end", part_text("end", "k, r", tick.end))
