@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from graspfx.compile.unfold.unfold import Line, unfold
+from graspfx.compile.unfold.lines import Line
+from graspfx.compile.unfold.stage import keep_stages
+from graspfx.compile.unfold.unfold import unfold
 from graspfx.loop.parts import Parts
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.loop.tick.tick import begin, end
@@ -24,4 +26,6 @@ def write(parts: Parts, *, record: bool = True) -> Tick:
 def lines_of(parts: Parts, tick: Tick, *, record: bool = True) -> tuple[list[Line], list[Line]]:
     """Both halves of a tick, each line with the line of the code that it comes from; its memories go to the script."""
     wiring = Wirer(parts, tick).wire(record=record)
-    return unfold(begin, tick.script, scene=wiring), unfold(end, tick.script, scene=wiring)
+    halves = unfold(begin, tick.script, scene=wiring), unfold(end, tick.script, scene=wiring)
+    keep_stages()
+    return halves

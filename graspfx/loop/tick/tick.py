@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from graspfx.compile.unfold.unfold import stage
+from graspfx.compile.unfold.stage import stage
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
 from graspfx.coupling.limit import limit

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from types import FunctionType
-from typing import Any, TypedDict
+from types import CodeType, FunctionType
+from typing import TypedDict
 
+from graspfx.compile.unfold.stage import FRAME
 from graspfx.errors import InputError
-
-FRAME = "_frame"  # the name under which a rewritten stage knows what it writes to
 
 SIGNS: dict[type[ast.operator], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "//", ast.Mod: "%"
@@ -29,43 +28,27 @@ class Place(TypedDict):
     end_col_offset: int
 
 
-@cache
-def stamp(file: str) -> tuple[int, int]:
-    """When a file was changed last, and its size, as they are when it is first asked for."""
-    try:
-        status = Path(file).stat()
-    except OSError:
-        return 0, 0
-    return status.st_mtime_ns, status.st_size
-
-
-@cache
-def rewritten(function: FunctionType) -> Callable[..., Any]:
-    """A function of a frame and a stage's arguments, which has the stage's name, file and lines.
+def rewritten_code(function: FunctionType) -> CodeType:
+    """A module with a function of a frame and a stage's arguments, which has the stage's name, file and lines.
 
     Raises:
-        InputError: the stage holds something that no stage can, or its file has changed since it was imported.
+        InputError: the stage holds something that no stage can.
     """
     code = function.__code__
-    name = f"{code.co_filename}:{code.co_firstlineno}"
     node = _definitions(code.co_filename).get(code.co_firstlineno)
     if node is None or node.name != code.co_name or code.co_freevars:
-        raise InputError(name, function.__qualname__, "a function of a module, in a file that can be read")
-    if stamp.__wrapped__(code.co_filename) != stamp(code.co_filename):
-        raise InputError(name, function.__qualname__, "the file as it was imported", "it has changed since: start anew")
+        place = f"{code.co_filename}:{code.co_firstlineno}"
+        raise InputError(place, function.__qualname__, "a function of a module, in a file that can be read")
     module = ast.Module([Rewriter(code.co_filename).function(node)], [])
-    names: dict[str, Any] = {}
-    exec(compile(module, code.co_filename, "exec", dont_inherit=True), function.__globals__, names)
-    result: Callable[..., Any] = names[node.name]
-    return result
+    return compile(module, code.co_filename, "exec", dont_inherit=True)
 
 
 @cache
 def _definitions(file: str) -> dict[int, ast.FunctionDef]:
-    """The functions of a file by the line on which they begin."""
+    """The functions of a file by the line on which they begin; none of one that cannot be read."""
     try:
         tree = ast.parse(Path(file).read_bytes())
-    except OSError:
+    except (OSError, SyntaxError):
         return {}
     functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
     return {min([node.lineno, *(d.lineno for d in node.decorator_list)]): node for node in functions}
