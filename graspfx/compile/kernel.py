@@ -21,8 +21,8 @@ def kernel(function: F) -> F:
     assert isinstance(function, FunctionType)
     original = function
 
-    def run(*arguments: Any, **named: Any) -> Any:
-        return call(original, arguments, named)
+    def run(*arguments: Any, **keywords: Any) -> Any:
+        return call(original, arguments, keywords)
 
     update_wrapper(run, original)
     setattr(run, LOWERED, original)
@@ -50,20 +50,20 @@ def keep_lowerings() -> None:
         store().save()
 
 
-def call(function: FunctionType, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
     """Call a kernel from Python: records as buffer and offset, values as their numbers."""
     run = _lowered(function)
     kinds = parameter_kinds(function)
-    if len(arguments) + len(named) > len(kinds) - 1 or _is_flat(arguments, kinds):
-        return run(*arguments, **named)  # numbers and buffers already
+    if len(arguments) + len(keywords) > len(kinds) - 1 or _is_flat(arguments, kinds):
+        return run(*arguments, **keywords)  # numbers and buffers already
     order = list(kinds)[:-1]
     flat: list[Any] = []
-    given = {**dict(zip(order, arguments, strict=False)), **named}
-    blank = next((a.buffer for a in given.values() if isinstance(a, Record | Floats | Table | Many)), None)
+    values = {**dict(zip(order, arguments, strict=False)), **keywords}
+    blank = next((a.buffer for a in values.values() if isinstance(a, Record | Floats | Table | Many)), None)
     for name in order:
-        if name not in given:
+        if name not in values:
             break  # numbers with defaults come last
-        flat += _flat(given[name], kinds[name], blank)
+        flat += _flat(values[name], kinds[name], blank)
     return _whole(run(*flat), kinds["return"])
 
 
@@ -93,7 +93,7 @@ def _flat(value: Any, kind: Any, blank: Any) -> list[Any]:
 
 
 def _whole(result: Any, kind: Any) -> Any:
-    """A kernel's numbers as the values that it returns."""
+    """Turn a kernel's numbers into the values that it returns."""
     if get_origin(kind) is tuple:
         rest = list(result)
         return tuple(_take(part, rest) for part in get_args(kind))

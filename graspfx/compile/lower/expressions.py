@@ -92,10 +92,10 @@ class Expressions(Scratch):
         if node.id in frame.scope:
             return frame.scope[node.id]
         missing = object()
-        known = frame.namespace.get(node.id, getattr(builtins, node.id, missing))
-        if known is missing:
+        item = frame.namespace.get(node.id, getattr(builtins, node.id, missing))
+        if item is missing:
             return load(frame.prefix + node.id)  # assigned to in a branch
-        return self.constant(known, node.id, frame)
+        return self.constant(item, node.id, frame)
 
     def attribute(self, node: ast.Attribute, frame: Frame) -> Lowered:
         owner = self.value(node.value, frame)
@@ -112,10 +112,10 @@ class Expressions(Scratch):
             if isinstance(owner.value, type) and issubclass(owner.value, Record):
                 layout(owner.value)
                 return Constant(vars(owner.value).get(node.attr) or getattr(owner.value, node.attr))
-            known = getattr(owner.value, node.attr)
-            if isinstance(known, bool | int | float):
-                return node if isinstance(node.value, ast.Name) and not frame.prefix else ast.Constant(known)
-            return Constant(known)
+            item = getattr(owner.value, node.attr)
+            if isinstance(item, bool | int | float):
+                return node if isinstance(node.value, ast.Name) and not frame.prefix else ast.Constant(item)
+            return Constant(item)
         if isinstance(owner, Group) and node.attr == "count":
             return owner.count
         if isinstance(owner, Place | Span | Grid | Group) and node.attr in ("buffer", "offset"):
@@ -234,11 +234,11 @@ class Expressions(Scratch):
             raise self.cannot(node, "chooses between two kinds, or records of two buffers")
         a, b = offsets(one), offsets(other)
         if len(a) == 1:
-            chosen: list[ast.expr] = [ast.IfExp(test, a[0], b[0])]
+            options: list[ast.expr] = [ast.IfExp(test, a[0], b[0])]
         else:
             test = self.atom(test)
-            chosen = [ast.IfExp(test, p, q) for p, q in zip(a, b, strict=True)]
-        return rebuild(one, iter(chosen))
+            options = [ast.IfExp(test, p, q) for p, q in zip(a, b, strict=True)]
+        return rebuild(one, iter(options))
 
     # Calls --------------------------------------------------------------------------------------------------------
 
@@ -255,15 +255,15 @@ class Expressions(Scratch):
         if isinstance(function, type) and is_value(function):
             return self.construct(function, node, frame)
         arguments = [self.value(a, frame) for a in node.args]
-        named = {str(k.arg): self.value(k.value, frame) for k in node.keywords}
+        keywords = {str(k.arg): self.value(k.value, frame) for k in node.keywords}
         if function is len and isinstance(arguments[0], Group):
             return arguments[0].count
         if getattr(function, INLINE, False):
-            return self.inline(function, arguments, node, named)
-        return self.kernel_call(node, called.value, function, arguments, named, frame)
+            return self.inline(function, arguments, node, keywords)
+        return self.kernel_call(node, called.value, function, arguments, keywords, frame)
 
     def method(self, func: ast.Attribute, node: ast.Call, frame: Frame) -> Lowered | None:
-        """A method of a value, a record or a group, written out; None if the attribute is a module's function."""
+        """Write out a method of a value, a record or a group; None if the attribute is a module's function."""
         owner = self.value(func.value, frame)
         if isinstance(owner, Group) and func.attr == "part":
             field = self.value(node.args[0], frame)
@@ -281,10 +281,10 @@ class Expressions(Scratch):
 
     def construct(self, kind: type, node: ast.Call, frame: Frame) -> Lowered:
         fields = parts_of(kind)
-        given = dict(zip(fields, node.args, strict=False)) | {str(k.arg): k.value for k in node.keywords}
-        if set(given) != set(fields):
-            raise self.cannot(node, f"gives {', '.join(given)} to {kind.__name__}({', '.join(fields)})")
-        return Bundle(kind, tuple(self.value(given[name], frame) for name in fields))
+        values = dict(zip(fields, node.args, strict=False)) | {str(k.arg): k.value for k in node.keywords}
+        if set(values) != set(fields):
+            raise self.cannot(node, f"gives {', '.join(values)} to {kind.__name__}({', '.join(fields)})")
+        return Bundle(kind, tuple(self.value(values[name], frame) for name in fields))
 
     def kernel_call(
         self,
@@ -292,10 +292,10 @@ class Expressions(Scratch):
         called: Any,
         function: Any,
         arguments: Sequence[Lowered],
-        named: Mapping[str, Lowered],
+        by_name: Mapping[str, Lowered],
         frame: Frame,
     ) -> Lowered:
-        """The call of a function that stays a call."""
+        """Call a function that stays a call."""
         name = self.callee(node.func, called, frame)
         kinds = parameter_kinds(function) if isinstance(function, FunctionType) else {}
         order = list(kinds)
@@ -304,7 +304,7 @@ class Expressions(Scratch):
         ]
         flat: list[ast.expr] = [number for a in args for number in expressions(a)]
         keywords = []
-        for key, value in named.items():
+        for key, value in by_name.items():
             target = variable(kinds.get(key, float), key)
             names = [part.id for part in expressions(target) if isinstance(part, ast.Name)]
             values = list(expressions(self.passed(value, kinds.get(key), arguments)))
@@ -324,7 +324,7 @@ class Expressions(Scratch):
         return result
 
     def passed(self, value: Lowered, kind: Any, arguments: Sequence[Lowered]) -> Lowered:
-        """An argument as its parameter asks for it; None as an offset below zero."""
+        """Pass an argument as its parameter asks for it; None as an offset below zero."""
         if isinstance(value, ast.Constant) and value.value is None and kind is not None:
             inner, _ = optional(kind)
             buffers = [p.buffer for a in arguments for p in pieces(a) if isinstance(p, Place | Span | Grid | Group)]
@@ -335,9 +335,9 @@ class Expressions(Scratch):
         return value
 
     def inline(
-        self, function: Any, arguments: Sequence[Lowered], node: ast.AST, named: Mapping[str, Lowered] | None = None
+        self, function: Any, arguments: Sequence[Lowered], node: ast.AST, keywords: Mapping[str, Lowered] | None = None
     ) -> Lowered:
-        """A function of a few assignments and a return, written out here."""
+        """Write out a function of a few assignments and a return."""
         tree = definition(function)
         self.files.add(function.__code__.co_filename)
         self.depth += 1
@@ -345,11 +345,11 @@ class Expressions(Scratch):
         frame = Frame({}, function.__globals__, f"i{self.temporaries}_")
         names = [a.arg for a in tree.args.args]
         defaults = dict(zip(names[len(names) - len(tree.args.defaults) :], tree.args.defaults, strict=True))
-        given = dict(zip(names, arguments, strict=False)) | dict(named or {})
+        values = dict(zip(names, arguments, strict=False)) | dict(keywords or {})
         again = repeated(tree)
         for name in names:
-            if name in given:
-                value = given[name]
+            if name in values:
+                value = values[name]
                 frame.scope[name] = self.atoms(value) if name in again else value
             elif name in defaults:
                 frame.scope[name] = self.value(defaults[name], frame)

@@ -21,15 +21,15 @@ def lowered(function: FunctionType) -> FunctionType:
         InputError: a statement or an expression that a kernel may not hold, with its file and line.
     """
     file = f"<{function.__module__}.{function.__qualname__}, lowered>"
-    known = store().find(function)
-    if known is None:
+    stored = store().find(function)
+    if stored is None:
         text, callees, files = lowered_text(function)
         code = compile(text, file, "exec", dont_inherit=True)
         names = {alias: (str(callee.__module__), str(callee.__qualname__)) for alias, callee in callees.items()}
         store().add(function, Lowering(text, code, names, files))
     else:
-        text, code, files = known.text, known.code, known.files
-        callees = {alias: attrgetter(name)(import_module(module)) for alias, (module, name) in known.callees.items()}
+        text, code, files = stored.text, stored.code, stored.files
+        callees = {alias: attrgetter(name)(import_module(module)) for alias, (module, name) in stored.callees.items()}
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     namespace = {**function.__globals__, **{name: _executed(callee) for name, callee in callees.items()}}
     exec(code, namespace)
