@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NoReturn
 
 from graspfx.compile.unfold.dynamic import Dynamic, NotUnfoldable
-from graspfx.compile.unfold.lines import Line, Origin, Writer
+from graspfx.compile.unfold.program_lines import Line, Origin, Writer
 
 
 class Nothing:

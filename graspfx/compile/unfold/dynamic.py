@@ -7,6 +7,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+FRAME = "_frame"  # the name under which a rewritten stage knows what it writes to
+
 OR, AND, NOT, COMPARISON, SUM, PRODUCT, SIGN, ATOM = range(8)  # how tightly an expression holds together
 
 

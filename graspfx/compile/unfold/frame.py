@@ -15,6 +15,7 @@ from graspfx.compile.unfold.dynamic import (
     AND,
     ATOM,
     COMPARISON,
+    FRAME,
     NOT,
     OR,
     Dynamic,
@@ -23,8 +24,8 @@ from graspfx.compile.unfold.dynamic import (
     number,
     operand,
 )
-from graspfx.compile.unfold.lines import Origin, Writer, is_memory
-from graspfx.compile.unfold.stage import FRAME, rewritten
+from graspfx.compile.unfold.program_lines import Origin, Writer, is_memory
+from graspfx.compile.unfold.stage import rewritten
 
 ARITHMETIC = (abs, min, max, int, float)  # of Python, that a program may call
 OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import CodeType, FunctionType
 from typing import TypedDict
 
-from graspfx.compile.unfold.stage import FRAME
+from graspfx.compile.unfold.dynamic import FRAME
 from graspfx.errors import InputError
 
 SIGNS: dict[type[ast.operator], str] = {

@@ -10,8 +10,6 @@ from typing import Any, TypeVar
 
 from graspfx.errors import InputError
 
-FRAME = "_frame"  # the name under which a rewritten stage knows what it writes to
-
 Stage = TypeVar("Stage", bound=Callable[..., Any])
 
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import FunctionType
 
-from graspfx.compile.unfold.dynamic import Dynamic, NotUnfoldable
+from graspfx.compile.unfold.dynamic import FRAME, Dynamic, NotUnfoldable
 from graspfx.compile.unfold.frame import Frame
-from graspfx.compile.unfold.lines import Line, Names, Writer
-from graspfx.compile.unfold.stage import FRAME, rewritten
+from graspfx.compile.unfold.program_lines import Line, Names, Writer
+from graspfx.compile.unfold.stage import rewritten
 from graspfx.errors import InputError
 
 

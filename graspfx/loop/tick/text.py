@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from graspfx.compile.unfold.lines import Line
+from graspfx.compile.unfold.program_lines import Line
 from graspfx.compile.unfold.stage import keep_stages
 from graspfx.compile.unfold.unfold import unfold
 from graspfx.loop.parts import Parts
