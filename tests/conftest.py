@@ -13,8 +13,9 @@ from hypothesis import settings
 from graspfx.loop import engine
 
 os.environ.setdefault("MPLBACKEND", "agg")
-os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")
-atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
+if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the cache of the process that starts them
+    os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")
+    atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
 
 settings.register_profile("graspfx", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("graspfx")
