@@ -1,14 +1,156 @@
-"""Rotations as scalars: quaternions (x, y, z, w), rotation vectors, matrices row by row; orthogonal directions."""
+"""Vectors, matrices and quaternions that kernels compute with; rotations as scalars; orthogonal directions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
+
+from graspfx.compile.kernel import inline
 
 LARGEST = 1e300  # NaN compares false with it
 SWEEPS = 12  # of Jacobi rotations: three or four are enough
 SMALL = 1e-8  # squared angle below which two terms of the series are exact to rounding
+
+
+@dataclass(frozen=True, slots=True)
+class Vector:
+    """Three numbers; in a plane the third is zero, on a line the second too."""
+
+    x: float
+    y: float
+    z: float
+
+    def __add__(self, other: Vector) -> Vector:
+        return Vector(self.x + other.x, self.y + other.y, self.z + other.z)
+
+    def __sub__(self, other: Vector) -> Vector:
+        return Vector(self.x - other.x, self.y - other.y, self.z - other.z)
+
+    def __neg__(self) -> Vector:
+        return Vector(-self.x, -self.y, -self.z)
+
+    def __mul__(self, k: float) -> Vector:
+        return Vector(self.x * k, self.y * k, self.z * k)
+
+    def __rmul__(self, k: float) -> Vector:
+        return Vector(k * self.x, k * self.y, k * self.z)
+
+    def __truediv__(self, k: float) -> Vector:
+        return Vector(self.x / k, self.y / k, self.z / k)
+
+    def __getitem__(self, i: int) -> float:
+        return (self.x, self.y, self.z)[i]
+
+    def __setitem__(self, i: int, value: float) -> None:
+        raise TypeError("a vector of its own does not change: assign to an entry of a record's field")
+
+
+@dataclass(frozen=True, slots=True)
+class Vector4:
+    """Contact coordinates of a finger: a vector, and the torsion of a soft finger in units of its patch."""
+
+    x: float
+    y: float
+    z: float
+    t: float
+
+    @property
+    def vector(self) -> Vector:
+        return Vector(self.x, self.y, self.z)
+
+    def __getitem__(self, i: int) -> float:
+        return (self.x, self.y, self.z, self.t)[i]
+
+    def __setitem__(self, i: int, value: float) -> None:
+        raise TypeError("a vector of its own does not change: assign to an entry of a record's field")
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Nine numbers, row by row."""
+
+    xx: float
+    xy: float
+    xz: float
+    yx: float
+    yy: float
+    yz: float
+    zx: float
+    zy: float
+    zz: float
+
+    def __matmul__(self, v: Vector) -> Vector:
+        return Vector(
+            self.xx * v.x + self.xy * v.y + self.xz * v.z,
+            self.yx * v.x + self.yy * v.y + self.yz * v.z,
+            self.zx * v.x + self.zy * v.y + self.zz * v.z,
+        )
+
+    @property
+    def transpose(self) -> Matrix:
+        return Matrix(self.xx, self.yx, self.zx, self.xy, self.yy, self.zy, self.xz, self.yz, self.zz)
+
+    def __getitem__(self, i: int) -> float:
+        return (self.xx, self.xy, self.xz, self.yx, self.yy, self.yz, self.zx, self.zy, self.zz)[i]
+
+    def __setitem__(self, i: int, value: float) -> None:
+        raise TypeError("a matrix of its own does not change: assign to an entry of a record's field")
+
+
+@dataclass(frozen=True, slots=True)
+class Quaternion:
+    """A rotation as x, y, z, w."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+    @property
+    def conjugate(self) -> Quaternion:
+        return Quaternion(-self.x, -self.y, -self.z, self.w)
+
+    @property
+    def vector(self) -> Vector:
+        return Vector(self.x, self.y, self.z)
+
+    def __matmul__(self, other: Quaternion) -> Quaternion:
+        """Give the rotation `other` followed by this one."""
+        return Quaternion(
+            self.w * other.x + self.x * other.w + self.y * other.z - self.z * other.y,
+            self.w * other.y - self.x * other.z + self.y * other.w + self.z * other.x,
+            self.w * other.z + self.x * other.y - self.y * other.x + self.z * other.w,
+            self.w * other.w - self.x * other.x - self.y * other.y - self.z * other.z,
+        )
+
+
+ZERO = Vector(0.0, 0.0, 0.0)
+
+
+@inline
+def dot(a: Vector, b: Vector) -> float:
+    """Compute a . b."""
+    return a.x * b.x + a.y * b.y + a.z * b.z
+
+
+@inline
+def cross(a: Vector, b: Vector) -> Vector:
+    """Compute a x b."""
+    return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+@inline
+def outer(a: Vector, b: Vector) -> Matrix:
+    """Compute the matrix a b'."""
+    return Matrix(a.x * b.x, a.x * b.y, a.x * b.z, a.y * b.x, a.y * b.y, a.y * b.z, a.z * b.x, a.z * b.y, a.z * b.z)
+
+
+@inline
+def total(v: Vector) -> float:
+    """Add the components of a vector: NaN or infinite where one of them is."""
+    return v.x + v.y + v.z
 
 
 def product(

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from graspfx.compile import cache as kept
+from graspfx.compile.kernel import written
 from graspfx.compile.specialise import Program
 from graspfx.compile.values import Later, Memory
 
@@ -88,7 +89,7 @@ def _is_own(file: str) -> bool:
 
 def _identity(kernel: Callable[..., Any]) -> list[str]:
     """A kernel's name, and of others' also its file: another environment may have another of that name."""
-    code = getattr(kernel, "__code__", None)
+    code = getattr(written(kernel), "__code__", None)
     file = "" if code is None or _is_own(code.co_filename) else code.co_filename
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from types import FunctionType
 from typing import Any
 
+from graspfx.compile.kernel import source_function
 from graspfx.compile.source import definition
 from graspfx.compile.specialise_expressions import Kernel, Made
 from graspfx.compile.specialise_statements import Body
@@ -49,6 +50,7 @@ class Program:
 
         Arrays of which the same is known share what is made for the first of them.
         """
+        function = source_function(function)
         first = {a.array: self._alike(a.array) for a in arguments if isinstance(a, Memory)}
         actual = {alike: array for array, alike in first.items()}
         if len(actual) < len(first):
@@ -72,7 +74,7 @@ class Program:
         code = function.__code__
         if key not in self._made and list(self._made.values()).count(None) < DEEPEST:
             self._made[key] = None
-            self.files.add(code.co_filename)
+            self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
             self._made[key] = self._make(kernel, arguments, f"{function.__name__}_{len(self._made)}")
         found = self._made.get(key)

@@ -12,6 +12,7 @@ from inspect import Parameter, signature
 from types import FunctionType, ModuleType
 from typing import Any, Protocol
 
+from graspfx.compile.kernel import source_function
 from graspfx.compile.syntax import calls, load, node_of, terms, tuple_of
 from graspfx.compile.values import Known, Later, Memory, Named, Number, Several, Value, same
 from graspfx.errors import GraspFXError, InputError
@@ -261,6 +262,7 @@ class Expressions:
             raise self.cannot(node, "calls something else than a function")
         function = called.of
         if isinstance(function, FunctionType):
+            function = source_function(function)
             return self.specialised(node, function, scope)
         arguments = [self.number(a, scope) for a in node.args]
         if function in BUILTINS or getattr(math, getattr(function, "__name__", ""), None) is function:

@@ -4,93 +4,93 @@ from __future__ import annotations
 
 from typing import Any
 
-from graspfx.objects import kernels as body
+from graspfx.compile.records import size_of, start_of
+from graspfx.coupling.state import FingerState, GraspState
 
-# The object, its coupling and its shape. Switches are 0.0 or 1.0.
-FINGERS = 0  # n
-DIMENSIONS = 1  # d
-PERIOD = 2  # T [s]
-EXTERNAL_STIFFNESS = 3  # kep [N/m]
-EXTERNAL_DAMPING = 4  # ked [N s/m]
-INTERNAL_STIFFNESS = 5  # kip [N/m]
-INTERNAL_DAMPING = 6  # kid [N s/m]
-EQUAL = 7  # kep = kip and ked = kid: the conventional method, no projector
-DENSE = 8  # gains are matrices: K and D are squares at `dense`
-DAMPED = 9  # some damping is not zero
-ATTACHED = 10  # bilateral: contacts fixed in the object, no normals
-STICK = 11  # a touching finger holds where it touched
-FADE = 12  # a free finger's weight goes down with its gap
-NEAR, FAR = 13, 14  # gaps between which it does [m]
-AT_CONTACT = 15  # the reaction acts at the contact point, else at the fingertip
-IMPLICIT = 16  # forces and the object's displacement come from one system
-ARM_LOW, ARM_HIGH = 17, 18  # rms arms between which a rotation joins the external space [m]
-SHAPE = 19  # kind; parameters in the next three
-PARAMETERS = 20
-MESH, WALKS = 20, 21  # of a mesh instead: offsets of its array and of the first finger's state on it, `ball.STATE` each
-SHIFTS, TURNS = 23, 24  # free translations and rotations
-MIXED = 25  # only some translations or some rotations are free: the modes turn with the object
-COUNT = 26  # modes in use
-SPLIT_KNOWN = 27
-SHORTFALL = 28  # by how much NEAR was too small, at most over the run [m]
-SINGULAR = 29  # some direction has no damping while others have
-FRICTION = 30  # some finger has a coefficient: forces lie in cones, and contact points slip
-COORDINATES = 31  # contact coordinates per finger, c: d, or 4 in space where some finger is soft
-LAW = 32  # that the elastic force of this sample satisfies: 0 Coulomb's, 1 the associated one
-RESIDUAL = 33  # of that law [N]
-PROBLEM = 34  # offset of the friction problem of the elastic force
-BRAKE = 35  # and of the damping force
-RAYS = 36  # without friction, and gains are numbers: forces along the normals
-OBSERVED = 37  # ELASTIC is wanted
-# Of gains that are matrices; the four are kep, ked, kip, kid.
-RULE = 38  # how stiffness, then damping are made of them: equal, literal, symmetric (`gains`)
-AXES_OF_GAINS = 40  # in which they stand: the object's, or none; the world's; the contacts' (`gains`)
-WHOLE = 41  # one flag for each of the four: (n d) x (n d), else n times d x d
-GAINS = 45  # offsets of the four
-SKEW = 49  # the largest sum of squares of K - K', then of D - D', so far
-BLENDED = 51  # rotations that are not in the split whole, though they have an arm
-IN_BAND = 52  # samples with such a rotation
-RELEASE = 53  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
-LIMITS = 54  # offset of what limits on forces need (`limit`), 0 without any
-AXES = 55  # free directions in the object's frame, 6 x 3
-# Damping that grows with depth (`depth`).
-GRADUAL = AXES + 18
-DEPTH = GRADUAL + 1  # over which it grows [m]
-STIFFEST = GRADUAL + 2  # of gains that are matrices: the largest eigenvalues of kip, ked and kid
-BODY = GRADUAL + 5
-
-ROW = BODY + body.SIZE  # the first finger
-# A finger's row, offsets from its start. Vectors have three entries; frame O is the object's, W the world's.
-POSITION = 0  # p, W [m]
-VELOCITY = 3  # p', W [m/s]
-CONTACT = 6  # c, O: on the surface, which for a ball fingertip is grown by its radius [m]
-NORMAL = 9  # into the object, O
-FACE = 12  # active face of a box, -1 not known
-GAP = 13  # positive outside [m]
-WEIGHT = 14
-TOUCHING = 15
-# Displacements and forces have a fourth entry, the torsion of a soft finger in units of its patch length rho.
-DISPLACEMENT = 16  # e = p - c, O, and rho theta [m]
-RATE = 20  # e', O, and rho theta' [m/s]
-FORCE = 24  # on the object, W [N]
-CONTACT_WORLD = 27  # c, W [m]
-FRAME = 30  # normal and tangents, O, 3 x 3
-LOCAL = 39  # force, O, and torsion / rho [N]
-SPLIT_CONTACT = 43  # c and weight that the modes were made from
-SPLIT_WEIGHT = 46
-SHARE = 47  # of the metric: the device's mass over the mean, 1 for equal devices
-COEFFICIENT = 48  # mu
-STATUS = 49  # 0 free, 1 stick, 2 slide, where there is a coefficient
-RETAINED = 50  # e + s, what slipping and letting go leave of the displacement, O, four entries [m]
-PATCH = 54  # rho of a soft finger, 0 of a hard one [m]
-SPLIT_NORMAL = 55  # normal that the modes of soft fingers were made from
-ANCHOR = 58  # the object's rotation from which torsion counts, row by row
-KEPT = 67  # torsion at that rotation, rho theta [m]
-TWIST_AXIS = 68  # direction in which torsion acts on the object, O
-MOMENT = 71  # torsion on the object, W [N m]
-RADIUS = 74  # of a ball fingertip, 0 for a point [m]
-ELASTIC = 75  # LOCAL without damping, four entries, where it is wanted
-ROOT = 79  # of the weight, where there is a projection
-STRIDE = 80
+# Offsets of the declared fields.
+FINGERS = start_of(GraspState, "count")
+DIMENSIONS = start_of(GraspState, "dimensions")
+PERIOD = start_of(GraspState, "period")
+EXTERNAL_STIFFNESS = start_of(GraspState, "external_stiffness")
+EXTERNAL_DAMPING = start_of(GraspState, "external_damping")
+INTERNAL_STIFFNESS = start_of(GraspState, "internal_stiffness")
+INTERNAL_DAMPING = start_of(GraspState, "internal_damping")
+EQUAL = start_of(GraspState, "equal")
+DENSE = start_of(GraspState, "dense")
+DAMPED = start_of(GraspState, "damped")
+ATTACHED = start_of(GraspState, "attached")
+STICK = start_of(GraspState, "stick")
+FADE = start_of(GraspState, "fade")
+NEAR = start_of(GraspState, "fade_start")
+FAR = start_of(GraspState, "fade_end")
+AT_CONTACT = start_of(GraspState, "at_contact")
+IMPLICIT = start_of(GraspState, "implicit")
+ARM_LOW = start_of(GraspState, "arm_low")
+ARM_HIGH = start_of(GraspState, "arm_high")
+SHAPE = start_of(GraspState, "shape")
+PARAMETERS = start_of(GraspState, "parameters")
+SHIFTS = start_of(GraspState, "shifts")
+TURNS = start_of(GraspState, "turns")
+MIXED = start_of(GraspState, "mixed")
+COUNT = start_of(GraspState, "mode_count")
+SPLIT_KNOWN = start_of(GraspState, "split_known")
+SHORTFALL = start_of(GraspState, "shortfall")
+SINGULAR = start_of(GraspState, "singular")
+FRICTION = start_of(GraspState, "friction")
+COORDINATES = start_of(GraspState, "coordinates")
+LAW = start_of(GraspState, "law")
+RESIDUAL = start_of(GraspState, "residual")
+PROBLEM = start_of(GraspState, "problem")
+BRAKE = start_of(GraspState, "damping_problem")
+RAYS = start_of(GraspState, "rays")
+OBSERVED = start_of(GraspState, "observed")
+RULE = start_of(GraspState, "stiffness_rule")
+AXES_OF_GAINS = start_of(GraspState, "axes_of_gains")
+WHOLE = start_of(GraspState, "whole")
+GAINS = start_of(GraspState, "gains")
+SKEW = start_of(GraspState, "skew")
+BLENDED = start_of(GraspState, "blended")
+IN_BAND = start_of(GraspState, "in_band")
+RELEASE = start_of(GraspState, "release")
+LIMITS = start_of(GraspState, "limits")
+AXES = start_of(GraspState, "axes")
+GRADUAL = start_of(GraspState, "gradual")
+DEPTH = start_of(GraspState, "damping_depth")
+STIFFEST = start_of(GraspState, "stiffest")
+BODY = start_of(GraspState, "body")
+ROW = start_of(GraspState, "fingers")
+MESH, WALKS = PARAMETERS, PARAMETERS + 1
+# Of a finger, from its row on.
+POSITION = start_of(FingerState, "position")
+VELOCITY = start_of(FingerState, "velocity")
+CONTACT = start_of(FingerState, "contact")
+NORMAL = start_of(FingerState, "normal")
+FACE = start_of(FingerState, "face")
+GAP = start_of(FingerState, "gap")
+WEIGHT = start_of(FingerState, "weight")
+TOUCHING = start_of(FingerState, "touching")
+DISPLACEMENT = start_of(FingerState, "displacement")
+RATE = start_of(FingerState, "rate")
+FORCE = start_of(FingerState, "force")
+CONTACT_WORLD = start_of(FingerState, "contact_world")
+FRAME = start_of(FingerState, "frame")
+LOCAL = start_of(FingerState, "local")
+SPLIT_CONTACT = start_of(FingerState, "split_contact")
+SPLIT_WEIGHT = start_of(FingerState, "split_weight")
+SHARE = start_of(FingerState, "share")
+COEFFICIENT = start_of(FingerState, "coefficient")
+STATUS = start_of(FingerState, "status")
+RETAINED = start_of(FingerState, "retained")
+PATCH = start_of(FingerState, "patch")
+SPLIT_NORMAL = start_of(FingerState, "split_normal")
+ANCHOR = start_of(FingerState, "anchor")
+KEPT = start_of(FingerState, "torsion_at_anchor")
+TWIST_AXIS = start_of(FingerState, "twist_axis")
+MOMENT = start_of(FingerState, "moment")
+RADIUS = start_of(FingerState, "radius")
+ELASTIC = start_of(FingerState, "elastic")
+ROOT = start_of(FingerState, "sqrt_weight")
+STRIDE = size_of(FingerState)
 MADE = 7  # entries per finger that tell from what K and D were made: weight, contact point, normal
 
 

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.kernel import source_function
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.tick import FAULTED, TICK, Tick
 
@@ -102,7 +103,10 @@ class Interpreted:
 
     def __init__(self, tick: Tick) -> None:
         arrays = {name: memoryview(array) for name, array in tick.script.arrays.items()}
-        self._names: dict[str, Any] = {**tick.script.kernels, **arrays}
+        self._names: dict[str, Any] = {
+            **{name: source_function(kernel) for name, kernel in tick.script.kernels.items()},
+            **arrays,
+        }
         self._run: Run = self._function("run", whole_text(tick, pausing=True))
         self._begin = self._function("begin", part_text("begin", "k", tick.begin))
         self._end = self._function("end", part_text("end", "k, r", tick.end))

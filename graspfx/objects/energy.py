@@ -43,12 +43,12 @@ from graspfx.objects.kernels import (
 )
 
 # What is kept of the sample's start, then what `settle` finds. Offsets from the start of that piece.
-BEFORE = 0  # POSITION up to ROTATION, as in the block
-CONTACT = 20  # force and moment of obstacles over the sample [N, N m]
-SHIFT = 26  # dx [m]
-TURN = 29  # rotation vector of the free rotations, world axes [rad]
-ENERGY = 32  # kinetic energy at the sample's start [J]
-SIZE = 33
+BEFORE = 0  # POSITION up to MOMENT, as in the block
+CONTACT = MOMENT + 3 - POSITION  # force and moment of obstacles over the sample [N, N m]
+SHIFT = CONTACT + 6  # dx [m]
+TURN = SHIFT + 3  # rotation vector of the free rotations, world axes [rad]
+ENERGY = TURN + 3  # kinetic energy at the sample's start [J]
+SIZE = ENERGY + 1
 
 SERIES = 0.5  # of b T/m: below, differences of exponentials would cancel
 

@@ -20,34 +20,37 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from graspfx.compile.records import size_of, start_of
+from graspfx.objects.state import BodyState, Motion
 from graspfx.spatial import angle_matrix, exponential, normalised, product, quaternion_matrix, rotate
 
-# Offsets in the block. Everything stands in space; components that a line or a plane does not have are zero.
-DIMENSIONS = 0  # d
-MASS = 1  # m [kg]
-INERTIA = 2  # principal moments, body axes [kg m^2]; the plane uses the third
-VISCOSITY = 5  # b [N s/m]
-ROTATIONAL_VISCOSITY = 6  # b_w [N m s/rad]
-INTEGRATOR = 7
-FREE = 8  # 1.0 or 0.0: translation x y z, rotation x y z, world axes
-GRAVITY = 14  # [m/s^2]
-POSITION = 17  # x, the centre of mass [m]
-QUATERNION = 20  # x y z w, body to world; space
-ANGLE = 24  # unwrapped; plane [rad]
-VELOCITY = 25  # v [m/s]
-ANGULAR_VELOCITY = 28  # w, world axes [rad/s]
-FORCE = 31  # of this sample [N]
-MOMENT = 34  # of this sample, about POSITION, world axes [N m]
-ROTATION = 37  # R, body to world, row by row
-NEXT_POSITION = 46  # after T under the implicit integrator with no wrench
-NEXT_ROTATION = 49
-NEXT_VELOCITY = 58
-NEXT_ANGULAR_VELOCITY = 61
-COMPLIANCE = 64  # displacement of a free axis per force [m/N]
-ROTATIONAL_COMPLIANCE = 65  # rotation per moment, world axes, row by row, zero where locked [rad/(N m)]
-HELD = 74  # `held` of the translation's b T/m, kept until that is another: z, then its four values
-HELD_TURN = 79  # and of a rotation's b_w T/J
-SIZE = 84
+# Offsets in the block, of its declaration.
+DIMENSIONS = start_of(BodyState, "dimensions")
+MASS = start_of(BodyState, "mass")
+INERTIA = start_of(BodyState, "inertia")
+VISCOSITY = start_of(BodyState, "viscosity")
+ROTATIONAL_VISCOSITY = start_of(BodyState, "rotational_viscosity")
+INTEGRATOR = start_of(BodyState, "integrator")
+FREE = start_of(BodyState, "free_translation")
+GRAVITY = start_of(BodyState, "gravity")
+_MOTION, _NEXT = start_of(BodyState, "motion"), start_of(BodyState, "next_motion")
+POSITION = _MOTION + start_of(Motion, "position")
+QUATERNION = _MOTION + start_of(Motion, "quaternion")
+ANGLE = _MOTION + start_of(Motion, "angle")
+VELOCITY = _MOTION + start_of(Motion, "velocity")
+ANGULAR_VELOCITY = _MOTION + start_of(Motion, "angular_velocity")
+ROTATION = _MOTION + start_of(Motion, "rotation")
+FORCE = start_of(BodyState, "force")
+MOMENT = start_of(BodyState, "moment")
+NEXT_POSITION = _NEXT + start_of(Motion, "position")
+NEXT_VELOCITY = _NEXT + start_of(Motion, "velocity")
+NEXT_ANGULAR_VELOCITY = _NEXT + start_of(Motion, "angular_velocity")
+NEXT_ROTATION = _NEXT + start_of(Motion, "rotation")
+COMPLIANCE = start_of(BodyState, "compliance")
+ROTATIONAL_COMPLIANCE = start_of(BodyState, "rotational_compliance")
+HELD = start_of(BodyState, "translation_decay")
+HELD_TURN = start_of(BodyState, "rotation_decay")
+SIZE = size_of(BodyState)
 
 EXPLICIT, SEMI_IMPLICIT, EXACT, IMPLICIT = 0, 1, 2, 3
 

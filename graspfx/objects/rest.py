@@ -63,7 +63,7 @@ WRENCH = 8  # force and moment of the planes on the body in the last sample [N, 
 START = 14  # the unknowns that the next search starts from
 HELD = 20  # FORCE and MOMENT of the fingers while those of the planes are added
 KEPT = 26  # POSITION ... ROTATION before the sample
-TABLE = KEPT + FORCE - POSITION + 9
+TABLE = KEPT + ROTATION - POSITION + 9
 
 PLANE = 10  # entries: normal and two tangents, then the plane's distance from the origin
 CONTACT = 10  # entries of a contact; offsets from its start:
@@ -103,10 +103,10 @@ def lookahead(kind: int, T: float) -> float:
 
 def step_on_planes(S: Any, o: int, F: Any, T: float) -> int:
     """Advances the body by T [s]; returns how many contacts there are, -1 if their forces did not settle."""
-    for k in range(FORCE - POSITION):
+    for k in range(ROTATION - POSITION):
         F[KEPT + k] = S[o + POSITION + k]
     for k in range(9):
-        F[KEPT + FORCE - POSITION + k] = S[o + ROTATION + k]
+        F[KEPT + ROTATION - POSITION + k] = S[o + ROTATION + k]
     step(S, o, T)
     count = meet(S, o, F, T)
     if count == 0:
@@ -115,10 +115,10 @@ def step_on_planes(S: Any, o: int, F: Any, T: float) -> int:
         return 0
     if not solve(S, o, F, T, count):
         return -1
-    for k in range(FORCE - POSITION):
+    for k in range(ROTATION - POSITION):
         S[o + POSITION + k] = F[KEPT + k]
     for k in range(9):
-        S[o + ROTATION + k] = F[KEPT + FORCE - POSITION + k]
+        S[o + ROTATION + k] = F[KEPT + ROTATION - POSITION + k]
     for k in range(6):
         F[HELD + k] = S[o + FORCE + k]
         S[o + FORCE + k] += F[WRENCH + k]

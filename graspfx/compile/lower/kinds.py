@@ -1,0 +1,172 @@
+"""Kinds of what a kernel's expression is, while it is lowered; each but a number is several numbers at once."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, get_args, get_origin
+
+from graspfx.compile.kernel import optional
+from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, parts_of, size_of
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """A value such as a vector; where it stands in memory, if it does."""
+
+    kind: type
+    parts: tuple[Lowered, ...]
+    buffer: str = ""
+    offset: ast.expr | None = None
+
+
+@dataclass(frozen=True)
+class Place:
+    """A record: its buffer's name, and the offset of its first entry."""
+
+    kind: type[Record]
+    buffer: str
+    offset: ast.expr
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of records."""
+
+    kind: type[Record]
+    buffer: str
+    offset: ast.expr
+    stride: ast.expr
+    count: ast.expr
+
+
+@dataclass(frozen=True)
+class Span:
+    """An array of numbers."""
+
+    buffer: str
+    offset: ast.expr
+
+
+@dataclass(frozen=True)
+class Grid:
+    """An array of rows of numbers."""
+
+    buffer: str
+    offset: ast.expr
+    columns: ast.expr
+
+
+@dataclass(frozen=True)
+class Pack:
+    """A tuple."""
+
+    parts: tuple[Lowered, ...]
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A function, a class, a module: known before the kernel runs."""
+
+    value: Any
+
+
+Lowered = ast.expr | Bundle | Place | Group | Span | Grid | Pack | Constant
+
+NOTHING = ast.Constant(-1)  # the offset of an optional record that is not there
+
+
+def expressions(value: Lowered) -> Iterator[ast.expr]:
+    """List the numbers and buffers that a value is passed as."""
+    if isinstance(value, ast.expr):
+        yield value
+    elif isinstance(value, Bundle | Pack):
+        for part in value.parts:
+            yield from expressions(part)
+    elif isinstance(value, Place | Span):
+        yield from (load(value.buffer), value.offset)
+    elif isinstance(value, Grid):
+        yield from (load(value.buffer), value.offset, value.columns)
+    elif isinstance(value, Group):
+        yield from (load(value.buffer), value.offset, value.stride, value.count)
+    else:
+        raise TypeError(f"{value} is no value that a kernel can be given")
+
+
+def load(name: str) -> ast.Name:
+    return ast.Name(name, ast.Load())
+
+
+def variable(kind: Any, name: str) -> Lowered:
+    """Give a value of a kind as the variables that a name stands for."""
+    kind, _ = optional(kind)
+    if get_origin(kind) is tuple:
+        return Pack(tuple(variable(part, f"{name}_{k}") for k, part in enumerate(get_args(kind))))
+    if kind is Floats:
+        return Span(f"{name}_", load(f"{name}_at"))
+    if kind is Table:
+        return Grid(f"{name}_", load(f"{name}_at"), load(f"{name}_columns"))
+    if get_origin(kind) is Many:
+        return Group(get_args(kind)[0], f"{name}_", *(load(f"{name}_{k}") for k in ("at", "stride", "count")))
+    if isinstance(kind, type) and issubclass(kind, Record):
+        return Place(kind, f"{name}_", load(f"{name}_at"))
+    if is_value(kind):
+        return Bundle(kind, tuple(variable(part, f"{name}_{k}") for k, part in parts_of(kind).items()))
+    return load(name)
+
+
+def like(value: Lowered, name: str) -> Lowered:
+    """Give variables of a name for the numbers of a value; its buffers stay."""
+    if isinstance(value, Bundle):
+        fields = parts_of(value.kind)
+        return Bundle(value.kind, tuple(like(p, f"{name}_{k}") for k, p in zip(fields, value.parts, strict=True)))
+    if isinstance(value, Pack):
+        return Pack(tuple(like(part, f"{name}_{k}") for k, part in enumerate(value.parts)))
+    if isinstance(value, Place):
+        return Place(value.kind, value.buffer, load(f"{name}_at"))
+    if isinstance(value, Span):
+        return Span(value.buffer, load(f"{name}_at"))
+    if isinstance(value, Grid):
+        return Grid(value.buffer, load(f"{name}_at"), load(f"{name}_columns"))
+    if isinstance(value, Group):
+        return Group(value.kind, value.buffer, *(load(f"{name}_{k}") for k in ("at", "stride", "count")))
+    return load(name)
+
+
+def offsets(value: Lowered) -> list[ast.expr]:
+    """List the numbers of a value, without the names of its buffers."""
+    if isinstance(value, Place | Span):
+        return [value.offset]
+    if isinstance(value, Grid):
+        return [value.offset, value.columns]
+    if isinstance(value, Group):
+        return [value.offset, value.stride, value.count]
+    if isinstance(value, Bundle | Pack):
+        return [number for part in value.parts for number in offsets(part)]
+    if isinstance(value, Constant):
+        return []
+    return [value]
+
+
+def entries(kind: Any, buffer: str, at: ast.expr) -> Lowered:
+    """Give what a number or a value class that stands at an offset is made of."""
+    if kind in SCALARS:
+        entry = ast.Subscript(load(buffer), at, ast.Load())
+        if kind is int:
+            return ast.Call(load("int"), [entry], [])
+        return ast.Compare(entry, [ast.NotEq()], [ast.Constant(0.0)]) if kind is bool else entry
+    parts, offset = [], 0
+    for part in parts_of(kind).values():
+        parts.append(entries(part, buffer, plus(at, offset)))
+        offset += size_of(part)
+    return Bundle(kind, tuple(parts), buffer, at)
+
+
+def plus(offset: ast.expr, k: int) -> ast.expr:
+    """Add a number to an offset, to its constant if it ends with one."""
+    if isinstance(offset, ast.Constant) and isinstance(offset.value, int):
+        return ast.Constant(offset.value + k)
+    if isinstance(offset, ast.BinOp) and isinstance(offset.op, ast.Add) and isinstance(offset.right, ast.Constant):
+        k, offset = k + int(offset.right.value), offset.left  # type: ignore[arg-type] # offsets are whole numbers
+    return offset if k == 0 else ast.BinOp(offset, ast.Add(), ast.Constant(k))

@@ -1,0 +1,375 @@
+"""Records: typed views of flat float64 blocks, declared once; kernels name fields, and nobody counts entries.
+
+    class Finger(Record):
+        position: Vector  # p, world [m]
+        touching: bool
+        modes: Table = table("6", "1 + 4 * count")
+
+A field is a number (one entry: `float`, `int`, or `bool` as 0.0 and 1.0), a value class such as `Vector` (an entry for
+each of its numbers), another record, a group of records, an array, or a reference to a record elsewhere in the block.
+Sizes may be expressions of the record's own whole numbers. Fields follow one another without gaps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import sys
+from collections.abc import Iterator
+from functools import cache
+from typing import Annotated, Any, Generic, TypeVar, get_args, get_origin, get_type_hints, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
+
+R = TypeVar("R", bound="Record")
+_REFERENCE = "offset of a record in the same block"
+Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
+
+SCALARS = (float, int, bool)
+
+
+@dataclasses.dataclass(frozen=True)
+class Extent:
+    """The size of a group or an array, as expressions of the record's own fields."""
+
+    rows: str
+    columns: str = ""
+
+
+def many(count: str) -> Any:
+    """Declare a group of as many records as `count` says."""
+    return Extent(count)
+
+
+def floats(size: str) -> Any:
+    """Declare an array of `size` numbers."""
+    return Extent(size)
+
+
+def table(rows: str, columns: str) -> Any:
+    """Declare an array of `rows` times `columns` numbers, row by row."""
+    return Extent(rows, columns)
+
+
+class Field:
+    """One field of a record: its kind, and the offset and size of its entries, as Python text."""
+
+    def __init__(self, name: str, extent: Extent | None) -> None:
+        self.name, self.extent = name, extent
+        self.kind: Any = None
+        self.reference = False
+        self.offset = self.size = ""  # numbers, or expressions of the record's whole numbers
+
+    def place(self, record: Record) -> int:
+        return record.offset + evaluate(self.offset, record)
+
+    @overload
+    def __get__(self, record: None, owner: type[Record]) -> Field: ...
+    @overload
+    def __get__(self, record: Record, owner: type[Record]) -> Any: ...
+    def __get__(self, record: Record | None, owner: type[Record]) -> Any:
+        if record is None:
+            return self
+        layout(type(record))
+        at = self.place(record)
+        if self.reference:
+            return self.kind(record.buffer, int(record.buffer[at]))
+        return view(self.kind, record.buffer, at, self._shape(record))
+
+    def __set__(self, record: Record, value: Any) -> None:
+        layout(type(record))
+        at = self.place(record)
+        if self.reference or self.kind is Floats or self.kind is Table or get_origin(self.kind) is Many:
+            raise AttributeError(f"{type(record).__name__}.{self.name} stands where it was declared: assign to entries")
+        for k, number in enumerate(numbers(value)):
+            record.buffer[at + k] = number
+
+    def _shape(self, record: Record) -> tuple[int, ...]:
+        if self.extent is None:
+            return ()
+        return tuple(evaluate(text, record) for text in (self.extent.rows, self.extent.columns) if text)
+
+
+class Record:
+    """A view of a block from an offset on.
+
+    Args:
+        buffer: flat, float64.
+        offset: of the record's first entry.
+    """
+
+    __slots__ = ("buffer", "offset")
+
+    def __init__(self, buffer: Any, offset: int = 0) -> None:
+        self.buffer, self.offset = buffer, offset
+
+    def __init_subclass__(cls) -> None:
+        for name in inspect.get_annotations(cls):
+            extent = cls.__dict__.get(name)
+            setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
+
+
+class Many(Generic[R]):
+    """A group of records, one after another."""
+
+    def __init__(self, kind: type[R], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
+        self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
+        self.stride = size_of(kind) if stride is None else stride
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, i: int) -> R:
+        return self.kind(self.buffer, self.offset + i * self.stride)
+
+    def __iter__(self) -> Iterator[R]:
+        return (self[i] for i in range(self.count))
+
+    def part(self, field: Any) -> Many[Any]:
+        """Give the records that a field of each is: `fingers.part(Finger.site)`."""
+        layout(self.kind)
+        return Many(field.kind, self.buffer, self.offset + int(field.offset), self.count, self.stride)
+
+    def array(self, field: Any) -> NDArray[np.float64]:
+        """Give a field of all as an array that shares their memory, (count,) or (count, size)."""
+        layout(self.kind)
+        block = np.asarray(self.buffer)[self.offset : self.offset + self.count * self.stride]
+        rows = block.reshape(self.count, self.stride)
+        first, size = int(field.offset), int(field.size)
+        return rows[:, first] if size == 1 else rows[:, first : first + size]
+
+
+class Floats:
+    """An array of numbers in a block."""
+
+    def __init__(self, buffer: Any, offset: int = 0) -> None:
+        self.buffer, self.offset = buffer, offset
+
+    def __getitem__(self, i: int) -> float:
+        return float(self.buffer[self.offset + i])
+
+    def __setitem__(self, i: int, value: float) -> None:
+        self.buffer[self.offset + i] = value
+
+
+class Table:
+    """Rows of numbers in a block."""
+
+    def __init__(self, buffer: Any, offset: int, columns: int) -> None:
+        self.buffer, self.offset, self.columns = buffer, offset, columns
+
+    @overload
+    def __getitem__(self, index: int) -> Floats: ...
+    @overload
+    def __getitem__(self, index: tuple[int, int]) -> float: ...
+    def __getitem__(self, index: int | tuple[int, int]) -> Floats | float:
+        if isinstance(index, tuple):
+            return float(self.buffer[self.offset + index[0] * self.columns + index[1]])
+        return Floats(self.buffer, self.offset + index * self.columns)
+
+    def __setitem__(self, index: tuple[int, int], value: float) -> None:
+        self.buffer[self.offset + index[0] * self.columns + index[1]] = value
+
+
+def layout(cls: type[Record]) -> dict[str, Field]:
+    """Give the fields of a record in order, their offsets and sizes worked out.
+
+    Raises:
+        InputError: a field of a kind that a block cannot hold, or without the size that its kind needs.
+    """
+    known = _LAYOUTS.get(cls)
+    if known is None:
+        known = _LAYOUTS[cls] = _layout(cls)
+    return known
+
+
+_LAYOUTS: dict[type[Record], dict[str, Field]] = {}
+
+
+def _layout(cls: type[Record]) -> dict[str, Field]:
+    hints = get_type_hints(cls, include_extras=True)
+    fields = {n: vars(c)[n] for c in reversed(cls.__mro__) for n in inspect.get_annotations(c)}
+    offset = "0"
+    for name, field in fields.items():
+        kind = hints[name]
+        if get_origin(kind) is Annotated and _REFERENCE in kind.__metadata__:
+            field.reference, kind = True, get_args(kind)[0]
+        field.kind, field.offset = kind, offset
+        field.size = "1" if field.reference else _size(cls, name, kind, field.extent)
+        offset = added(offset, field.size)
+    return fields
+
+
+def _size(cls: type[Record], name: str, kind: Any, extent: Extent | None) -> str:
+    if kind in (Floats, Table) or get_origin(kind) is Many:
+        if extent is None:
+            raise InputError(f"{cls.__name__}.{name}", kind, "a size: many(...), floats(...) or table(...)")
+        each = str(size_of(get_args(kind)[0])) if get_origin(kind) is Many else extent.columns or "1"
+        return extent.rows if each == "1" else f"({extent.rows}) * ({each})"
+    if kind in SCALARS:
+        return "1"
+    if is_value(kind) or (isinstance(kind, type) and issubclass(kind, Record)):
+        return str(size_of(kind))
+    raise InputError(f"{cls.__name__}.{name}", kind, "float, int, bool, a value class, a record, Many, Floats or Table")
+
+
+def added(a: str, b: str) -> str:
+    """Add two sizes, numbers as numbers."""
+    if a.isdigit() and b.isdigit():
+        return str(int(a) + int(b))
+    return b if a == "0" else f"{a} + {b}"
+
+
+@cache
+def _code(text: str) -> Any:
+    return compile(text, "<size of a record>", "eval")
+
+
+class _Names(dict[str, int]):
+    """The whole numbers of a record, by name, as a size's expression asks for them."""
+
+    def __init__(self, record: Record) -> None:
+        super().__init__()
+        self.record = record
+
+    def __missing__(self, name: str) -> int:
+        return int(getattr(self.record, name))
+
+
+def evaluate(text: str, record: Record) -> int:
+    """Work out a size or an offset for a record."""
+    return int(text) if text.isdigit() else int(eval(_code(text), {"__builtins__": {}}, _Names(record)))
+
+
+def is_value(kind: Any) -> bool:
+    """Tell a value class: a frozen dataclass of numbers and other value classes."""
+    return dataclasses.is_dataclass(kind) and isinstance(kind, type) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
+
+
+def parts_of(kind: Any) -> dict[str, Any]:
+    """Give the fields of a value class and their kinds."""
+    return _parts(kind)
+
+
+@cache
+def _parts(kind: Any) -> dict[str, Any]:
+    hints = get_type_hints(kind, vars(sys.modules[kind.__module__]))
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+
+
+def size_of(kind: Any) -> int:
+    """Count the entries of a number, a value class, or a record of one size."""
+    if kind in SCALARS:
+        return 1
+    if is_value(kind):
+        return sum(size_of(part) for part in parts_of(kind).values())
+    sizes = [field.size for field in layout(kind).values()]
+    fixed = [int(size) for size in sizes if size.isdigit()]
+    if len(fixed) < len(sizes):
+        raise InputError(kind.__name__, "a record whose size varies", "a record of one size")
+    return sum(fixed)
+
+
+def start_of(cls: type[Record], name: str) -> int:
+    """Give the offset of a field that stands before any variable size."""
+    return int(layout(cls)[name].offset)
+
+
+def numbers(value: Any) -> Iterator[float]:
+    """List the numbers of a value in order."""
+    if isinstance(value, bool | int | float | np.floating | np.integer | np.bool_):
+        yield float(value)
+    else:
+        for name in parts_of(type(value)):
+            yield from numbers(getattr(value, name))
+
+
+@cache
+def _stored(kind: type) -> type:
+    """Make a value class that writes its entries through to the block that it was read from."""
+
+    def write(self: Any, i: int, number: float) -> None:
+        if not 0 <= i < size_of(kind):
+            raise IndexError(i)
+        self._buffer[self._offset + i] = number
+
+    def equal(self: Any, other: object) -> bool:
+        return isinstance(other, kind) and list(numbers(self)) == list(numbers(other))
+
+    names = {"__setitem__": write, "__eq__": equal, "__hash__": kind.__hash__, "__module__": kind.__module__}
+    return type(kind.__name__, (kind,), {**names, "__slots__": ("_buffer", "_offset")})
+
+
+def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
+    """Read what stands at an offset: a value as it is now, or a view of records and arrays."""
+    if kind is float:
+        return float(buffer[at])
+    if kind is int:
+        return int(buffer[at])
+    if kind is bool:
+        return bool(buffer[at] != 0.0)
+    if kind is Floats:
+        return Floats(buffer, at)
+    if kind is Table:
+        return Table(buffer, at, shape[1])
+    if get_origin(kind) is Many:
+        return Many(get_args(kind)[0], buffer, at, shape[0])
+    if issubclass(kind, Record):
+        return kind(buffer, at)
+    value: Any = object.__new__(_stored(kind))
+    place = at
+    for name, part in parts_of(kind).items():
+        object.__setattr__(value, name, view(part, buffer, place))
+        place += size_of(part)
+    object.__setattr__(value, "_buffer", buffer)
+    object.__setattr__(value, "_offset", at)
+    return value
+
+
+def name_of(cls: type[Record], entry: int, buffer: Any, prefix: str = "", offset: int = 0) -> str:
+    """Name an entry of a block by its fields, such as `fingers[0].force.x`.
+
+    Args:
+        cls: of the record at `offset`.
+        entry: of the buffer.
+        buffer: whose whole numbers say how long groups and arrays are.
+        prefix: what stands before the name.
+    """
+    record = cls(buffer, offset)
+    for name, field in layout(cls).items():
+        first = field.place(record)
+        if not first <= entry < first + evaluate(field.size, record):
+            continue
+        label, inside = f"{prefix}{name}", entry - first
+        if field.reference or field.kind in SCALARS:
+            return label
+        if field.kind is Floats:
+            return f"{label}[{inside}]"
+        if field.kind is Table:
+            columns = getattr(record, name).columns
+            return f"{label}[{inside // columns}, {inside % columns}]"
+        if get_origin(field.kind) is Many:
+            group = getattr(record, name)
+            i = inside // group.stride
+            return name_of(group.kind, entry, buffer, f"{label}[{i}].", first + i * group.stride)
+        if is_value(field.kind):
+            return f"{label}.{'.'.join(_path(field.kind, inside))}"
+        return name_of(field.kind, entry, buffer, f"{label}.", first)
+    return f"{prefix}[{entry - offset}]"
+
+
+def _path(kind: Any, inside: int) -> list[str]:
+    for name, part in parts_of(kind).items():
+        if inside < size_of(part):
+            return [name] if part in SCALARS else [name, *_path(part, inside)]
+        inside -= size_of(part)
+    raise IndexError(inside)
+
+
+def size_for(cls: type[Record], **whole: int) -> int:
+    """Count all entries of a record for given whole numbers, before there is a block."""
+    names: dict[str, Any] = dict(whole)
+    return sum([int(eval(_code(field.size), {"__builtins__": {}}, names)) for field in layout(cls).values()])

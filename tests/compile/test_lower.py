@@ -1,0 +1,231 @@
+"""Kernels on records and values: as they are written and lowered they give the same bits; what cannot be is refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from graspfx.compile.kernel import inline, kernel, source_function, written
+from graspfx.compile.lower.lowering import lowered_text
+from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
+from graspfx.errors import InputError
+from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, outer
+
+
+class Site(Record):
+    point: Vector
+    weight: float
+
+
+class Finger(Record):
+    position: Vector
+    site: Site
+    touching: bool
+    face: int
+
+
+class Problem(Record):
+    residual: float
+
+
+class Grasp(Record):
+    count: int
+    dimensions: int
+    moving: bool
+    rotation: Matrix
+    next_rotation: Matrix
+    turn: Quaternion
+    force: Vector
+    problem: Ref[Problem]
+    fingers: Many[Finger] = many("count")
+    modes: Table = table("6", "1 + 3 * count")
+    rest: Floats = floats("count if moving else 2")
+
+
+@dataclass(frozen=True, slots=True)
+class Hit:
+    face: int
+    point: Vector
+    gap: float
+
+
+@inline
+def half(v: Vector) -> Vector:
+    k = 0.5
+    return k * v
+
+
+@kernel
+def hit(grasp: Grasp, p: Vector, gap: float = 0.25) -> Hit:
+    """Find a made-up hit."""
+    return Hit(grasp.count, grasp.rotation.transpose @ p, gap * dot(p, p))
+
+
+@kernel
+def weigh(sites: Many[Site], into: Floats) -> float:
+    """Add up weights of records inside of records."""
+    total = 0.0
+    for i, site in enumerate(sites):
+        total += site.weight * site.point.x
+        into[i] = total
+    return total
+
+
+@kernel
+def residual(problem: Problem | None) -> float:
+    """Read an optional record."""
+    return -1.0 if problem is None else problem.residual
+
+
+@kernel
+def both(a: Vector, b: Vector) -> tuple[float, Vector]:
+    """Return a number and a vector."""
+    return dot(a, b), a - b
+
+
+@kernel
+def everything(grasp: Grasp) -> int:
+    """Use each construct once."""
+    R = grasp.next_rotation if grasp.moving else grasp.rotation
+    force = ZERO
+    touched = 0
+    for finger in grasp.fingers:
+        f = R @ finger.position
+        if grasp.dimensions > 2:
+            f += cross(finger.site.point, finger.position)
+        force += f
+        finger.touching = dot(f, f) > 1.0
+        finger.face = touched
+        if finger.touching and hit(grasp, f).gap > 0.5:
+            touched += 1
+        best = hit(grasp, f, gap=0.5).point if finger.touching else half(finger.position)
+        finger.position = best - 2.0 * f / 3.0
+        for a in range(grasp.dimensions):
+            finger.site.point[a] += best.x
+        grasp.modes[1, grasp.dimensions] = f.y
+        row = grasp.modes[2]
+        row[0] = -f.z
+    product, difference = both(force, grasp.force)
+    grasp.force, k = difference, product
+    a = b = k
+    while a > 1.0:
+        a *= 0.5
+    grasp.rest[0] = a + b + weigh(grasp.fingers.part(Finger.site), grasp.rest) + residual(None)
+    grasp.problem.residual += residual(grasp.problem)
+    M = outer(force, difference)
+    grasp.next_rotation = M.transpose
+    grasp.turn = grasp.turn @ grasp.turn.conjugate
+    for v in (force, difference):
+        if not abs(v.x) <= math.inf:
+            return -1
+    return touched
+
+
+def block(seed: int, count: int = 3, moving: bool = True) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    S = rng.normal(size=size_for(Grasp, count=count, moving=moving) + 1)
+    S[:3] = count, int(rng.integers(1, 4)), moving
+    Grasp(S).buffer[int(np.argmax(S)) * 0 + _offset("problem")] = S.size - 1
+    return S
+
+
+def _offset(name: str) -> int:
+    from graspfx.compile.records import start_of
+
+    return start_of(Grasp, name)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_written_and_lowered_give_the_same_bits(seed: int) -> None:
+    S = block(seed, count=seed % 4, moving=seed % 3 > 0)
+    A, B = S.copy(), S.copy()
+    assert written(everything)(Grasp(A)) == everything(Grasp(B))
+    assert A.tobytes() == B.tobytes()
+    assert A.tobytes() != S.tobytes()
+
+
+def test_values_come_back_as_values() -> None:
+    S = block(1)
+    result = hit(Grasp(S), Vector(1.0, 2.0, 2.0))
+    assert isinstance(result, Hit)
+    assert result.gap == 0.25 * 9.0
+    assert result.face == 3
+    assert both(Vector(1.0, 0.0, 0.0), ZERO) == (0.0, Vector(1.0, 0.0, 0.0))
+
+
+def test_buffers_and_numbers_are_taken_as_they_are() -> None:
+    S = block(2)
+    assert source_function(residual)(S, S.size - 1) == residual(Problem(S, S.size - 1)) == S[-1]
+    assert residual(S, -1) == -1.0  # type: ignore[arg-type, call-arg] # as kernels of plain buffers call it
+
+
+def test_entries_have_names_and_sizes() -> None:
+    S = block(3, count=2)
+    names = [name_of(Grasp, k, S) for k in range(S.size - 1)]
+    assert names[:4] == ["count", "dimensions", "moving", "rotation.xx"]
+    assert len(set(names)) == len(names)
+    assert "fingers[1].site.point.z" in names
+    assert "modes[5, 6]" in names
+    assert names[-1] == "rest[1]"
+    assert size_of(Finger) == 9
+    view = Grasp(S).fingers.array(Finger.position)
+    view[1] = 7.0
+    assert Grasp(S).fingers[1].position == Vector(7.0, 7.0, 7.0)
+
+
+@kernel
+def two_kinds(grasp: Grasp) -> None:
+    """Give a name two kinds."""
+    v = ZERO
+    if grasp.moving:
+        v = 1.0  # type: ignore[assignment] # what is refused
+    grasp.force = v
+
+
+@kernel
+def unknown_field(grasp: Grasp) -> None:
+    """Name no field."""
+    grasp.forces = ZERO  # type: ignore[attr-defined] # what is refused
+
+
+@kernel
+def test_in_while(grasp: Grasp) -> None:
+    """Call for a value in a loop's test."""
+    while hit(grasp, ZERO).gap > 0.0:
+        grasp.count = 0
+
+
+@kernel
+def own_vector(grasp: Grasp) -> None:
+    """Index a value of its own by what only the running program knows."""
+    v = half(grasp.force)
+    grasp.rest[0] = v[grasp.count]
+
+
+test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
+
+
+@pytest.mark.parametrize(
+    ("function", "why"),
+    [
+        (two_kinds, "gives 'v' another kind"),
+        (unknown_field, "has no field 'forces'"),
+        (test_in_while, "compute it before the loop and at its end"),
+        (own_vector, "only the running program knows"),
+    ],
+)
+def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: object, why: str) -> None:
+    with pytest.raises(InputError, match=why) as error:
+        lowered_text(written(function))  # type: ignore[type-var] # a kernel
+    assert "test_lower.py:" in str(error.value)
+
+
+def test_a_record_of_unknown_kinds_is_refused() -> None:
+    class Bad(Record):
+        name: str
+
+    with pytest.raises(InputError, match=r"Bad\.name"):
+        size_of(Bad)
