@@ -8,9 +8,11 @@ from functools import partial
 from shutil import rmtree
 from tempfile import mkdtemp
 
+import pytest
 from hypothesis import settings
 
 from graspfx.loop import engine
+from tests.support import slow
 
 os.environ.setdefault("MPLBACKEND", "agg")
 if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the cache of the process that starts them
@@ -22,3 +24,9 @@ settings.load_profile("graspfx")
 
 engine.Compiled = partial(engine.Compiled, quick=True)  # type: ignore[misc] # in a tenth of the time, to the same bits
 engine.ENGINES["compiled"] = engine.Compiled
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the cases that `make fast` leaves out."""
+    slow.mark(items)
