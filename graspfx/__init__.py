@@ -10,6 +10,13 @@ if TYPE_CHECKING:
     from graspfx import testing as testing
     from graspfx.analysis import passivity as passivity
     from graspfx.analysis import stability as stability
+    from graspfx.batch.batch import Batch as Batch
+    from graspfx.batch.batch import run_batch as run_batch
+    from graspfx.build.run import run as run
+    from graspfx.certificate.certify import Certificates as Certificates
+    from graspfx.certificate.certify import certify as certify
+    from graspfx.certificate.verdict import Report as Report
+    from graspfx.certificate.verdict import check as check
     from graspfx.grasp.impedance import Coupling as Coupling
     from graspfx.grasp.impedance import Impedance as Impedance
     from graspfx.grasp.matrix import Grasp as Grasp
@@ -17,37 +24,30 @@ if TYPE_CHECKING:
     from graspfx.grasp.point_coupling import PointCoupling as PointCoupling
     from graspfx.grasp.split import Split as Split
     from graspfx.grasp.touch import unilateral_force as unilateral_force
-    from graspfx.loop.record import Recording as Recording
-    from graspfx.scene.batch import Batch as Batch
-    from graspfx.scene.batch import run_batch as run_batch
-    from graspfx.scene.limits.certify import Certificates as Certificates
-    from graspfx.scene.limits.certify import certify as certify
-    from graspfx.scene.limits.verdict import Report as Report
-    from graspfx.scene.limits.verdict import check as check
+    from graspfx.loop.recording.record import Recording as Recording
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
-    from graspfx.scene.run import run as run
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Batch": "graspfx.scene.batch",
-    "Certificates": "graspfx.scene.limits.certify",
+    "Batch": "graspfx.batch.batch",
+    "Certificates": "graspfx.certificate.certify",
     "Coupling": "graspfx.grasp.impedance",
     "Grasp": "graspfx.grasp.matrix",
     "Impedance": "graspfx.grasp.impedance",
     "PointCoupling": "graspfx.grasp.point_coupling",
-    "Recording": "graspfx.loop.record",
-    "Report": "graspfx.scene.limits.verdict",
+    "Recording": "graspfx.loop.recording.record",
+    "Report": "graspfx.certificate.verdict",
     "Scene": "graspfx.scene.model",
     "Split": "graspfx.grasp.split",
-    "certify": "graspfx.scene.limits.certify",
-    "check": "graspfx.scene.limits.verdict",
+    "certify": "graspfx.certificate.certify",
+    "check": "graspfx.certificate.verdict",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
     "passivity": "graspfx.analysis",
-    "run": "graspfx.scene.run",
-    "run_batch": "graspfx.scene.batch",
+    "run": "graspfx.build.run",
+    "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
     "testing": "graspfx.testing",
     "unilateral_force": "graspfx.grasp.touch",

@@ -15,8 +15,8 @@ from typing import NoReturn
 from graspfx import __version__
 from graspfx.commands.arguments import separate
 from graspfx.commands.output import CODES, INTERRUPTED, WRONG
+from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
-from graspfx.trust import granted
 
 COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser) and execute(chosen) -> exit code
     "run": "simulate a scene, record it and sum it up",

@@ -17,8 +17,8 @@ from types import ModuleType
 from typing import Literal
 
 from graspfx import installed
+from graspfx.environment import require_file, resolved, to_path
 from graspfx.errors import LONGEST_KEY, GraspFXError, InputError, UnknownNameError, closest
-from graspfx.paths import require_file, resolved, to_path
 
 Group = Literal["devices", "hands", "scenes", "dynamics"]
 
@@ -31,7 +31,7 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
 BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
     "hands": {},
-    "dynamics": {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet"},
+    "dynamics": {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet.bullet"},
 }
 
 
@@ -209,9 +209,14 @@ def _shelved(group: Group) -> Iterator[tuple[str, Plugin]]:
             yield name, Plugin(origin=f"GraspFX ({module})", module=module)
         return
     for path in sorted(shelf(group).iterdir()):
-        if path.suffix in SUFFIXES[group] and not path.name.startswith(("_", ".")):
+        if path.name.startswith(("_", ".")):
+            continue
+        if path.suffix in SUFFIXES[group]:
             module = f"graspfx.{group}.{path.stem}" if path.suffix == ".py" and path.stem.isidentifier() else ""
             yield path.stem.replace("_", "-"), Plugin(origin=f"GraspFX ({group}/{path.name})", path=path, module=module)
+        elif (path / "__init__.py").is_file():  # a driver with parts
+            module, origin = f"graspfx.{group}.{path.name}", f"GraspFX ({group}/{path.name}/)"
+            yield path.name.replace("_", "-"), Plugin(origin=origin, path=path / "__init__.py", module=module)
 
 
 def _entry_points(group: Group) -> Iterator[tuple[str, Plugin]]:

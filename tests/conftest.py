@@ -11,7 +11,7 @@ from tempfile import mkdtemp
 import pytest
 from hypothesis import settings
 
-from graspfx.loop import engine
+from graspfx.loop.tick import engine
 from tests.support import slow
 
 os.environ.setdefault("MPLBACKEND", "agg")

@@ -79,7 +79,7 @@ def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -
 def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(p, q, 1 - r, s) of x+ = x + p v + q u, v+ = r v + s u, for v' = u - rate v with u held over T.
 
-    "bullet" is semi-implicit in position and exact in velocity (`objects.bullet`).
+    "bullet" is semi-implicit in position and exact in velocity (`objects.bullet.bullet`).
     """
     a, T = np.broadcast_arrays(np.asarray(rate, float), np.asarray(T, float))
     if integrator == "explicit":

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import graspfx as gx
+from graspfx.batch.batch import Runs
+from graspfx.batch.variants import Variants
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.peers.arrays import last_positions, one_dof
-from graspfx.processors import processors
-from graspfx.scene.batch import Runs
+from graspfx.environment import processors
 from graspfx.scene.model import Scene
-from graspfx.scene.variants import Variants
 
 FloatArray = NDArray[np.float64]
 Values = dict[str, FloatArray]

@@ -24,7 +24,7 @@ from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import resplit
 from graspfx.grasp import direct
 from graspfx.grasp.point_coupling import PointCoupling
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 
 FloatArray = NDArray[np.float64]
 

@@ -10,14 +10,14 @@ import numpy as np
 
 from graspfx import plugins
 from graspfx.bench.case import Case, Method, is_installed
+from graspfx.build.build import build
+from graspfx.build.run import run
 from graspfx.errors import DeviceError
-from graspfx.loop.header import Header
-from graspfx.loop.recorder import Recorder
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.servo import Servo
 from graspfx.scene.load import load
-from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene
-from graspfx.scene.run import run
 
 TITLE = "Jitter of the tick"
 LIMITS = """

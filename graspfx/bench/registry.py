@@ -12,14 +12,14 @@ from graspfx.errors import MissingPackageError, UnknownNameError
 
 BENCHMARKS = {
     "eq4": "graspfx.bench.eq4",
-    "projection": "graspfx.bench.projection",
-    "contact": "graspfx.bench.contact",
-    "bodies": "graspfx.bench.bodies",
+    "projection": "graspfx.bench.cone_projection",
+    "contact": "graspfx.bench.mesh_fingers",
+    "bodies": "graspfx.bench.rigid_bodies",
     "ticks": "graspfx.bench.ticks",
     "runs": "graspfx.bench.runs",
     "skips": "graspfx.bench.skips",
     "batches": "graspfx.bench.batches",
-    "maps": "graspfx.bench.maps",
+    "maps": "graspfx.bench.limit_maps",
     "startup": "graspfx.bench.startup",
     "jitter": "graspfx.bench.jitter",
 }

@@ -12,9 +12,9 @@ from typing import Any
 
 from graspfx.bench.calibration import Calibration
 from graspfx.bench.measure import Row
+from graspfx.environment import processors
 from graspfx.errors import RecordingError
-from graspfx.loop.header import machine, now, versions
-from graspfx.processors import processors
+from graspfx.loop.recording.header import machine, now, versions
 
 SCHEMA = 1
 NAME = "benchmarks.json"

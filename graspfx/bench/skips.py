@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.bench.case import Case, Method, is_installed, missing
+from graspfx.build.build import build
 from graspfx.coupling import block as at
-from graspfx.loop.engine import Compiled
-from graspfx.loop.tick import CHUNK
-from graspfx.scene.making.build import build
+from graspfx.loop.tick.engine import Compiled
+from graspfx.loop.tick.tick import CHUNK
 from graspfx.scene.model import Scene
-from graspfx.surfaces import walk
-from graspfx.surfaces.ball import STATE
+from graspfx.surfaces.triangles import walk
+from graspfx.surfaces.triangles.ball import STATE
 
 TITLE = "Steps that a scene does not need"
 LIMITS = """

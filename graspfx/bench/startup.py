@@ -31,7 +31,7 @@ TICK = (
 DIRECT = "import graspfx as gx; gx.PointCoupling(gx.Impedance(30.0), gx.Impedance(70.0), 5).compute()"
 MAP = """
 import numpy as np
-from graspfx.analysis.maps import external_limit_map
+from graspfx.analysis.maps.maps import external_limit_map
 mass, viscosity = np.linspace(0.05, 0.2, 200)[:, None], np.linspace(0.2, 2.0, 200)
 external_limit_map(mass, 0.2, 0.005, 0.1, viscosity, spring=33.0, engine={!r})
 """

@@ -15,13 +15,13 @@ from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.peers.bare_bullet import BareBullet
 from graspfx.bench.peers.paper import PaperProgram, Springs, coupling, rotation_matrix
 from graspfx.bench.peers.springs import MuJoCoSprings
-from graspfx.loop.header import Header
-from graspfx.loop.record import Recording
-from graspfx.loop.recorder import Recorder
-from graspfx.objects import kernels as at
-from graspfx.scene.making.build import build
+from graspfx.build.build import build
+from graspfx.build.run import run
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.objects import integrators as at
 from graspfx.scene.model import Scene
-from graspfx.scene.run import run
 from graspfx.spatial import quaternion_matrix
 
 TITLE = "Whole ticks: devices, coupling, object, recording"

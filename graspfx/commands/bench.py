@@ -23,7 +23,7 @@ def execute(chosen: Namespace) -> int:
     from graspfx.bench.threads import one_blas_thread
 
     with one_blas_thread():  # before numpy is loaded
-        from graspfx.bench.run import bench, files
+        from graspfx.bench.session import bench, files
 
         if chosen.out is not None:
             require_room(chosen, files(chosen.names, chosen.out))

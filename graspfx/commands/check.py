@@ -20,7 +20,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.scene.limits.verdict import report
+    from graspfx.certificate.verdict import report
     from graspfx.scene.load import load
 
     answer = report(load(chosen.scene, dict(chosen.overrides)))

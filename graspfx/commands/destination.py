@@ -11,7 +11,7 @@ from pathlib import Path
 
 from graspfx.commands.output import note
 from graspfx.errors import RecordingError
-from graspfx.loop.places import LATEST, make_folder, obstacle, require_vacancy, require_vacancy_of
+from graspfx.loop.recording.places import LATEST, make_folder, obstacle, require_vacancy, require_vacancy_of
 
 OUT = Path("out")
 REMEDY = "choose another --out, or write over it with --overwrite"

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.errors import RecordingError
-from graspfx.loop.places import PART, is_part, part_of
+from graspfx.loop.recording.places import PART, is_part, part_of
 
 if TYPE_CHECKING:
-    from graspfx.loop.record import Recording
+    from graspfx.loop.recording.record import Recording
     from graspfx.scene.model import Scene
 
 DONE, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
@@ -27,7 +27,7 @@ CODES = f"""exit codes:
 
 def doubts(scene: Scene) -> list[str]:
     """What is no fault of a scene and yet may not be meant."""
-    from graspfx.scene import doubts as notes
+    from graspfx.certificate.notes import doubts as notes
 
     return notes.doubts(scene)
 

@@ -10,11 +10,11 @@ from graspfx.commands.arguments import add_overrides
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import name_files, note, placing, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
-from graspfx.loop.places import NAME, is_part, make_folder, recording_file
+from graspfx.loop.recording.places import NAME, is_part, make_folder, recording_file
 
 if TYPE_CHECKING:
-    from graspfx.loop.header import Header
-    from graspfx.loop.record import Recording
+    from graspfx.loop.recording.header import Header
+    from graspfx.loop.recording.record import Recording
 
 
 PICTURE = "picture.png"
@@ -49,7 +49,7 @@ def execute(chosen: Namespace) -> int:
 
 
 def _draw_recording(given: Path, chosen: Namespace) -> int:
-    from graspfx.loop.record import Recording
+    from graspfx.loop.recording.record import Recording
 
     if chosen.overrides:
         raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
@@ -62,8 +62,8 @@ def _draw_recording(given: Path, chosen: Namespace) -> int:
 
 
 def _draw_scene(path: Path, chosen: Namespace) -> int:
+    from graspfx.build.run import run
     from graspfx.scene.load import load
-    from graspfx.scene.run import run
 
     scene = load(chosen.recording, dict(chosen.overrides))
     duration = None if chosen.time is None else max(chosen.time, 0.0) + scene.period
@@ -76,7 +76,7 @@ def _require_room(path: Path, chosen: Namespace) -> None:
 
 
 def _draw(recording: Recording, path: Path, meshes: Path | None, chosen: Namespace) -> int:
-    from graspfx.show.portrait import picture
+    from graspfx.show.picture.portrait import picture
 
     make_folder(path.parent)
     with placing(path) as file:

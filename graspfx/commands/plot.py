@@ -19,9 +19,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.loop.places import make_folder, recording_file
-    from graspfx.loop.record import Recording
-    from graspfx.show.summary import print_summary
+    from graspfx.loop.recording.places import make_folder, recording_file
+    from graspfx.loop.recording.record import Recording
+    from graspfx.show.summary_table import print_summary
 
     if len(chosen.recordings) > 2:
         raise InputError("RECORDING", len(chosen.recordings), "one or two recordings")

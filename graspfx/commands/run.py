@@ -19,7 +19,7 @@ from graspfx.commands.output import (
     require_place,
     say_faults,
 )
-from graspfx.loop.places import NAME
+from graspfx.loop.recording.places import NAME
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -38,7 +38,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.scene.kept import kept, place
+    from graspfx.build.scene_cache import kept, place
 
     if chosen.out is not None:
         _require_room(chosen.out, chosen)
@@ -49,7 +49,7 @@ def execute(chosen: Namespace) -> int:
     with destination(chosen, Path(chosen.scene).stem, latest=True) as folder:
         code, complete = _run_into(folder, scene, chosen)
     if complete and where is not None and known is None:
-        from graspfx.scene.kept import keep
+        from graspfx.build.scene_cache import keep
 
         keep(where, scene, notes)
     return code
@@ -65,8 +65,8 @@ def _require_room(folder: Path, chosen: Namespace) -> None:
 
 def _run_into(folder: Path, scene: Scene, chosen: Namespace) -> tuple[int, bool]:
     """Runs a scene and writes its files into a folder; the exit code, and whether the run came to its end."""
-    from graspfx.commands.stopping import interruptible
-    from graspfx.scene.run import run
+    from graspfx.build.run import run
+    from graspfx.commands.interrupt import interruptible
     from graspfx.show.remarks import remarks
 
     written, picture = [folder / NAME], folder / PICTURE
@@ -82,7 +82,7 @@ def _run_into(folder: Path, scene: Scene, chosen: Namespace) -> tuple[int, bool]
     if chosen.json:
         print_json(recording.summary())
     else:
-        from graspfx.show.summary import print_summary
+        from graspfx.show.summary_table import print_summary
 
         print_summary([recording])
         name_files(written)
@@ -92,8 +92,8 @@ def _run_into(folder: Path, scene: Scene, chosen: Namespace) -> tuple[int, bool]
 
 def _checked(chosen: Namespace) -> tuple[Scene, list[str]]:
     """The scene, and what its author may not have meant."""
+    from graspfx.build.meshes import mesh_notes
     from graspfx.scene.load import load
-    from graspfx.scene.making.meshes import mesh_notes
 
     scene = load(chosen.scene, dict(chosen.overrides))
     return scene, [*mesh_notes(scene.object, scene.source.folder), *doubts(scene)]

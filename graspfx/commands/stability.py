@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_scene
-from graspfx.commands.certified import certify
+from graspfx.commands.certificate import certify
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import DONE, name_files, placing, print_json, require_place
 
 if TYPE_CHECKING:
-    from graspfx.scene.limits.sweep import Sweep
+    from graspfx.certificate.limit_sweep import Sweep
     from graspfx.scene.model import Scene
 
 
@@ -33,7 +33,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
-    from graspfx.scene.limits.sweep import Sweep, limits_of_scene
+    from graspfx.certificate.limit_sweep import Sweep, limits_of_scene
     from graspfx.scene.load import load
 
     sweeps = [Sweep.read(text) for text in chosen.sweep]
@@ -50,9 +50,9 @@ def execute(chosen: Namespace) -> int:
 
 
 def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], chosen: Namespace) -> int:
-    from graspfx.loop.places import make_folder
-    from graspfx.scene.limits.sweep import swept_limits
-    from graspfx.show.limits import limits_figure
+    from graspfx.certificate.limit_sweep import swept_limits
+    from graspfx.loop.recording.places import make_folder
+    from graspfx.show.limit_curves import limits_figure
 
     picture = folder / "stability.png"
     require_place(picture)

@@ -18,10 +18,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(chosen: Namespace) -> int:
+    from graspfx.build.warm import CANNOT, warm_all
     from graspfx.compile.cache import folder, require_room
     from graspfx.compile.native import require_llvm
     from graspfx.plugins import names
-    from graspfx.scene.warm import CANNOT, warm_all
 
     require_llvm()
     require_room()

@@ -15,8 +15,8 @@ import numpy as np
 
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as program
-from graspfx.compile.specialise import Program
-from graspfx.compile.values import Later, Memory, Several
+from graspfx.compile.specialise.specialise import Program
+from graspfx.compile.specialise.values import Later, Memory, Several
 
 NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its other parameters are buffers
 

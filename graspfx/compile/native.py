@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from graspfx.compile import cache as kept
-from graspfx.compile.llvm import ENTRY, Written, written
-from graspfx.compile.llvm_arithmetic import FLOAT
-from graspfx.compile.llvm_expressions import NAMES
-from graspfx.compile.method import DECLARED, METHOD, method, method_text, python_function
+from graspfx.compile.llvm.llvm import ENTRY, Written, written
+from graspfx.compile.llvm.llvm_arithmetic import FLOAT
+from graspfx.compile.llvm.llvm_expressions import NAMES
+from graspfx.compile.llvm.method import DECLARED, METHOD, method, method_text, python_function
 from graspfx.errors import InputError, MissingPackageError
 
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
@@ -229,8 +229,8 @@ def _emitted(program: Written, effort: int = FULL, *, wide: bool = False) -> byt
 @cache
 def _back_end() -> str:
     """A digest of what programs are compiled by: code that another version of it made is not taken."""
-    here = Path(__file__).parent
-    sources = sorted([*here.glob("llvm*.py"), here / "method.py", Path(__file__)])
+    here = Path(__file__)
+    sources = sorted([*(here.parent / "llvm").glob("*.py"), here])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 

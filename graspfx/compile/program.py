@@ -13,8 +13,8 @@ from typing import Any
 
 from graspfx.compile import cache as kept
 from graspfx.compile.kernel import written
-from graspfx.compile.specialise import Program
-from graspfx.compile.values import Later, Memory
+from graspfx.compile.specialise.specialise import Program
+from graspfx.compile.specialise.values import Later, Memory
 
 UNROLL = 400  # statements: loops over the fingers and axes of most scenes, none over friction's squares
 

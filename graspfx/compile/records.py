@@ -283,7 +283,8 @@ def numbers(value: Any) -> Iterator[float]:
     if isinstance(value, bool | int | float | np.floating | np.integer | np.bool_):
         yield float(value)
     else:
-        for name in parts_of(type(value)):
+        kind: type = type(value)
+        for name in parts_of(kind):
             yield from numbers(getattr(value, name))
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 from graspfx.cones.cone import SLIDE, contact_frame
 from graspfx.coupling import block as at
-from graspfx.grasp.kernels import rigid_modes, smoothstep
-from graspfx.objects import kernels as body
-from graspfx.surfaces import ball, walk
-from graspfx.surfaces.ball import ball_contact
-from graspfx.surfaces.proxy import MESH, closest
-from graspfx.surfaces.walk import mesh_contact
+from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
+from graspfx.objects import integrators as body
+from graspfx.surfaces.closed_form.proxy import MESH, closest
+from graspfx.surfaces.triangles import ball, walk
+from graspfx.surfaces.triangles.ball import ball_contact
+from graspfx.surfaces.triangles.walk import mesh_contact
 
 NOT_FINITE = 1  # a finger's motion is NaN or infinite, or its square would be
 UNRESOLVED = 2  # the projection did not settle

@@ -6,7 +6,7 @@ from typing import Any
 
 from graspfx.coupling import block as at
 from graspfx.coupling.law import bilateral
-from graspfx.grasp.kernels import gain_matrix
+from graspfx.grasp.rigid_modes import gain_matrix
 
 
 def assemble(S: Any, elastic: bool) -> int:

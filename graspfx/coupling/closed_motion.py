@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 from graspfx.spatial import exponential, product, quaternion_matrix
 
 FloatArray = NDArray[np.float64]

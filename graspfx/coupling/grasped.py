@@ -19,9 +19,9 @@ from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
-from graspfx.grasp.kernels import NO_ARM
-from graspfx.objects import kernels as body
-from graspfx.surfaces import ball, tree, walk
+from graspfx.grasp.rigid_modes import NO_ARM
+from graspfx.objects import integrators as body
+from graspfx.surfaces.triangles import ball, tree, walk
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -8,7 +8,7 @@ from graspfx.cones.complement import pivot, release
 from graspfx.coupling import block as at
 from graspfx.coupling.assemble import add_gains, into_frames
 from graspfx.coupling.depth import soften
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 
 LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LARGEST, LOST, pose
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 
 FINE = 0
 

@@ -14,7 +14,7 @@ from graspfx.coupling.projection import attached, unilateral
 from graspfx.coupling.rays import press
 from graspfx.coupling.react import FINE, react
 from graspfx.coupling.slip import move_anchors, rub
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 
 
 def resplit(S: Any) -> None:

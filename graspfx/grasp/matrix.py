@@ -16,10 +16,10 @@ from graspfx.grasp.split import Split
 from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
-    from graspfx.grasp.closure import ForceClosure, Limit
-    from graspfx.grasp.margin import Bound, Margin
-    from graspfx.grasp.measures import Measures
-    from graspfx.grasp.virtual_linkage import VirtualLinkage
+    from graspfx.grasp.quality.closure import ForceClosure, Limit
+    from graspfx.grasp.quality.margin import Bound, Margin
+    from graspfx.grasp.quality.measures import Measures
+    from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
 FloatArray = NDArray[np.float64]
 
@@ -151,7 +151,7 @@ class Grasp:
         self, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
     ) -> VirtualLinkage:
         """The split of a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
-        from graspfx.grasp.virtual_linkage import VirtualLinkage
+        from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
         return VirtualLinkage(self, actuators=actuators, tolerance=tolerance)
 
@@ -163,7 +163,7 @@ class Grasp:
         torsion_length: float | None = None,
     ) -> Measures:
         """Singular values, isotropy, volume and minimum; see `grasp.measures.measures`."""
-        from graspfx.grasp.measures import measures
+        from graspfx.grasp.quality.measures import measures
 
         return measures(self, length=length, about=about, torsion_length=torsion_length)
 
@@ -171,7 +171,7 @@ class Grasp:
         self, friction: ArrayLike = 0.0, torsion: ArrayLike = 0.0, *, limit: Limit = "elliptic"
     ) -> ForceClosure:
         """Whether contacts that push can make every wrench, with the proof; see `grasp.closure.force_closure`."""
-        from graspfx.grasp.closure import force_closure
+        from graspfx.grasp.quality.closure import force_closure
 
         return force_closure(self, friction, torsion, limit=limit)
 
@@ -187,7 +187,7 @@ class Grasp:
         tolerance: float = 1e-3,
     ) -> Margin:
         """The largest ball of wrenches that bounded pushes can make; see `grasp.margin.wrench_margin`."""
-        from graspfx.grasp.margin import wrench_margin
+        from graspfx.grasp.quality.margin import wrench_margin
 
         return wrench_margin(
             self, friction, torsion,

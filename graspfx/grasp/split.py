@@ -14,7 +14,7 @@ from graspfx.errors import InputError
 from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
-    from graspfx.grasp.internal import InternalCoordinates
+    from graspfx.grasp.quality.internal import InternalCoordinates
 
 FloatArray = NDArray[np.float64]
 
@@ -129,8 +129,8 @@ class Split:
         Raises:
             InputError: the split of a bare matrix, names that do not fit.
         """
-        from graspfx.grasp.internal import internal_coordinates
         from graspfx.grasp.matrix import Grasp
+        from graspfx.grasp.quality.internal import internal_coordinates
 
         if not isinstance(self.grasp, Grasp):
             raise InputError("split", self.grasp, "the split of a Grasp", "a bare matrix does not know its contacts")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import GraspFXError
-from graspfx.loop import motion as motions
+from graspfx.loop.motion import motion as motions
 
 FloatArray = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.device import Device, SimulatedDevice
-from graspfx.loop.layout import Layout
-from graspfx.loop.observer import Observer
+from graspfx.loop.energy.observer import Observer
 from graspfx.loop.plant import Hand, Plant, unaltered
+from graspfx.loop.recording.layout import Layout
 from graspfx.objects.guest import Guest
 
 Index = NDArray[np.intp]

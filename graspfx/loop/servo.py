@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from graspfx.coupling.grasped import fault_text
 from graspfx.errors import DeviceError, GraspFXError, InputError
-from graspfx.loop import tick as at
 from graspfx.loop.device import Device, LimitedDevice
-from graspfx.loop.engine import ENGINES, Engine
-from graspfx.loop.header import RunFault
-from graspfx.loop.layout import Layout
-from graspfx.loop.observer import Observer
+from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import Held, Moved, Mover, Parts, Station
-from graspfx.loop.recorder import Recorder
-from graspfx.loop.tick import Port, Tick
+from graspfx.loop.recording.header import RunFault
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.tick import tick as at
+from graspfx.loop.tick.engine import ENGINES, Engine
+from graspfx.loop.tick.tick import Port, Tick
 
 FloatArray = NDArray[np.float64]
 

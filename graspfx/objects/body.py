@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.numeric import SMALLEST, finite, number
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 
 FloatArray = NDArray[np.float64]
@@ -31,7 +31,7 @@ class Body(Protocol):
 
     @property
     def state(self) -> FloatArray:
-        """The block, (SIZE,), offsets as in `objects.kernels`."""
+        """The block, (SIZE,), offsets as in `objects.integrators`."""
         ...
 
     def step(self, T: float) -> None:
@@ -123,7 +123,7 @@ def create(state: FloatArray) -> NativeBody:
 
 def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> NativeBody:
     """The body of one object on half-spaces and planes; native objects do not meet one another."""
-    from graspfx.objects.floor import FloorBody  # only scenes with obstacles need friction cones
+    from graspfx.objects.floor.floor import FloorBody  # only scenes with obstacles need friction cones
 
     [member] = members
     return FloorBody(member, obstacles, meeting)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.objects.kernels import (
+from graspfx.objects.integrators import (
     ANGLE,
     ANGULAR_VELOCITY,
     DIMENSIONS,

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import PrivateAttr
 
+from graspfx.build.checks.faults import as_faults, find_faults
+from graspfx.build.wiring import placing_faults
 from graspfx.errors import Fault, InputError, SceneError
-from graspfx.scene.checks.faults import as_faults, find_faults
 from graspfx.scene.lines import KeyLines
-from graspfx.scene.making.wiring import placing_faults
 from graspfx.scene.overrides import Key, by_key, overridden
 from graspfx.scene.source import Source
-from graspfx.scene.tables.parts import SceneTable
+from graspfx.scene.tables.scene_table import SceneTable
 
 if TYPE_CHECKING:
     from graspfx.analysis.linearisation import Linearisation
@@ -80,12 +80,12 @@ class Scene(SceneTable):
         Args:
             at: "squeezed", where still hands closed as far as they ever are come to rest; or "start", where the fingers
                 meet the object at first, without a force; or "provisional", squeezed by one step from there.
-                `scene.limits.linearise` also says what is taken for granted.
+                `certificate.linearise` also says what is taken for granted.
 
         Raises:
             InputError: a device that does not tell its mass or friction.
         """
-        from graspfx.scene.limits.linearise import linearise
+        from graspfx.certificate.linearise import linearise
 
         return linearise(self, at).linear
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from graspfx import trust
-from graspfx.paths import resolved, to_path
+from graspfx import environment
+from graspfx.environment import resolved, to_path
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Source:
     @property
     def is_trusted(self) -> bool:
         """Whether all that the scene names may be used: it is Python, or the user says so."""
-        return self.path is None or self.path.suffix == ".py" or trust.is_granted()
+        return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def holds(self, text: str) -> bool:
         """Whether a path leads into the folder of the scene's file, through all links, or the user's override names it.

@@ -19,7 +19,7 @@ from graspfx.show.strokes import finger_strokes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from graspfx.loop.record import Recording
+    from graspfx.loop.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

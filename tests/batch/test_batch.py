@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.batch import many
+from graspfx.batch.batch import _grid
+from graspfx.batch.variants import Variants
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
-from graspfx.loop import many
-from graspfx.scene.batch import _grid
-from graspfx.scene.variants import Variants
 
 KEP, KIP, BV = "coupling.external.stiffness", "coupling.internal.stiffness", "object.viscosity"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.maps import external_limit_map
+from graspfx.analysis.maps.maps import external_limit_map
 from graspfx.bench import batches, ticks
 from graspfx.bench.case import Case
 from graspfx.bench.contact_sets import contact_sets
@@ -18,7 +18,7 @@ from graspfx.bench.eq4_peers import PEERS, closed_form, grasp_matrix
 from graspfx.bench.map_oracle import crossing
 from graspfx.bench.measure import check
 from graspfx.bench.peers.arrays import last_positions, one_dof
-from graspfx.bench.peers.limits import by_control, by_eigenvalues
+from graspfx.bench.peers.limit_peers import by_control, by_eigenvalues
 from graspfx.bench.peers.paper import PaperProgram, Springs, coupling
 from graspfx.bench.peers.springs import MuJoCoSprings
 from graspfx.bench.projection_peers import ByClarabel

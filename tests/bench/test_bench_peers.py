@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from graspfx.bench import bodies, contact
+from graspfx.bench import mesh_fingers, rigid_bodies
 from graspfx.bench.brute_force import brute_force, perpendicular_feet
 from graspfx.bench.case import Case, is_installed
 from graspfx.bench.closed_forms import turned_freely, turned_steadily, viscous_motion
@@ -35,8 +35,8 @@ def interpreted(package: str) -> bool:
 @pytest.fixture(scope="module")
 def touched() -> dict[str, dict[str, float]]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(contact, "is_installed", interpreted)
-        return {case.name: errors(case) for case in contact.cases(quick=True)}
+        patch.setattr(mesh_fingers, "is_installed", interpreted)
+        return {case.name: errors(case) for case in mesh_fingers.cases(quick=True)}
 
 
 def test_contact_points_are_those_of_brute_force(touched: dict[str, dict[str, float]]) -> None:
@@ -58,7 +58,7 @@ def test_a_nearest_point_is_on_the_wrong_side_of_a_thin_plate(touched: dict[str,
 
 def test_what_a_finger_is_held_by_contains_the_nearest_point() -> None:
     """Inside a convex surface, the nearest of the perpendiculars' feet is the nearest point."""
-    path = contact.on_sphere(1, every=8)
+    path = mesh_fingers.on_sphere(1, every=8)
     for p in np.random.default_rng(0).uniform(-0.015, 0.015, size=(20, 3)):
         nearest, distance = brute_force(path.vertices, path.faces, p)
         ways = perpendicular_feet(path.vertices, path.faces, p, 0.0) - p
@@ -68,8 +68,8 @@ def test_what_a_finger_is_held_by_contains_the_nearest_point() -> None:
 
 def test_errors_of_bodies_are_those_of_their_methods(monkeypatch: pytest.MonkeyPatch) -> None:
     """Exact: rounding on a line and for a cube, fourth order for a box; it and implicit take any viscosity."""
-    monkeypatch.setattr(bodies, "is_installed", interpreted)
-    for case in bodies.cases(quick=True):
+    monkeypatch.setattr(rigid_bodies, "is_installed", interpreted)
+    for case in rigid_bodies.cases(quick=True):
         found = errors(case)
         exact = found["GraspFX exact, interpreted"]
         [bound] = [method.bound for method in case.methods if method.name == "GraspFX exact, interpreted"]
@@ -111,8 +111,8 @@ def test_a_free_box_turns_as_integrated() -> None:
         return np.concatenate([turn, np.cross(moments * w, w) / moments])
 
     q = solve_ivp(rate, (0.0, 1.0), [0, 0, 0, 1, *spin], method="DOP853", rtol=1e-13, atol=1e-15).y[:4, -1]
-    found = bodies.quaternion_of(turned_freely(moments.tolist(), spin, 1.0))
-    assert bodies.angle_between(q / np.linalg.norm(q), found) < 1e-11
+    found = rigid_bodies.quaternion_of(turned_freely(moments.tolist(), spin, 1.0))
+    assert rigid_bodies.angle_between(q / np.linalg.norm(q), found) < 1e-11
 
 
 def test_a_cube_that_slows_down_turns_about_its_axis() -> None:

@@ -9,8 +9,8 @@ from graspfx.bench import ticks
 from graspfx.bench.case import is_installed
 from graspfx.bench.peers.paper import PaperProgram, Springs, coupling, grasp_matrix
 from graspfx.bench.peers.springs import MuJoCoSprings
+from graspfx.build.run import run
 from graspfx.errors import MissingPackageError
-from graspfx.scene.run import run
 
 
 def program_error(program: ticks.Ticking, truth: np.ndarray, g: Springs) -> float:

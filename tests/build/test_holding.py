@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
+from graspfx.build.holdings import hold, holdings
+from graspfx.certificate.plan import packages
 from graspfx.errors import SceneError
-from graspfx.scene.making.holding import hold, holdings
-from graspfx.scene.plan import packages
 
 RADIUS = 0.03
 ANGLES = 2.0 * np.pi * np.arange(3) / 3.0

@@ -12,9 +12,9 @@ import pytest
 
 from graspfx import plugins
 from graspfx.__main__ import main
+from graspfx.build.scene_cache import KeptTable, _read, _written, kept, place
 from graspfx.compile import cache
-from graspfx.loop.record import Recording
-from graspfx.scene.kept import KeptTable, _read, _written, kept, place
+from graspfx.loop.recording.record import Recording
 from graspfx.scene.load import load
 
 TABLES = sorted(path.stem for path in plugins.shelf("scenes").glob("*.toml"))

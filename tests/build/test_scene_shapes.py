@@ -14,18 +14,18 @@ import trimesh
 
 import graspfx as gx
 from graspfx.__main__ import main
+from graspfx.build.build import build
+from graspfx.build.meshes import scene_mesh
+from graspfx.certificate.plan import plan
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import place_contact
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 from graspfx.objects.body import fill_body
-from graspfx.scene.making.build import build
-from graspfx.scene.making.meshes import scene_mesh
-from graspfx.scene.plan import plan
-from graspfx.surfaces.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
 from tests.support.meshes import ell, plate, sheet
 
 FloatArray = np.ndarray

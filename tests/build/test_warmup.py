@@ -10,10 +10,10 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.scene import warm
-from graspfx.scene.engine import engine_plan, kernels
-from graspfx.scene.making.build import build
-from graspfx.scene.plan import plan
+from graspfx.build import warm
+from graspfx.build.build import build
+from graspfx.certificate.plan import plan
+from graspfx.certificate.prospect import engine_plan, kernels
 from tests.support import foreign_parts
 from tests.support.small_scenes import LINE
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.scene.limits.certificate import Certificate, certificates, lines
+from graspfx.certificate.certificate import Certificate, certificates, lines
 from tests.support.small_scenes import attached
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.certificate import Certificate, mode_limits
+from graspfx.certificate.linearise import linearise
+from graspfx.certificate.rest.cone_edge import released, sliding_notes
 from graspfx.errors import InputError
-from graspfx.scene.limits.certificate import Certificate, mode_limits
-from graspfx.scene.limits.cone_edge import released, sliding_notes
-from graspfx.scene.limits.linearise import linearise
 from tests.support.slid_grasps import askew, slid_grasp, standing
 from tests.support.whole_ticks import RestedRun
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis.fullloop import loop_matrix
 from graspfx.analysis.series import in_series
-from graspfx.scene.limits.certificate import certificates
-from graspfx.scene.limits.linearise import linearise
+from graspfx.analysis.stability.fullloop import loop_matrix
+from graspfx.certificate.certificate import certificates
+from graspfx.certificate.linearise import linearise
 
 ANGLES = np.radians([180.0, 50.0, -70.0])
 OUT = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.linearise import linearise
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.scene.limits.linearise import linearise
 from tests.support.sampled_loops import stepped_object
 from tests.support.small_scenes import B_V, KEP, KIP, M_V, SPRING, B, M, attached
 
@@ -97,7 +97,7 @@ def test_arms_are_point_devices_at_their_posture() -> None:
     """paper-spring-arms against point devices with the arms' mass and friction there: limits to 1 %."""
     arms = gx.load("paper-spring-arms")
     points = arms.replace({"finger.*.device": {"name": "simulated", "mass": 0.15, "friction": 0.2}})
-    from graspfx.scene.limits.sweep import limits_of_scene
+    from graspfx.certificate.limit_sweep import limits_of_scene
 
     one, other = limits_of_scene(arms), limits_of_scene(points)
     assert one.internal == pytest.approx(other.internal, rel=0.01)

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
+from graspfx.build.build import build
+from graspfx.build.run import run
+from graspfx.certificate.plan import PlanRow, equal_gains, packages, plan
+from graspfx.certificate.prospect import kernels
 from graspfx.coupling import approach
-from graspfx.scene.engine import kernels
-from graspfx.scene.making.build import build
 from graspfx.scene.model import Scene
-from graspfx.scene.plan import PlanRow, equal_gains, packages, plan
-from graspfx.scene.run import run
 
 
 def scene(**changes: Any) -> Scene:

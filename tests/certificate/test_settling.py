@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.scene.settling import unsettled
+from graspfx.certificate.notes.settling import unsettled
 
 T, M, B = 0.005, 0.1, 0.5  # [s, kg, N s/m]
 GAP = 0.02

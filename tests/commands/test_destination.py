@@ -15,7 +15,7 @@ from graspfx.__main__ import main
 from graspfx.bench.page import NAME as PAGE
 from graspfx.commands.destination import OUT
 from graspfx.errors import RecordingError
-from graspfx.loop.places import LATEST
+from graspfx.loop.recording.places import LATEST
 
 ROOT = Path(__file__).parents[2]
 RUN = ["run", "reference-1dof", "--duration", "0.05"]
@@ -95,7 +95,7 @@ def test_a_run_refuses_before_it_starts(
     Path("a", there).write_bytes(b"mine")
     before = files()
     with monkeypatch.context() as nothing:
-        nothing.setattr("graspfx.scene.run.run", None)
+        nothing.setattr("graspfx.build.run.run", None)
         nothing.setattr("graspfx.scene.load.load", None)
         assert main([*RUN, "--out", "a"]) == 2
     said = capsys.readouterr().err

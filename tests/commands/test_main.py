@@ -209,7 +209,7 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.Cap
 
 INTERRUPTED = """
 import signal, sys, weakref
-import graspfx.loop.sink as file
+import graspfx.loop.recording.sink as file
 from graspfx.__main__ import main
 
 class Sink(file.FileSink):

@@ -10,8 +10,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
+from graspfx.certificate.limit_sweep import Sweep, limits_of_scene, swept_limits
 from graspfx.errors import InputError
-from graspfx.scene.limits.sweep import Sweep, limits_of_scene, swept_limits
 
 
 def three(scene: gx.Scene) -> list[float]:

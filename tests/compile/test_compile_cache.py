@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -113,11 +114,11 @@ def test_a_user_without_a_folder_compiles_every_time(monkeypatch: pytest.MonkeyP
 
 def test_code_of_another_wrapper_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`method.py` writes a part of the machine code too."""
-    for file in Path(native.__file__).parent.glob("*.py"):
-        (tmp_path / file.name).write_bytes(file.read_bytes())
+    shutil.copytree(Path(native.__file__).parent / "llvm", tmp_path / "llvm")
+    shutil.copy(native.__file__, tmp_path)
     monkeypatch.setattr(native, "__file__", str(tmp_path / "native.py"))
     before = native._back_end.__wrapped__()
-    (tmp_path / "method.py").write_text("# another one\n")
+    (tmp_path / "llvm" / "method.py").write_text("# another one\n")
     assert native._back_end.__wrapped__() != before
 
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.build import build
 from graspfx.compile.native import compiled, interpreted
-from graspfx.compile.specialise import Program
-from graspfx.compile.values import Known, Later, Memory
+from graspfx.compile.specialise.specialise import Program
+from graspfx.compile.specialise.values import Known, Later, Memory
 from graspfx.coupling import block as at
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
-from graspfx.objects import kernels as body
-from graspfx.scene.making.build import build
-from graspfx.surfaces import proxy
+from graspfx.objects import integrators as body
+from graspfx.surfaces.closed_form import proxy
 
 # What a run never changes and what picks the code's path.
 STRUCTURE = [

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from graspfx.compile.lanes import FIRST, HIGH, LANES, LAST, LATE_HIGH, LATE_LOW, LOW, MEASURES, SQUARES, SUM, lanes_text
+from graspfx.batch.lanes import FIRST, HIGH, LANES, LAST, LATE_HIGH, LATE_LOW, LOW, MEASURES, SQUARES, SUM, lanes_text
 from graspfx.compile.native import compiled, interpreted
-from graspfx.compile.straight import NotSteadyError, reduced, written_down
-from graspfx.compile.trace import Cells, Graph, Node, Traceable
+from graspfx.compile.straight.straight import NotSteadyError, reduced, written_down
+from graspfx.compile.straight.trace import Cells, Graph, Node, Traceable
 
 STATISTICS = ("first", "last", "mean", "rms", "min", "max", "growth")
 COUNT, EARLY = 41, 20

@@ -10,15 +10,15 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
+from graspfx.build.axes import axes_notes
+from graspfx.certificate.linearise import linearise
 from graspfx.coupling.closed_motion import worst_turn
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import ActiveCouplingWarning, Coupling
 from graspfx.objects.body import NativeBody, fill_body
-from graspfx.scene.axes import axes_notes
-from graspfx.scene.limits.linearise import linearise
-from graspfx.surfaces.shape import Box, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.closed_paths import gain_per_loop
 from tests.support.grasps import grasped, law, respond
 from tests.support.scatter import positive

@@ -13,9 +13,9 @@ from graspfx.coupling.approach import LOST, NOT_FINITE
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
-from graspfx.surfaces.shape import Box, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import RIGID, free_mask, grasped, law, respond
 from tests.support.subsets import every_subset
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.plan import plan
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.objects.body import NativeBody
-from graspfx.scene.plan import plan
-from graspfx.surfaces.shape import Box, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import grasped, law, respond
 
 INERTIA = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}

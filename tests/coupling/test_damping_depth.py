@@ -11,7 +11,7 @@ import pytest
 import graspfx as gx
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.surfaces.shape import Box, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import MU, finger_grasp, law, respond
 from tests.support.subsets import every_subset
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.build import build
+from graspfx.certificate.plan import plan
+from graspfx.certificate.prospect import kernels
 from graspfx.commands.output import doubts
 from graspfx.coupling import block as at
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects.body import NativeBody
-from graspfx.scene.engine import kernels
-from graspfx.scene.making.build import build
-from graspfx.scene.plan import plan
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 from tests.support.grasps import finger_grasp, grasped, law, respond
 
 T = 0.005

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.grasps import grasps
+from graspfx.certificate.certificate import lines
+from graspfx.certificate.notes.blend import arms, blend_notes
 from graspfx.coupling import block as at
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
-from graspfx.scene.blend import arms, blend_notes
-from graspfx.scene.grasps import grasps
-from graspfx.scene.limits.certificate import lines
 from graspfx.show.remarks import remarks
 from tests.support.grasps import grasped, law
 

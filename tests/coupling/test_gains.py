@@ -14,9 +14,9 @@ from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import ActiveCouplingWarning, per_finger
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 from tests.support.grasps import RIGID, free_mask, grasped, law
 from tests.support.scatter import positive
 

@@ -10,8 +10,8 @@ import pytest
 
 from graspfx.compile.machine import compiled
 from graspfx.compile.native import compiled as machine_code
-from graspfx.compile.specialise import Program
-from graspfx.compile.values import Memory
+from graspfx.compile.specialise.specialise import Program
+from graspfx.compile.specialise.values import Memory
 from graspfx.cones.cone import STICK
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
@@ -19,9 +19,9 @@ from graspfx.coupling.react import react
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import sample
 from graspfx.coupling.scaling import scale
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 from graspfx.objects.body import fill_body
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
 from tests.support.grasps import law
 

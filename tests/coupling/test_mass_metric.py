@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.plan import plan
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
-from graspfx.scene.plan import plan
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 from tests.support.grasps import grasped, law, respond
 
 HEAVY, LIGHT = 0.3, 0.1  # devices' masses [kg]

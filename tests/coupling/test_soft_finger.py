@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.plan import plan
 from graspfx.compile.machine import compiled
 from graspfx.cones.cone import jacobian_of_modes, jacobian_of_square
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
-from graspfx.grasp.kernels import rigid_modes
-from graspfx.objects import kernels as body
+from graspfx.grasp.rigid_modes import rigid_modes
+from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
-from graspfx.objects.kernels import orient
-from graspfx.scene.plan import plan
+from graspfx.objects.integrators import orient
 from graspfx.spatial import exponential, product
-from graspfx.surfaces.shape import Box, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import grasped, law, respond
 
 RHO = 0.006  # [m]

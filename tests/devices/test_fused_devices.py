@@ -10,12 +10,12 @@ import pytest
 
 from graspfx import plugins
 from graspfx.compile.machine import compiled
-from graspfx.devices._point_sample import nearest
 from graspfx.devices.simulated import PointDevice, connect
+from graspfx.devices.simulated.point_sample import nearest
 from graspfx.errors import DeviceError
 from graspfx.loop.device import FusedDevice, fused
 from graspfx.loop.hand import Hand
-from graspfx.loop.motion import Sine
+from graspfx.loop.motion.motion import Sine
 from graspfx.loop.plant import fused as fused_plant
 from tests.support.fused import Arena, called, on_memory
 

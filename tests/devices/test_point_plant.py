@@ -9,11 +9,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from graspfx.compile.machine import compiled
-from graspfx.devices import _points as points
-from graspfx.devices.simulated import PointDevice, connect
+from graspfx.devices.simulated import PointDevice, connect, points
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand, join
-from graspfx.loop.motion import Sine
+from graspfx.loop.motion.motion import Sine
 from graspfx.loop.plant import FusedPlant
 from tests.support.fused import advanced, drive
 

@@ -8,7 +8,7 @@ import pytest
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand
-from graspfx.loop.motion import Sine
+from graspfx.loop.motion.motion import Sine
 
 T = 0.005
 M, B = 0.15, 0.2  # [kg], [N s/m]

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.compile.machine import compiled
-from graspfx.devices._arm import directed, turned
+from graspfx.devices.two_link.arm import directed, turned
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand
-from graspfx.loop.motion import Sine
+from graspfx.loop.motion.motion import Sine
 from graspfx.loop.plant import FusedPlant
 from tests.support.fused import advanced, drive
 
 two_link: Any = plugins.load("devices", "two-link")
-dynamics: Any = importlib.import_module("graspfx.devices._dynamics")
+dynamics: Any = importlib.import_module("graspfx.devices.two_link.arm_dynamics")
 FloatArray = NDArray[np.float64]
 
 T = 0.005

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.devices._arm_sample import COUNTS
+from graspfx.devices.two_link.arm_sample import COUNTS
 from graspfx.errors import DeviceError
 from graspfx.loop.hand import Hand
-from graspfx.loop.motion import Sine
+from graspfx.loop.motion.motion import Sine
 
 two_link: Any = plugins.load("devices", "two-link")
 FloatArray = NDArray[np.float64]

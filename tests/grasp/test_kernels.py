@@ -8,7 +8,7 @@ import pytest
 
 from graspfx.cones.complement import pivot
 from graspfx.cones.cone import contact_frame
-from graspfx.grasp.kernels import rigid_modes, smoothstep
+from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
 
 STRIDE = 4  # a point and a weight
 

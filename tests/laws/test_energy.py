@@ -8,7 +8,7 @@ import pytest
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.objects.body import fill_body
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
 from tests.support.grasps import law
 

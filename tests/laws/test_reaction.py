@@ -11,8 +11,8 @@ import graspfx as gx
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.objects.body import fill_body
-from graspfx.surfaces.mesh import make_mesh
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
+from graspfx.surfaces.triangles.mesh import make_mesh
 from tests.support.grasps import law
 
 EDGE, RADIUS, GAIN = 0.05, 0.004, 400.0

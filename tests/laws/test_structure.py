@@ -7,12 +7,12 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
+from graspfx.build.build import build
 from graspfx.coupling import block as at
-from graspfx.loop.header import Header
-from graspfx.loop.recorder import Recorder
-from graspfx.scene.making.build import build
-from graspfx.surfaces import tree
-from graspfx.surfaces.proxy import MESH
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.surfaces.closed_form.proxy import MESH
+from graspfx.surfaces.triangles import tree
 
 
 @pytest.mark.parametrize("name", sorted(plugins.names("scenes")))

@@ -11,11 +11,11 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.bench.case import is_installed
+from graspfx.build.build import build
+from graspfx.certificate.plan import limits_inside, plan
 from graspfx.coupling.limit import is_inside
 from graspfx.errors import InputError
-from graspfx.loop.record import Recording
-from graspfx.scene.making.build import build
-from graspfx.scene.plan import limits_inside, plan
+from graspfx.loop.recording.record import Recording
 from tests.support import foreign_parts
 from tests.support.engines import recorded, same
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import InputError
 from graspfx.loop.hand import Hand, join
-from graspfx.loop.motion import Levels, Reach, Sine, Sum
-from graspfx.loop.turn import Turn
+from graspfx.loop.motion.motion import Levels, Reach, Sine, Sum
+from graspfx.loop.motion.turn import Turn
 
 REST = np.array([[-0.025, 0.0], [0.025, 0.0], [0.0, 0.03]])
 

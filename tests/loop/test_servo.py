@@ -298,7 +298,7 @@ def test_native_and_bullet_agree_over_ten_seconds() -> None:
 
 SAME_VISCOSITY = """
 import math
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import NativeBody
 
 class Viscous:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, VISCOUS_LIMIT, Body, NativeBody, create, fill_body
 
 Array = NDArray[np.float64]

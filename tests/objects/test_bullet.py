@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import Body, NativeBody, fill_body
-from graspfx.objects.bullet import BulletBody, create
+from graspfx.objects.bullet.bullet import BulletBody, create
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
@@ -259,7 +259,7 @@ def test_without_pybullet_it_says_what_to_install(monkeypatch: pytest.MonkeyPatc
         raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
     monkeypatch.delitem(sys.modules, "pybullet", raising=False)
-    monkeypatch.setattr("graspfx.objects.bullet.import_module", missing)
+    monkeypatch.setattr("graspfx.objects.bullet.bullet.import_module", missing)
     with pytest.raises(MissingPackageError, match=r"install graspfx\[bullet\]"):
         BulletBody(block(dimensions=1, mass=0.1))
 
@@ -268,9 +268,9 @@ def test_nothing_is_printed(bodies: Any) -> None:
     """In a fresh process: neither stdout nor stderr has PyBullet's banner, and both still work."""
     code = """
 import sys, numpy as np
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
-from graspfx.objects.bullet import BulletBody
+from graspfx.objects.bullet.bullet import BulletBody
 assert "pybullet" not in sys.modules
 state = np.zeros(at.SIZE)
 fill_body(state, dimensions=1, mass=0.1)

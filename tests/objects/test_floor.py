@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
-from graspfx.objects import kernels as at
-from graspfx.objects import rest
+from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
-from graspfx.objects.floor import FloorBody, clearance, features, hull_points
-from graspfx.objects.lowest import FEATURE, MOST, lowest, thin
+from graspfx.objects.floor import rest
+from graspfx.objects.floor.floor import FloorBody, clearance, features, hull_points
+from graspfx.objects.floor.lowest import FEATURE, MOST, lowest, thin
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
-from graspfx.surfaces.mesh import make_mesh
-from graspfx.surfaces.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
+from graspfx.surfaces.triangles.mesh import make_mesh
 
 Array = NDArray[np.float64]
 G, M, K, MU = 9.81, 0.1, 1e5, 0.5

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
 
 from graspfx.errors import InputError
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
+from graspfx.objects.bullet.world import BulletWorld
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
-from graspfx.objects.world import BulletWorld
-from graspfx.surfaces.mesh import make_mesh
-from graspfx.surfaces.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
+from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
+from graspfx.surfaces.triangles.mesh import make_mesh
 
 Array = NDArray[np.float64]
 G, M, MU = 9.81, 0.1, 0.5

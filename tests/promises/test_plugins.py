@@ -132,7 +132,13 @@ def test_listing_imports_no_plugin(acme: Path) -> None:
         "print(*sorted(n for n in sys.modules if n.startswith(('graspfx', 'acme', 'numpy', 'pybullet'))))\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["graspfx", "graspfx.errors", "graspfx.installed", "graspfx.paths", "graspfx.plugins"]
+    assert done.stdout.split() == [
+        "graspfx",
+        "graspfx.environment",
+        "graspfx.errors",
+        "graspfx.installed",
+        "graspfx.plugins",
+    ]
 
 
 def test_an_unknown_name_gets_the_closest_one(shelf: Path) -> None:

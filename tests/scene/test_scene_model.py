@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from graspfx.build.checks import cross_faults as checks
 from graspfx.errors import SceneError
-from graspfx.scene.checks import together as checks
 from graspfx.scene.model import Scene, schema
 
 

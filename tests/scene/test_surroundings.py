@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.certificate.plan import plan
 from graspfx.errors import SceneError
-from graspfx.scene.plan import plan
 
 FLOOR = {"name": "floor", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}}
 BLOCK = {"name": "block", "shape": {"kind": "box", "size": [0.1, 0.1, 0.1]}, "position": [0.3, 0.0, 0.05]}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import graspfx as gx
-from graspfx import plugins, trust
+from graspfx import environment, plugins
 from graspfx.__main__ import main
 from graspfx.errors import Fault, SceneError
 from tests.support import foreign_parts
@@ -20,7 +20,7 @@ MARK = "open({!r}, 'a').close()\n"
 
 @pytest.fixture(autouse=True)
 def nobody_trusts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(trust.VARIABLE, raising=False)
+    monkeypatch.delenv(environment.VARIABLE, raising=False)
 
 
 @pytest.fixture
@@ -105,10 +105,10 @@ def test_a_user_may_trust(places: tuple[Path, Path], monkeypatch: pytest.MonkeyP
     file = scene(own, "motion", str(other / "path.csv"))
     assert main(["check", str(file)]) == 2
     assert main(["check", str(file), "--trust"]) == 0
-    assert not trust.is_granted()  # it was said for that command
+    assert not environment.is_granted()  # it was said for that command
     for value, granted in (("", False), ("0", False), ("1", True)):
-        monkeypatch.setenv(trust.VARIABLE, value)
-        assert trust.is_granted() == granted
+        monkeypatch.setenv(environment.VARIABLE, value)
+        assert environment.is_granted() == granted
     assert gx.run(gx.load(file), 0.05).finger_force.any()
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.scene.units import unit_notes
+from graspfx.certificate.notes.units import unit_notes
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.loop.header import Header
-from graspfx.loop.record import Recording
-from graspfx.loop.recorder import Recorder
-from graspfx.objects.floor import FloorBody
-from graspfx.scene.making.build import build
+from graspfx.build.build import build
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.objects.floor.floor import FloorBody
 
 FloatArray = NDArray[np.float64]
 

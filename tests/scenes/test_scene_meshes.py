@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from scipy.spatial import cKDTree
 
 from graspfx import plugins
-from graspfx.surfaces.mesh import Mesh, load_mesh
+from graspfx.surfaces.triangles.mesh import Mesh, load_mesh
 
 MESHES = plugins.shelf("scenes") / "meshes"
 NAMES = ("mug", "plate", "potato")

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import graspfx as gx
 from graspfx import plugins
-from graspfx.loop.record import Recording
+from graspfx.loop.recording.record import Recording
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]

@@ -16,11 +16,11 @@ import graspfx as gx
 from graspfx import plugins
 from graspfx.__main__ import main
 from graspfx.errors import InputError
-from graspfx.loop.record import Recording
-from graspfx.show.instant import instant
-from graspfx.show.painter import Camera, Painter
-from graspfx.show.portrait import picture
-from graspfx.show.surfaces import Surface, arrow, ball, finer, rotation, surface
+from graspfx.loop.recording.record import Recording
+from graspfx.show.picture.instant import instant
+from graspfx.show.picture.painter import Camera, Painter
+from graspfx.show.picture.portrait import picture
+from graspfx.show.picture.surfaces import Surface, arrow, ball, finer, rotation, surface
 from tests.support.recordings import layout, recording, waving
 
 FloatArray = NDArray[np.float64]

@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pytest
 
-from graspfx.loop.header import Outcome, RunFault
-from graspfx.loop.record import Recording
-from graspfx.loop.summary import internal_deformation, vibration
+from graspfx.loop.recording.header import Outcome, RunFault
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.summary import internal_deformation, vibration
 from graspfx.show import table
-from graspfx.show.summary import ROWS, columns, print_summary
+from graspfx.show.summary_table import ROWS, columns, print_summary
 from tests.support.recordings import PERIOD, layout, recording, waving
 
 T = np.arange(2000) * PERIOD

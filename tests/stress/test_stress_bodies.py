@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
 from tests.support.exact import DIGITS
 from tests.support.exact_bodies import exact_step, spinning

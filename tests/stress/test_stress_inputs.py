@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 import graspfx as gx
 from graspfx.errors import InputError
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
-from graspfx.surfaces import shape
-from graspfx.surfaces.mesh import make_mesh
+from graspfx.surfaces.closed_form import shape
+from graspfx.surfaces.triangles.mesh import make_mesh
 from tests.support.bad_values import bad_values, outcome
 from tests.support.families import efforts, family
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.build import build
 from graspfx.compile.machine import compiled
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
-from graspfx.scene.making.build import build
 from tests.support.exact_bodies import spinning
 from tests.support.families import efforts, family
 

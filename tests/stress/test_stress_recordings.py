@@ -16,7 +16,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.seal import seal
+from graspfx.loop.recording.seal import seal
 from tests.support.families import efforts, family
 from tests.support.recordings import layout, recording, rows
 
@@ -33,7 +33,7 @@ warnings.simplefilter("error")
 from pathlib import Path
 import numpy as np
 from graspfx.errors import GraspFXError
-from graspfx.loop.record import Recording
+from graspfx.loop.recording.record import Recording
 whole = bytearray(Path("whole.h5").read_bytes())
 rng = np.random.default_rng({seed})
 for case in range({cases}):

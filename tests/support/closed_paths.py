@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.objects import kernels as body
+from graspfx.objects import integrators as body
 
 STEPS = 256  # of a smooth loop: the trapezoid rule is exact to rounding there
 

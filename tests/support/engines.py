@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import graspfx as gx
-from graspfx.loop.header import Header
-from graspfx.loop.record import Recording
-from graspfx.loop.recorder import Recorder
-from graspfx.scene.making.build import build
+from graspfx.build.build import build
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder
 
 TICKS = 60
 

@@ -8,7 +8,7 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 
 FloatArray = NDArray[np.float64]
 

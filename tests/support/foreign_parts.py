@@ -52,7 +52,7 @@ HANDS = '''
 """A hand that squeezes and waves: ours, or the same called as a method, which may lose its way."""
 import math
 from graspfx.loop.hand import Hand
-from graspfx.loop.motion import Sine
+from graspfx.loop.motion.motion import Sine
 
 class Called:
     def __init__(self, real, ends):

@@ -10,7 +10,7 @@ import graspfx as gx
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.objects.body import fill_body
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 
 RIGID = Rules(attached=True)
 INERTIA = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from graspfx.surfaces.tree import flatten
+from graspfx.surfaces.triangles.tree import flatten
 
 FloatArray = NDArray[np.float64]
 Surface = tuple[FloatArray, NDArray[np.intp]]

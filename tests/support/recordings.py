@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.header import Header, Outcome
-from graspfx.loop.layout import Layout
-from graspfx.loop.record import Recording
-from graspfx.loop.recorder import Recorder
+from graspfx.loop.recording.header import Header, Outcome
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder
 
 FloatArray = NDArray[np.float64]
 

@@ -87,7 +87,7 @@ def _scene(file: str) -> None:
 def _mesh(file: str) -> None:
     import numpy as np
 
-    from graspfx.surfaces.mesh import load_mesh
+    from graspfx.surfaces.triangles.mesh import load_mesh
 
     mesh = load_mesh(file, shell="shell" in Path(file).name)
     weight = mesh.mass_properties(mass=0.1)

@@ -7,13 +7,13 @@ from contextlib import ExitStack
 import numpy as np
 
 import graspfx as gx
+from graspfx.build.build import build
+from graspfx.build.run import header_of
 from graspfx.coupling import block as at
-from graspfx.loop.recorder import Recorder
+from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.velocity import RING
-from graspfx.objects import kernels as body
-from graspfx.objects import rest
-from graspfx.scene.making.build import build
-from graspfx.scene.run import header_of
+from graspfx.objects import integrators as body
+from graspfx.objects.floor import rest
 from graspfx.spatial import exponential, product
 
 STEP = 1e-7  # [m], [m/s]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from graspfx.bench.brute_force import brute_force
-from graspfx.surfaces import ball, walk
-from graspfx.surfaces.ball import ball_contact
-from graspfx.surfaces.mesh import Mesh, make_mesh, new_fingers
-from graspfx.surfaces.proxy import BOX, closest_to_ball
-from graspfx.surfaces.tree import flatten
+from graspfx.surfaces.closed_form.proxy import BOX, closest_to_ball
+from graspfx.surfaces.triangles import ball, walk
+from graspfx.surfaces.triangles.ball import ball_contact
+from graspfx.surfaces.triangles.mesh import Mesh, make_mesh, new_fingers
+from graspfx.surfaces.triangles.tree import flatten
 from tests.support.meshes import SHAPES, ell, flat, plate, sheet
 
 FloatArray = np.ndarray

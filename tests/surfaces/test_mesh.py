@@ -14,10 +14,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.surfaces.mesh import Mesh, load_mesh, make_mesh, new_fingers
-from graspfx.surfaces.shape import Box
-from graspfx.surfaces.tree import half_edges
-from graspfx.surfaces.walk import STATE
+from graspfx.surfaces.closed_form.shape import Box
+from graspfx.surfaces.triangles.mesh import Mesh, load_mesh, make_mesh, new_fingers
+from graspfx.surfaces.triangles.tree import half_edges
+from graspfx.surfaces.triangles.walk import STATE
 from tests.support.meshes import bumpy_sphere, ell, mug, plate, sheet
 
 FloatArray = NDArray[np.float64]
@@ -83,7 +83,8 @@ def test_trimesh_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
 
 
 def test_nothing_heavy_is_imported_before_a_file_is_read() -> None:
-    code = "import sys, graspfx.surfaces.mesh; print({'trimesh', 'scipy'} & {m.split('.')[0] for m in sys.modules})"
+    name = "graspfx.surfaces.triangles.mesh"
+    code = f"import sys, {name}; print(" + "{'trimesh', 'scipy'} & {m.split('.')[0] for m in sys.modules})"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "set()"
 

@@ -11,7 +11,7 @@ from mpmath import mp, mpf
 from numpy.typing import NDArray
 
 from graspfx.compile.machine import compiled
-from graspfx.surfaces.proxy import (
+from graspfx.surfaces.closed_form.proxy import (
     BOX,
     CAPSULE,
     CYLINDER,
@@ -22,7 +22,7 @@ from graspfx.surfaces.proxy import (
     closest,
     closest_to_ball,
 )
-from graspfx.surfaces.shape import Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
+from graspfx.surfaces.closed_form.shape import Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
 from tests.support.exact_surfaces import (
     Exact,
     Oracle,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspfx.surfaces.proxy import BOX, SPHERE, closest
+from graspfx.surfaces.closed_form.proxy import BOX, SPHERE, closest
 
 Array = NDArray[np.float64]
 HALF = (0.025, 0.02, 0.01)

@@ -11,8 +11,8 @@ import pytest
 from scipy.integrate import quad
 
 from graspfx.errors import InputError
-from graspfx.surfaces.proxy import BOX, CAPSULE, CYLINDER, ELLIPSOID, HALF_SPACE, PLANE, SPHERE
-from graspfx.surfaces.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
+from graspfx.surfaces.closed_form.proxy import BOX, CAPSULE, CYLINDER, ELLIPSOID, HALF_SPACE, PLANE, SPHERE
+from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Shape, Sphere
 
 
 def test_parameters() -> None:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from graspfx.bench.brute_force import brute_force, winding_number
 from graspfx.compile.machine import compiled
-from graspfx.surfaces import tree, walk
-from graspfx.surfaces.proxy import BOX, closest
-from graspfx.surfaces.tree import flatten
-from graspfx.surfaces.walk import FREE, HELD, LAST, MODE, NEW, REACH, SAFE, STATE, mesh_contact
+from graspfx.surfaces.closed_form.proxy import BOX, closest
+from graspfx.surfaces.triangles import tree, walk
+from graspfx.surfaces.triangles.tree import flatten
+from graspfx.surfaces.triangles.walk import FREE, HELD, LAST, MODE, NEW, REACH, SAFE, STATE, mesh_contact
 from tests.support.meshes import (
     SHAPES,
     bumpy_sphere,

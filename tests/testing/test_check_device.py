@@ -9,9 +9,9 @@ from itertools import count
 import numpy as np
 import pytest
 
-from graspfx.devices._point_sample import LIMITED
-from graspfx.devices._points import PointPlant
 from graspfx.devices.simulated import PointDevice, connect
+from graspfx.devices.simulated.point_sample import LIMITED
+from graspfx.devices.simulated.points import PointPlant
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Features
 from graspfx.testing import ConformanceError, check_device

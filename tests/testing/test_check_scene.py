@@ -12,10 +12,10 @@ import pytest
 import graspfx as gx
 from graspfx.coupling import block
 from graspfx.errors import InputError
-from graspfx.loop.record import Recording
-from graspfx.objects import kernels as body
+from graspfx.loop.recording.record import Recording
+from graspfx.objects import integrators as body
 from graspfx.testing import ConformanceError, check_scene
-from graspfx.testing.scene import _check_recording, _check_wrench
+from graspfx.testing.scene_promises import _check_recording, _check_wrench
 
 G = 9.81
 
@@ -97,7 +97,8 @@ def test_a_number_that_is_another() -> None:
 
 
 BODY = """
-from graspfx.objects import body, kernels
+from graspfx.objects import body
+from graspfx.objects import integrators
 class Strange:
     def __init__(self, state):
         self.real, self.state = body.create(state), state
@@ -110,20 +111,20 @@ def create(state): return Strange(state)
 """
 FAULTS = {
     "energy: a body that gains 0.2 % of its speed a sample": (
-        "self.real.step(T); self.state[kernels.VELOCITY:kernels.VELOCITY + 3] *= 1.002",
+        "self.real.step(T); self.state[integrators.VELOCITY:integrators.VELOCITY + 3] *= 1.002",
         "the objects gain no more than",
     ),
     "finite: a body that is lost": (
-        "self.state[kernels.POSITION] = float('nan')",
+        "self.state[integrators.POSITION] = float('nan')",
         "nothing goes wrong in a run",
     ),
     "random: a body that throws dice": (
-        "import random; self.real.step(T); self.state[kernels.POSITION] += random.random() * 1e-12",
+        "import random; self.real.step(T); self.state[integrators.POSITION] += random.random() * 1e-12",
         "two runs are the same to the bit",
     ),
     "memory: a body that counts all of its kind": (
         "import sys; sys.steps = getattr(sys, 'steps', 0) + 1; self.real.step(T)\n"
-        "        self.state[kernels.POSITION] += 1e-9 * (sys.steps > {runs} and self.steps < 5)",
+        "        self.state[integrators.POSITION] += 1e-9 * (sys.steps > {runs} and self.steps < 5)",
         "two servos run in turns do what one does alone",
     ),
 }
@@ -150,8 +151,8 @@ def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None
             S[block.BODY + a] *= 2.0
         return code
 
-    monkeypatch.setattr("graspfx.loop.tick.conclude", conclude)
-    monkeypatch.setattr("graspfx.testing.scene._check_wrench", lambda *_: None)
+    monkeypatch.setattr("graspfx.loop.tick.tick.conclude", conclude)
+    monkeypatch.setattr("graspfx.testing.scene_promises._check_wrench", lambda *_: None)
     waved = gx.load("paper-waving")
     with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):
         check_scene(waved, duration=2.5)

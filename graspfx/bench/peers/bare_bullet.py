@@ -8,8 +8,8 @@ import numpy as np
 
 from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
 from graspfx.bench.peers.rigid import free_body
-from graspfx.objects.bullet import new_client, pybullet
-from graspfx.objects.kernels import held
+from graspfx.objects.bullet.bullet import new_client, pybullet
+from graspfx.objects.integrators import held
 
 Three = tuple[float, float, float]
 

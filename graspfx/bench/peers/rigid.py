@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Protocol
 
-from graspfx.objects.bullet import NO_LIMIT, new_client, pybullet
+from graspfx.objects.bullet.bullet import NO_LIMIT, new_client, pybullet
 
 Three = Sequence[float]
 UNUSED = '<flag contact="disable" constraint="disable" sensor="disable" actuation="disable"/>'  # of MuJoCo's steps

@@ -32,7 +32,7 @@ from graspfx.compile.lower.kinds import (
     variable,
 )
 from graspfx.compile.records import SCALARS, Field, Floats, Many, Record, Table, is_value, layout, parts_of, size_of
-from graspfx.compile.source import definition
+from graspfx.compile.specialise.definitions import definition
 from graspfx.errors import InputError
 
 OPERATORS: dict[type[ast.operator], str] = {

@@ -10,7 +10,7 @@ from typing import Any
 from graspfx.compile.kernel import parameter_kinds, source_function
 from graspfx.compile.lower.expressions import Frame
 from graspfx.compile.lower.statements import Body
-from graspfx.compile.source import definition
+from graspfx.compile.specialise.definitions import definition
 
 
 def lowered(function: FunctionType) -> FunctionType:

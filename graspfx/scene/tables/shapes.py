@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, Tag
 
 from graspfx.scene.tables.fields import Count, Point, Positive, Switch, Table, Vector, by_kind, listed
-from graspfx.surfaces.mesh_file import MOST_BYTES, MOST_TRIANGLES
+from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES
 
 
 class Box(Table):

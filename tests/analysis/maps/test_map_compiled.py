@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis import map_compiled, map_kernel
 from graspfx.analysis.critical import LEAST
+from graspfx.analysis.maps import map_compiled, map_kernel
 from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 
 POINTS = 10_000
@@ -119,4 +119,4 @@ def test_auto_compiles_where_it_pays() -> None:
     assert not map_compiled.is_compiled("auto", 40_000, covered=True)
     assert map_compiled.is_compiled("auto", map_compiled.PAYS, covered=True)
     assert not map_compiled.is_compiled("auto", map_compiled.PAYS, covered=False)
-    assert "llvmlite" not in vars(sys.modules["graspfx.analysis.map_compiled"])
+    assert "llvmlite" not in vars(sys.modules["graspfx.analysis.maps.map_compiled"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis import maps
+from graspfx.analysis.maps import maps
 from graspfx.errors import InputError
 
 T, SPRING = 0.005, 33.0

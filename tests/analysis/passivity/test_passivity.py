@@ -9,9 +9,9 @@ import pytest
 import scipy.signal
 
 from graspfx.analysis import passivity
-from graspfx.analysis.passivity_display import StateSpace, display
-from graspfx.analysis.passivity_frequency import worst_on_grid
-from graspfx.analysis.passivity_pencil import PositiveReal
+from graspfx.analysis.passivity.display import StateSpace, display
+from graspfx.analysis.passivity.frequency import worst_on_grid
+from graspfx.analysis.passivity.pencil import PositiveReal
 from graspfx.errors import InputError
 
 T = 0.005

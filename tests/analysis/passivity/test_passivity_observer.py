@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis import passivity_observer as po
 from graspfx.compile.machine import compiled
-from graspfx.grasp.kernels import rigid_modes
+from graspfx.grasp.rigid_modes import rigid_modes
+from graspfx.loop.energy import leak as po
 
 POINT, WEIGHT, FORCE, STEP, STRETCH, STRIDE = 0, 3, 4, 7, 10, 13
 T = 1e-3

@@ -8,8 +8,8 @@ import pytest
 from scipy.linalg import expm
 
 from graspfx.analysis.discrete import INTEGRATORS, device, held, object_step
-from graspfx.analysis.fullloop import object_matrices
-from graspfx.objects import kernels
+from graspfx.analysis.stability.fullloop import object_matrices
+from graspfx.objects import integrators
 from graspfx.objects.body import INTEGRATORS as BODIES
 from graspfx.objects.body import fill_body
 
@@ -60,22 +60,22 @@ def test_integrators_are_the_bodys(name: str) -> None:
     """Against the coefficients that a run uses, to 1e-14."""
     for rate in (0.0, 1e-6, 3.0, 150.0):
         p, q, decay, s = object_step(name, rate, 0.005)
-        P, Q, R, S = kernels.coefficients(BODIES[name], rate, 0.005)
+        P, Q, R, S = integrators.coefficients(BODIES[name], rate, 0.005)
         assert np.array([p, q, 1.0 - decay, s]) == pytest.approx(np.array([P, Q, R, S]), rel=1e-14, abs=1e-18)
 
 
 def test_pybullet_moves_as_named() -> None:
     pytest.importorskip("pybullet")
-    from graspfx.objects.bullet import BulletBody
+    from graspfx.objects.bullet.bullet import BulletBody
 
-    state = np.zeros(kernels.SIZE)
+    state = np.zeros(integrators.SIZE)
     fill_body(state, dimensions=1, mass=0.1, viscosity=0.8, velocity=[0.3])
     body = BulletBody(state)
-    state[kernels.FORCE] = 0.05
+    state[integrators.FORCE] = 0.05
     body.step(0.005)
     p, q, decay, s = object_step("bullet", 8.0, 0.005)
-    assert state[kernels.POSITION] == pytest.approx(float(p * 0.3 + q * 0.5), rel=1e-12)
-    assert state[kernels.VELOCITY] == pytest.approx(float((1.0 - decay) * 0.3 + s * 0.5), rel=1e-12)
+    assert state[integrators.POSITION] == pytest.approx(float(p * 0.3 + q * 0.5), rel=1e-12)
+    assert state[integrators.VELOCITY] == pytest.approx(float((1.0 - decay) * 0.3 + s * 0.5), rel=1e-12)
     body.close()
 
 

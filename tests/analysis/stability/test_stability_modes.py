@@ -7,10 +7,10 @@ import pytest
 
 import graspfx as gx
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.modes import modes
 from graspfx.analysis.preload import preloaded
 from graspfx.analysis.pushing import pushing
 from graspfx.analysis.stability import INTEGRATORS, loop_matrix, spectral_radius
+from graspfx.analysis.stability.modal import modes
 from graspfx.errors import InputError
 from tests.support.sampled_loops import held_device
 

@@ -15,8 +15,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
-from graspfx.analysis.fullloop import held_devices, loop_matrix
 from graspfx.analysis.stability import spectral_radius
+from graspfx.analysis.stability.fullloop import held_devices, loop_matrix
 from tests.support.random_scenes import Case, boundary, random_case, scaled
 
 LEAST, MOST, COSTLY = 15, 4000, 1500  # ticks of a run; of one in space under the implicit integrator

@@ -11,18 +11,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
+from graspfx.certificate.plan import plan
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import Coupling, Impedance
-from graspfx.loop import ledger
-from graspfx.loop.observer import Observer
-from graspfx.objects import energy, kernels
+from graspfx.loop.energy import ledger
+from graspfx.loop.energy.observer import Observer
+from graspfx.objects import energy, integrators
 from graspfx.objects.body import NativeBody, fill_body
-from graspfx.scene.plan import plan
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 
 WATCH = {"coupling.passivity": "observe"}
 CLOSED = 1e-12  # of the largest entry: a sum of 10^4 roundings of 1e-16 each
@@ -220,8 +220,8 @@ def test_an_object_that_only_turns_leaks_in_rotation_though_nothing_has_a_linear
     grasp, observer = held(3, 2, kep, 900.0)
     state = grasp.body_state
     for j in range(2 * N + 1):
-        state[kernels.ANGLE] = amplitude * np.sin(2 * np.pi * j / N)
-        kernels.orient(memoryview(state), 0)
+        state[integrators.ANGLE] = amplitude * np.sin(2 * np.pi * j / N)
+        integrators.orient(memoryview(state), 0)
         grasp.finger_position[:] = ring(3, 2)
         assert grasp.sample() == 0
         observer.sample()
@@ -243,7 +243,7 @@ def test_what_exact_viscosity_takes_is_its_integral() -> None:
     m, b, T, v, u = 0.3, 2.0, 0.05, 0.4, -3.0
     a = b / m
     loss = mpmath.quad(lambda t: b * (v * mpmath.exp(-a * t) + u / a * (1 - mpmath.exp(-a * t))) ** 2, [0, T])
-    assert energy.viscous(kernels.EXACT, m, b, T, v, 0.0, u) == pytest.approx(float(loss), rel=1e-13)
+    assert energy.viscous(integrators.EXACT, m, b, T, v, 0.0, u) == pytest.approx(float(loss), rel=1e-13)
 
 
 def test_a_body_of_three_moments_that_spins_freely_gains_nothing_but_the_defect_of_its_order() -> None:

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.analysis import passivity_observer as po
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.grasp.impedance import Coupling, Impedance
-from graspfx.loop import brake, ledger
-from graspfx.loop.observer import Observer
+from graspfx.loop.energy import brake, ledger
+from graspfx.loop.energy import leak as po
+from graspfx.loop.energy.observer import Observer
 from graspfx.objects.body import NativeBody, fill_body
-from graspfx.surfaces.shape import Box
+from graspfx.surfaces.closed_form.shape import Box
 
 T = 1e-3
 

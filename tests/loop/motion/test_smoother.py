@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solveh_banded
 
-from graspfx.loop.smoother import roughness
+from graspfx.loop.recording.growth.smoother import roughness
 
 
 def penalty(period):

@@ -15,10 +15,10 @@ from graspfx.compile.machine import compiled
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import InputError
 from graspfx.loop.hand import Hand, JoinedHands, join
-from graspfx.loop.motion import Levels, Path, Reach, Rest, Sine, Sum
+from graspfx.loop.motion.motion import Levels, Path, Reach, Rest, Sine, Sum
+from graspfx.loop.motion.turn import Turn
 from graspfx.loop.plant import FusedHand
-from graspfx.loop.targets import later
-from graspfx.loop.turn import Turn
+from graspfx.loop.tick.targets import later
 
 FloatArray = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from graspfx.errors import InputError
-from graspfx.loop.motion import Levels, Reach, Rest, Sine
-from graspfx.loop.turn import Turn
+from graspfx.loop.motion.motion import Levels, Reach, Rest, Sine
+from graspfx.loop.motion.turn import Turn
 
 POINTS = np.random.default_rng(21).normal(0.0, 0.05, (5, 3))
 STILL = np.zeros((5, 3))

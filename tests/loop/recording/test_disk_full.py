@@ -15,12 +15,12 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
-from graspfx.loop import journal as journals
-from graspfx.loop.header import Outcome
-from graspfx.loop.places import NAME
-from graspfx.loop.record import Recording
-from graspfx.loop.sink import FileSink
-from graspfx.loop.stream import Stream
+from graspfx.loop.recording import journal as journals
+from graspfx.loop.recording.header import Outcome
+from graspfx.loop.recording.places import NAME
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.recording.stream import Stream
 from tests.support.families import efforts
 from tests.support.parts import POSIX, made, script, values, write_part
 from tests.support.recordings import header
@@ -29,7 +29,7 @@ FULL = """
 import json, os, resource, sys
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.loop.places import NAME
+from graspfx.loop.recording.places import NAME
 command = sys.argv[1] == "command"
 scene = gx.load("reference-1dof")
 whole = gx.run(scene, duration=5.0).rows
@@ -82,10 +82,10 @@ import errno, json, os
 import numpy as np
 from tests.support.recordings import header, layout, rows
 from graspfx.errors import RecordingError
-from graspfx.loop.header import Outcome
-from graspfx.loop.record import Recording
-from graspfx.loop.sink import FileSink
-from graspfx.loop.stream import Stream
+from graspfx.loop.recording.header import Outcome
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.recording.stream import Stream
 made = layout(3, 2)
 values = rows(made, 1100)
 push = Stream._push
@@ -128,10 +128,10 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_part(tmp_path: Path) -> None:
 INTERRUPTS = """
 import json, os, signal, sys
 from tests.support.recordings import header, layout, rows
-from graspfx.loop.header import Outcome
-from graspfx.loop.record import Recording
-from graspfx.loop.sink import FileSink
-from graspfx.loop.stream import Stream
+from graspfx.loop.recording.header import Outcome
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.recording.stream import Stream
 signal.signal(signal.SIGINT, signal.default_int_handler)
 made = layout(3, 2)
 values = rows(made, 1100)

@@ -16,14 +16,14 @@ import pytest
 
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
-from graspfx.loop import attributes
-from graspfx.loop.attributes import FORMAT
-from graspfx.loop.header import Outcome, RunFault
-from graspfx.loop.layout import Layout
-from graspfx.loop.places import NAME
-from graspfx.loop.record import Recording
-from graspfx.loop.seal import LENGTH
-from graspfx.loop.sink import FileSink
+from graspfx.loop.recording import attributes
+from graspfx.loop.recording.attributes import FORMAT
+from graspfx.loop.recording.header import Outcome, RunFault
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.places import NAME
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.seal import LENGTH
+from graspfx.loop.recording.sink import FileSink
 from tests.support.families import efforts
 from tests.support.recordings import header, layout, rows
 
@@ -148,7 +148,7 @@ import faulthandler, json, sys
 import numpy as np
 from pathlib import Path
 from graspfx.errors import RecordingError
-from graspfx.loop.record import Recording
+from graspfx.loop.recording.record import Recording
 name, cases, rng = sys.argv[1], int(sys.argv[2]), np.random.default_rng(int(sys.argv[3]))
 whole = Path(name).read_bytes()
 first = Recording.load(name)

@@ -16,11 +16,11 @@ import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.analysis.stability import spectral_radius
 from graspfx.loop.drive import drive
-from graspfx.loop.evidence import coherent_pole
-from graspfx.loop.growth import Growth, growths
-from graspfx.loop.mode import mode_name
-from graspfx.loop.octaves import BLOCK, amplitudes, octaves, poles, rises
-from graspfx.loop.record import Recording
+from graspfx.loop.recording.growth.evidence import coherent_pole
+from graspfx.loop.recording.growth.growth import Growth, growths
+from graspfx.loop.recording.growth.mode import mode_name
+from graspfx.loop.recording.growth.octaves import BLOCK, amplitudes, octaves, poles, rises
+from graspfx.loop.recording.record import Recording
 from graspfx.plugins import names
 from tests.support.random_scenes import boundary, random_case, scaled
 from tests.support.recordings import header, layout, recording, rows

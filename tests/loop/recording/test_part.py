@@ -15,12 +15,12 @@ import pytest
 import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
-from graspfx.loop import journal as journals
-from graspfx.loop.file import read
-from graspfx.loop.header import Outcome, RunFault
-from graspfx.loop.places import NAME, part_of
-from graspfx.loop.record import Recording
-from graspfx.loop.sink import FileSink
+from graspfx.loop.recording import journal as journals
+from graspfx.loop.recording.file import read
+from graspfx.loop.recording.header import Outcome, RunFault
+from graspfx.loop.recording.places import NAME, part_of
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.sink import FileSink
 from tests.support.families import efforts
 from tests.support.parts import POSIX, ROOT, abandon, made, script, values, write_part
 from tests.support.recordings import header
@@ -103,7 +103,7 @@ import json, os, signal, sys, time
 import numpy as np
 import graspfx as gx
 from graspfx.errors import RecordingError
-from graspfx.loop.places import NAME
+from graspfx.loop.recording.places import NAME
 cases, rng = int(sys.argv[1]), np.random.default_rng(int(sys.argv[2]))
 scene = gx.load("reference-1dof")
 whole = gx.run(scene, out="whole")
@@ -171,8 +171,8 @@ STEPS = """
 import json, os, signal, sys
 from pathlib import Path
 import graspfx as gx
-import graspfx.loop.hdf5, graspfx.loop.journal
-graspfx.loop.journal.SYNC = float("inf")  # however long the run takes here
+import graspfx.loop.recording.hdf5, graspfx.loop.recording.journal
+graspfx.loop.recording.journal.SYNC = float("inf")  # however long the run takes here
 scene = gx.load("reference-1dof")
 whole = gx.run(scene).rows.tobytes()
 seen = []
@@ -240,7 +240,7 @@ def test_plot_says_which_file_it_reads(
         return ()
 
     monkeypatch.setattr("graspfx.show.plot.figure", draw)
-    monkeypatch.setattr("graspfx.show.portrait.picture", draw)
+    monkeypatch.setattr("graspfx.show.picture.portrait.picture", draw)
     gx.run(gx.load("reference-1dof"), duration=2.0, out="whole")
     rec = Recording.load("whole")
     Path("killed").mkdir()
@@ -271,7 +271,7 @@ def test_the_lock_of_a_process_that_was_killed_is_gone(tmp_path: Path) -> None:
 import sys, time
 sys.path.insert(0, {str(ROOT)!r})
 from tests.support.recordings import header, layout, rows
-from graspfx.loop.sink import FileSink
+from graspfx.loop.recording.sink import FileSink
 sink = FileSink({str(tmp_path / NAME)!r}, layout(), header())
 sink.write(rows(layout(), 100), [])
 print("ready", flush=True)

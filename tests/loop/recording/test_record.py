@@ -16,11 +16,11 @@ import pytest
 import xarray as xr
 
 from graspfx.errors import RecordingError
-from graspfx.loop.header import Outcome, RunFault, machine, versions
-from graspfx.loop.layout import Layout
-from graspfx.loop.record import Recording
-from graspfx.loop.recorder import Recorder
-from graspfx.loop.sink import FileSink
+from graspfx.loop.recording.header import Outcome, RunFault, machine, versions
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.recording.sink import FileSink
 from tests.support.recordings import PERIOD, header, layout, put, recording, rows
 
 ROOT = Path(__file__).parents[3]
@@ -218,8 +218,8 @@ KILLED = """
 import sys, time
 sys.path.insert(0, {root!r})
 from tests.support.recordings import header, layout, put, rows
-from graspfx.loop.sink import FileSink
-from graspfx.loop.recorder import Recorder
+from graspfx.loop.recording.sink import FileSink
+from graspfx.loop.recording.recorder import Recorder
 made = layout()
 values = rows(made, 1000)
 recorder = Recorder(made, header(), [FileSink({path!r}, made, header())], 100)
@@ -272,7 +272,7 @@ import sys
 sys.path.insert(0, {root!r})
 from pathlib import Path
 from graspfx.errors import RecordingError
-from graspfx.loop.record import Recording
+from graspfx.loop.recording.record import Recording
 for name in ("closed.h5", {first!r}):
     whole = Path(name).read_bytes()
     assert len(Recording.load(name)) > 0

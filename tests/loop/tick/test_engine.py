@@ -14,12 +14,12 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.bench.case import is_installed
+from graspfx.build.build import build
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop import engine as engines
 from graspfx.loop.foreign import foreign, looked_ahead
-from graspfx.loop.header import Header
-from graspfx.loop.recorder import Recorder
-from graspfx.scene.making.build import build
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.tick import engine as engines
 from tests.support import foreign_parts
 from tests.support.engines import TICKS, recorded, same
 from tests.support.small_scenes import LINE, line
@@ -245,7 +245,7 @@ def test_a_spoilt_cache_costs_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
 DRIVEN = '''
 """A point device that writes through a kernel of its own."""
 from graspfx.devices import simulated
-from graspfx.devices._point_sample import write
+from graspfx.devices.simulated.point_sample import write
 from graspfx.loop.device import Features
 
 def weaker(S, o):

@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.loop.header import Header
+from graspfx.build.build import build
 from graspfx.loop.parts import Mover, guest_of
-from graspfx.loop.recorder import Recorder
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.recorder import Recorder
 from graspfx.objects import guest
-from graspfx.objects import kernels as at
+from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
-from graspfx.objects.bullet import BulletBody, pybullet
-from graspfx.scene.making.build import build
+from graspfx.objects.bullet.bullet import BulletBody, pybullet
 
 pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
 

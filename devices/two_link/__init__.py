@@ -1,0 +1,156 @@
+"""A planar two-link arm with two motors and two encoders: Kawai and Yoshikawa's hardware, simulated or real.
+
+One device is one arm and moves one finger.
+
+The paper (section IV.1) gives the links, 128 mm, and 5 ms sampling; everything else of the preset is our choice:
+
+| what | preset |
+|---|---|
+| links | l1 = l2 = 0.128 m |
+| masses, inertias about the centres | 0.060 and 0.050 kg, 8.2e-5 and 7.5e-5 kg m^2 |
+| centres of mass from the link's joint | 0.064 and 0.070 m (the thimble makes link 2 heavier at its tip) |
+| drive | both motors at the base, the second one's belt turns link 2; gear 15 |
+| rotors | 5.8e-6 and 9.5e-6 kg m^2 (a coreless motor of 60 W; the second with the belt's pulleys) |
+| friction at the joints | 3.28e-3 N m s/rad each |
+| encoders | 1000 lines, 4000 counts a revolution of the motor: 60 000 of the joint, 13 um at the tip |
+| torque of a motor | at most 0.06 N m: 7 N at the tip |
+
+Two arms that hold the 50 mm cube between them, fingers at (-0.025, 0) and (0.025, 0), stand at base (-0.04, -0.18)
+with the elbow to the left and at (0.04, -0.18) with the elbow to the right. There an arm's effective mass is 0.150 kg
+along x and 0.149 along y, with 0.0003 between, and its effective friction 0.201 and 0.199 N s/m. While its finger
+waves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the friction within 0.169 ... 0.246 N s/m in every
+direction, and the condition number of the Jacobian below 1.21.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from graspfx.devices.two_link.adapter import TwoLink
+from graspfx.devices.two_link.arm import Arm, Drive, Elbow, Mechanics, Pair
+from graspfx.devices.two_link.board import Board, Wiring
+from graspfx.devices.two_link.simulated_arm import SimulatedTwoLink
+from graspfx.errors import InputError
+from graspfx.loop.velocity import WINDOW
+from graspfx.numeric import SMALLEST, finite
+
+__all__ = ["PRESET", "Board", "TwoLink", "connect"]
+
+PRESET: MappingProxyType[str, Pair] = MappingProxyType(
+    {
+        "link_masses": (0.060, 0.050),  # [kg]
+        "link_inertias": (8.2e-5, 7.5e-5),  # [kg m^2]
+        "link_centres": (0.064, 0.070),  # [m]
+        "rotor_inertias": (5.8e-6, 9.5e-6),  # [kg m^2]
+        "joint_friction": (3.28e-3, 3.28e-3),  # [N m s/rad]
+    }
+)
+
+LONGEST = 1_000_000  # delay or window of velocity [samples]
+
+
+def connect(
+    *,
+    base: Sequence[float] = (0.0, 0.0),
+    elbow: Elbow = "left",
+    links: Sequence[float] = (0.128, 0.128),
+    link_masses: Sequence[float] | None = None,
+    link_inertias: Sequence[float] | None = None,
+    link_centres: Sequence[float] | None = None,
+    rotor_inertias: Sequence[float] | None = None,
+    joint_friction: float | Sequence[float] | None = None,
+    drive: Drive = "base",
+    counts: float | Sequence[float] = 4000,
+    gear: float | Sequence[float] = 15.0,
+    zero: Sequence[float] = (0.0, 0.0),
+    torque_limit: float | Sequence[float] = 0.06,
+    margin: float = 0.01,
+    velocity_window: int = WINDOW,
+    delay: int = 0,
+    board: Board | None = None,
+) -> TwoLink | SimulatedTwoLink:
+    """One arm, one finger: simulated with the preset of this module, or behind `board`.
+
+    A number stands for both joints alike. The mechanical settings (masses to friction) left out are the preset's for a
+    simulated arm and unknown for a real one: its mass and friction are told only when all five are given.
+
+    Args:
+        base: the first joint's place [m].
+        elbow: the side of the elbow, "left" or "right", seen from the base towards the finger.
+        links: lengths [m].
+        link_masses: [kg].
+        link_inertias: about each link's centre of mass [kg m^2].
+        link_centres: from the joint where a link begins to its centre of mass [m].
+        rotor_inertias: of the motors, before the gear [kg m^2].
+        joint_friction: viscous, after the gear [N m s/rad].
+        drive: "base" if both motors stand at the base and the second one turns link 2 through a belt or parallelogram;
+            "elbow" if it sits at the elbow.
+        counts: of an encoder for one revolution of its motor, all edges.
+        gear: revolutions of the motor for one of the joint; negative if it turns the other way.
+        zero: where the joints are when the counts are zero [rad]: the directions of both links from the x axis, with
+            `drive="elbow"` the direction of link 1 and the angle from it to link 2.
+        torque_limit: of a motor, before the gear [N m].
+        margin: how near to the stretched or folded posture the finger may come [m].
+        velocity_window: the longest window of the velocity estimate [samples].
+        delay: output delay of a simulated arm [samples].
+        board: what the encoders and motors of a real arm are connected to.
+    """
+    arm = Arm(_pair("base", base), _pair("links", links, positive=True), elbow, drive, _pair("margin", margin)[0])
+    wiring = Wiring(
+        counts=_pair("counts", counts, positive=True),
+        gear=_pair("gear", gear),
+        zero=_pair("zero", zero),
+        torque_limit=_pair("torque_limit", torque_limit, positive=True),
+    )
+    given = {
+        "link_masses": link_masses,
+        "link_inertias": link_inertias,
+        "link_centres": link_centres,
+        "rotor_inertias": rotor_inertias,
+        "joint_friction": joint_friction,
+    }
+    known = {name: _pair(name, value, least=0.0) for name, value in given.items() if value is not None}
+    window, late = _whole("velocity_window", velocity_window, 1), _whole("delay", delay, 0)
+    if board is None:
+        return SimulatedTwoLink(arm, wiring, _mechanics(arm, wiring, PRESET | known), window, late)
+    if late:
+        raise InputError("delay", delay, "0 with a board", "only a simulated arm can be given a delay")
+    mechanics = _mechanics(arm, wiring, known) if len(known) == len(PRESET) else None
+    return TwoLink(arm, wiring, board, mechanics=mechanics, velocity_window=window)
+
+
+def _mechanics(arm: Arm, wiring: Wiring, known: dict[str, Pair]) -> Mechanics:
+    gear, rotors = wiring.gear, known["rotor_inertias"]
+    return Mechanics(
+        arm,
+        masses=known["link_masses"],
+        inertias=known["link_inertias"],
+        centres=known["link_centres"],
+        reflected=(rotors[0] * gear[0] ** 2, rotors[1] * gear[1] ** 2),
+        friction=known["joint_friction"],
+    )
+
+
+def _pair(name: str, value: object, *, least: float = -math.inf, positive: bool = False) -> Pair:
+    """Two finite numbers, from one for both or a sequence of two."""
+    bound = " above zero" if positive else " of zero or more" if least == 0.0 else ""
+    expected = f"two finite numbers{bound}"
+    both = finite(name, value, expected)
+    if both.shape not in ((), (2,)) or _switch(value) or (both < least).any() or (positive and (both < SMALLEST).any()):
+        raise InputError(name, value, expected)
+    first, second = np.broadcast_to(both, 2).tolist()
+    return first, second
+
+
+def _switch(value: object) -> bool:
+    return isinstance(value, bool) or (isinstance(value, Sequence) and any(isinstance(x, bool) for x in value))
+
+
+def _whole(name: str, value: object, least: int) -> int:
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= LONGEST:
+        return int(value)
+    raise InputError(name, value, f"a whole number of samples, {least} or more, at most {LONGEST}")

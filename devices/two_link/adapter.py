@@ -1,0 +1,209 @@
+"""A two-link arm as a device: what every one has in common, and the one behind a board."""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices.two_link import arm_sample as sample
+from graspfx.devices.two_link.arm import Arm, Mechanics
+from graspfx.devices.two_link.board import Board, Wiring
+from graspfx.errors import DeviceError, InputError
+from graspfx.loop.device import Features
+from graspfx.loop.velocity import WINDOW, VelocityEstimator, size
+
+FloatArray = NDArray[np.float64]
+
+
+class TwoLinkArm(ABC):
+    """Counts to the finger's position, force to the motors' torques.
+
+        q = zero + 2 pi counts/(counts per revolution x gear),   p = p(q),   v = J(q) q',   tau = J'(q) f / gear
+
+    q' comes from the counts by a velocity estimate with a noise bound of half a count. Torques beyond
+    `torque_limit` are scaled down together, so that the force keeps its direction. A finger outside the arm's reach, or
+    an elbow that has gone over to its other side, raises DeviceError at `read`.
+    """
+
+    def __init__(
+        self, arm: Arm, wiring: Wiring, mechanics: Mechanics | None, velocity_window: int, delay: int | None
+    ) -> None:
+        self.arm, self.wiring, self.mechanics = arm, wiring, mechanics
+        self._window, self._delay = velocity_window, delay
+        each, late = size(velocity_window), delay or 0
+        self.state: FloatArray = np.zeros(sample.STATES + 2 * each + 2 * (late + 1))
+        self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        drives = arm.drive == "elbow", late, each
+        self.state[: sample.SLOT] = [
+            *(*arm.base, *arm.links, *wiring.zero, *wiring.step, *wiring.gear, *wiring.torque_limit),
+            *(*arm.reach, arm.bend, *drives),
+        ]
+        sample.place(self._S, 0, *arm.angles(arm.base[0], arm.base[1] + math.hypot(*arm.links)))
+        sample.reach_torque(self._S, 0)
+        pairs = (sample.POSITION, sample.VELOCITY, sample.COMMAND, sample.EFFORT)
+        arrays = [self.state[at : at + 2].reshape(1, 2) for at in pairs]
+        self._position, self._velocity, self._command, self._effort = arrays
+        self._estimator: VelocityEstimator | None = None  # while the device is open
+
+    @property
+    def features(self) -> Features:
+        """Mass, friction, resolution and peak force are those at the right-angled elbow, wherever the arm points.
+
+        Mass and friction are the geometric means of their principal values there; the peak force is the one that the
+        motors reach in every direction, the resolution the longest step of the tip for one count. The workspace is the
+        box around the arm's reach.
+        """
+        a1, a2 = self.arm.angles(self.arm.base[0], self.arm.base[1] + math.hypot(*self.arm.links))
+        by_joint = self.arm.jacobian(a1, a2)
+        if self.arm.drive == "elbow":
+            by_joint[:, 0] += by_joint[:, 1]
+        lever = np.hypot(*by_joint)  # how far the tip goes for a radian of each joint [m]
+        base, far = np.array(self.arm.base), self.arm.reach[1]
+        m = self.mechanics
+        return Features(
+            fingers=1,
+            dimensions=2,
+            workspace=(base - far, base + far),
+            peak_force=float((np.array(self.wiring.torque_limit) * np.abs(self.wiring.gear) / lever).min()),
+            mass=None if m is None else math.sqrt(np.linalg.det(m.effective_mass(a1, a2))),
+            friction=None if m is None else math.sqrt(np.linalg.det(m.effective_friction(a1, a2))),
+            resolution=float((np.abs(self.wiring.step) * lever).max()),
+            delay=self._delay,
+        )
+
+    @property
+    def largest_force(self) -> FloatArray:
+        """What the motors reach in every direction where the finger was read last, (1,) [N].
+
+        With both motors at the base it is the same everywhere, the peak force.
+        """
+        return self.state[sample.LARGEST : sample.LARGEST + 1]
+
+    def effective_mass(self, position: Sequence[float]) -> FloatArray:
+        """Lambda = (J M^-1 J')^-1, (2, 2) [kg], with the finger at a position [m]; needs the masses of the links."""
+        x, y = position
+        mass: FloatArray = self._known().effective_mass(*self.arm.angles(x, y))
+        return mass
+
+    def effective_friction(self, position: Sequence[float]) -> FloatArray:
+        """J^-T D J^-1, (2, 2) [N s/m], with the finger at a position [m]; needs the joints' friction."""
+        x, y = position
+        friction: FloatArray = self._known().effective_friction(*self.arm.angles(x, y))
+        return friction
+
+    def open(self, period: float) -> None:
+        self._estimator = VelocityEstimator(period, (2,), 0.5, self._window, self.state[sample.STATES :])
+
+    @abstractmethod
+    def close(self) -> None:
+        """Zero torque, and let go of the hardware; returns also with the hardware gone, and twice."""
+
+    def fault_text(self, code: int) -> str:
+        """What a number that a kernel gave means, with the figures in the block."""
+        S = self._S
+        if code == sample.NO_COUNTS:
+            first, second = S[sample.COUNTS], S[sample.COUNTS + 1]
+            return f"the arm's board gives counts {first:.17g}, {second:.17g}: check encoders and cables"
+        if code == sample.OUT_OF_REACH:
+            x1, y1, x2, y2 = S[sample.VECTORS : sample.VECTORS + 4]
+            return str(self.arm.reach_fault(x1 + x2, y1 + y2))
+        if code == sample.OTHER_ELBOW:
+            return str(self.arm.elbow_fault)
+        fx, fy = S[sample.COMMAND : sample.COMMAND + 2]
+        return f"a force of ({fx}, {fy}) N cannot be displayed: the arm's motors are at zero torque"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _take(self, forces: FloatArray) -> None:
+        self._opened()
+        if np.shape(forces) != (1, 2):
+            raise InputError("forces", forces, "an array of shape (1, 2): one finger in the plane")
+        self._command[...] = forces
+
+    def _opened(self) -> VelocityEstimator:
+        if self._estimator is None:
+            raise DeviceError("the arm is not open: call open(period) first")
+        return self._estimator
+
+    def _known(self) -> Mechanics:
+        if self.mechanics is None:
+            raise InputError(
+                "mechanics", None, "a device that knows its masses and friction", "give all five settings to connect"
+            )
+        return self.mechanics
+
+
+class TwoLink(TwoLinkArm):
+    """An arm behind a board."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        wiring: Wiring,
+        board: Board,
+        *,
+        mechanics: Mechanics | None = None,
+        velocity_window: int = WINDOW,
+    ) -> None:
+        super().__init__(arm, wiring, mechanics, velocity_window, None)
+        self.board = board
+
+    def open(self, period: float) -> None:
+        super().open(period)
+        try:
+            self.board.open(period)
+        except OSError as error:
+            self._estimator = None
+            raise DeviceError(f"the arm's board does not open: {error}") from error
+        self._began = time.perf_counter()
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        self._opened()
+        try:
+            counts = self.board.counts()
+        except OSError as error:
+            raise DeviceError(f"the arm's board gives no counts: {error}") from error
+        taken = time.perf_counter() - self._began
+        self._S[sample.COUNTS], self._S[sample.COUNTS + 1] = counts
+        code = sample.follow(self._S, 0)
+        if code:
+            raise DeviceError(self.fault_text(code))
+        return self._position, self._velocity, taken
+
+    def write(self, forces: FloatArray) -> None:
+        self._take(forces)
+        code = sample.drive(self._S, 0)
+        if code:
+            self.stop()
+            raise DeviceError(self.fault_text(code))
+        self._send(self._S[sample.TORQUE], self._S[sample.TORQUE + 1])
+
+    def stop(self) -> None:
+        if self._estimator is not None:
+            self._send(0.0, 0.0)
+
+    def close(self) -> None:
+        if self._estimator is None:
+            return
+        self._estimator = None
+        with suppress(OSError, DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+            self.board.torque(0.0, 0.0)
+        with suppress(OSError, DeviceError):
+            self.board.close()
+
+    def _send(self, first: float, second: float) -> None:
+        try:
+            self.board.torque(first, second)
+        except OSError as error:
+            raise DeviceError(f"the arm's board takes no torques: {error}") from error

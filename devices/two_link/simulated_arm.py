@@ -1,0 +1,99 @@
+"""A two-link arm that a plant moves: its time is counted in samples, its encoders see the plant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices.two_link import arm_sample as sample
+from graspfx.devices.two_link.adapter import TwoLinkArm
+from graspfx.devices.two_link.arm import Arm, Mechanics
+from graspfx.devices.two_link.arm_dynamics import ArmPlant
+from graspfx.devices.two_link.board import Wiring
+from graspfx.errors import DeviceError, InputError
+from graspfx.loop.device import Device, DevicePorts
+from graspfx.loop.velocity import LENGTH, size
+
+FloatArray = NDArray[np.float64]
+
+
+class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+    """An arm before a board that is simulated with it: counts rounded, torques `delay` samples late.
+
+    What is done each sample are the kernels `reading` and `writing`, on the block `state`.
+    """
+
+    reading = staticmethod(sample.read)
+    writing = staticmethod(sample.write)
+    stopping = staticmethod(sample.stop)
+    ports = DevicePorts(
+        sensed=sample.ANGLES,
+        position=sample.POSITION,
+        velocity=sample.VELOCITY,
+        command=sample.COMMAND,
+        effort=sample.EFFORT,
+    )
+
+    def __init__(self, arm: Arm, wiring: Wiring, mechanics: Mechanics, velocity_window: int, delay: int) -> None:
+        super().__init__(arm, wiring, mechanics, velocity_window, delay)
+        states = sample.STATES + size(velocity_window) * np.arange(2)
+        self.structure = np.concatenate([np.array(sample.STRUCTURE), states + LENGTH])
+        self._fault = 0  # of the last reading
+        self._wire(ArmPlant([mechanics]), 0)  # at rest, until a plant that moves takes over
+
+    @property
+    def effort(self) -> FloatArray:
+        """Torques at the joints until the next sample, (1, 2) [N m]; not to be written to."""
+        effort: FloatArray = self._effort
+        return effort
+
+    @staticmethod
+    def plant(devices: Sequence[Device]) -> ArmPlant:
+        """The arms of these devices, moved together with the hand at their tips."""
+        arms = [device for device in devices if isinstance(device, SimulatedTwoLink)]
+        if not arms or len(arms) < len(devices):
+            given = [type(device).__name__ for device in devices]
+            raise InputError("devices", given, "one or more simulated two-link arms")
+        plant = ArmPlant([device._known() for device in arms])
+        for i, device in enumerate(arms):
+            device._wire(plant, i)
+        return plant
+
+    def open(self, period: float) -> None:
+        super().open(period)
+        self._seen = (-1, 0.0)
+        self.stop()
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Position (1, 2) [m], velocity (1, 2) [m/s], time [s]; within one tick of the plant always the same."""
+        estimator, plant = self._opened(), self._plant
+        now = plant.placed, plant.time
+        if now != self._seen:
+            if now[0] != self._seen[0]:
+                estimator.reset()
+            self._seen = now
+            self._S[sample.ANGLES], self._S[sample.ANGLES + 1] = self._angles[0], self._angles[1]
+            self._fault = self.reading(self._S, 0)
+        if self._fault:
+            raise DeviceError(self.fault_text(self._fault))
+        return self._position, self._velocity, plant.time
+
+    def write(self, forces: FloatArray) -> None:
+        self._take(forces)
+        code = self.writing(self._S, 0)
+        if code:
+            raise DeviceError(self.fault_text(code))
+
+    def stop(self) -> None:
+        self.stopping(self._S, 0)
+
+    def close(self) -> None:
+        self.stop()
+        self._estimator = None
+
+    def _wire(self, plant: ArmPlant, i: int) -> None:
+        """Have the encoders on the plant's arm i from now on."""
+        self._plant, self._angles, self.sensed = plant, plant.angles(i), plant.sensed(i)
+        self._seen = (-1, 0.0)  # placement and time of the plant at the last reading

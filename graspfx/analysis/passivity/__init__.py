@@ -1,0 +1,33 @@
+"""How stiff a display may be and still never give energy to the one who holds it, whoever that is."""
+
+from __future__ import annotations
+
+from graspfx.analysis.passivity.encoder import QuantisedWall, quantised_wall, quantised_wall_limit
+from graspfx.analysis.passivity.grasp_leak import (
+    CouplingLimits,
+    coupling_limits,
+    external_limit,
+    grasp_display,
+    leak_margin,
+    leak_matrix,
+)
+from graspfx.analysis.passivity.horizon import WorstMotion, worst_motion
+from graspfx.analysis.passivity.requirement import damping_margin, guaranteed_wall_limit, required_damping, wall_limit
+
+__all__ = [
+    "CouplingLimits",
+    "QuantisedWall",
+    "WorstMotion",
+    "coupling_limits",
+    "damping_margin",
+    "external_limit",
+    "grasp_display",
+    "guaranteed_wall_limit",
+    "leak_margin",
+    "leak_matrix",
+    "quantised_wall",
+    "quantised_wall_limit",
+    "required_damping",
+    "wall_limit",
+    "worst_motion",
+]

@@ -1,0 +1,45 @@
+"""Exact limits of sampled coupling impedances: walls, objects, grasps of n fingers (`gx.stability`)."""
+
+from __future__ import annotations
+
+from graspfx.analysis.discrete import INTEGRATORS
+from graspfx.analysis.linearisation import Linearisable, Linearisation
+from graspfx.analysis.maps.maps import external_limit_blocks, external_limit_map, external_stable_map, wall_limit_map
+from graspfx.analysis.preload import Preload, preloaded
+from graspfx.analysis.pushing import pushing
+from graspfx.analysis.stability.fullloop import loop_matrix
+from graspfx.analysis.stability.limits import Limits, Loss
+from graspfx.analysis.stability.modal import Mode
+from graspfx.analysis.stability.one_gain import (
+    external_limit,
+    external_limits,
+    modes,
+    spectral_radius,
+    stable_intervals,
+    wall_limit,
+    wall_limits,
+)
+
+__all__ = [  # noqa: RUF022 (numbers, arrays of numbers, grasps)
+    "wall_limit",
+    "external_limit",
+    "stable_intervals",
+    "wall_limits",
+    "external_limits",
+    "Limits",
+    "Loss",
+    "INTEGRATORS",
+    "wall_limit_map",
+    "external_limit_map",
+    "external_limit_blocks",
+    "external_stable_map",
+    "Linearisation",
+    "Linearisable",
+    "spectral_radius",
+    "modes",
+    "Mode",
+    "loop_matrix",
+    "preloaded",
+    "Preload",
+    "pushing",
+]

@@ -1,0 +1,182 @@
+"""The whole sampled closed loop of a grasp as one matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+DRIFT = 1e-10  # relative: motions that stretch nothing more than this part of the stiffest are free
+
+
+Motions = tuple[FloatArray, ...]
+
+
+def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatArray:
+    """A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), the ground's wrench, forces not displayed, wrenches not felt).
+
+    Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
+    wrench is there under "implicit", whose prediction holds it.
+
+    Args:
+        linear: the grasp.
+        motions: `uncoupled` of it, if known: gains are no part of it.
+    """
+    if not isinstance(linear, Linearisation):
+        raise InputError("linear", linear, "a Linearisation", "that of a scene is scene.linearise()")
+    m, r = linear.coordinates
+    T = linear.period
+    lag, object_lag = int(linear.delay.max()), linear.object_delay
+    differenced = linear.rate == "difference" and bool(linear.damping.any())
+    implicit, grounded = linear.integrator == "implicit", linear.ground is not None
+    parts = {"x": m, "v": m, "q": r, "w": r, "old": m if differenced else 0, "g": r if implicit and grounded else 0}
+    parts |= {f"f{i}": m for i in range(1, lag + 1)} | {f"g{i}": r for i in range(1, object_lag + 1)}
+    size = sum(parts.values())
+    at: dict[str, FloatArray] = {}
+    start = 0
+    for name, width in parts.items():
+        at[name] = np.eye(size)[start : start + width]
+        start += width
+
+    rate = (at["x"] - at["old"]) / T if differenced else at["v"]
+    E, H, p, q, R, s = uncoupled(linear) if motions is None else motions
+    moved, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
+    N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
+    K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
+    pose, speed = (moved, spun) if implicit else (at["q"], at["w"])
+    if implicit and grounded:
+        pose, speed = moved + q @ at["g"], spun + s @ at["g"]
+    f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
+    extra = N @ np.concatenate([at["x"], pose])
+    if implicit and linear.G_contact is not None:
+        # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
+        stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
+        held = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
+        u = np.linalg.solve(held, q @ (c @ K @ stretch + G @ D @ slip))
+        f = f - K @ c.T @ u - D @ G.T @ u / T
+    elif implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
+        yields = K @ G_e.T @ q + D @ G.T @ s
+        f = np.linalg.solve(np.eye(m) + yields @ G, f + yields @ extra[m:])
+    shown, felt = f + extra[:m], G @ f - extra[m:]
+
+    late = [shown, *(at[f"f{i}"] for i in range(1, lag + 1))]
+    displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
+    wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
+    state = E @ np.concatenate([at["x"], at["v"]]) - H @ displayed
+    borne = wrench + ground_wrench(linear, s, moved + q @ wrench, spun + s @ wrench)
+    rows = [state, moved + q @ borne, spun + s @ borne]
+    rows += [at["x"]] if differenced else []
+    rows += [borne - wrench] if implicit and grounded else []
+    rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
+    return np.concatenate(rows)
+
+
+def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
+    """F_g = -(K_g q_1 + B_g w_1) of the motion that it brings about, from the position and speed without it.
+
+    F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, with a as `objects.floor.rest` looks ahead, so that
+    every integrator meets the ground as q_0 + T w_1.
+    """
+    if linear.ground is None:
+        return np.zeros_like(position)
+    K, B = linear.ground
+    ahead = {"explicit": 1.0, "exact": 0.5}.get(linear.integrator, 0.0) * linear.period
+    met = K @ (position + ahead * speed) + B @ speed
+    return np.asarray(-np.linalg.solve(np.eye(len(K)) + (linear.period * K + B) @ s, met))
+
+
+def uncoupled(linear: Linearisation) -> Motions:
+    """`held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
+    moved = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
+    return *held_devices(linear), *moved
+
+
+def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
+    """(x, x') after T from (x, x') and from forces on the devices held: (2 m, 2 m), (2 m, m)."""
+    from scipy.linalg import expm
+
+    m, T = len(linear.mass), linear.period
+    A = np.zeros((3 * m, 3 * m))
+    per_mass = (T / linear.mass)[:, None]
+    A[:m, m : 2 * m] = np.eye(m)  # in s = t/T, for x and T x'
+    A[m : 2 * m, :m] = -T * per_mass * linear.hand_stiffness
+    A[m : 2 * m, m : 2 * m] = -per_mass * (np.diag(linear.friction) + linear.hand_damping)
+    A[m : 2 * m, 2 * m :] = T * per_mass * np.eye(m)
+    E = np.asarray(expm(A), dtype=float)[: 2 * m]
+    E[:m, m : 2 * m] *= T
+    E[m:] /= T
+    E[m:, m : 2 * m] *= T
+    return E[:, : 2 * m], E[:, 2 * m :]
+
+
+def object_matrices(
+    integrator: str, inertia: FloatArray, viscosity: FloatArray, T: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
+
+    Under "implicit" q and s are also what the force is solved with.
+    """
+    n = len(inertia)
+    I = np.eye(n)  # noqa: E741 (the identity's letter)
+    per: FloatArray = np.asarray(np.linalg.inv(inertia), dtype=float)
+    a: FloatArray = per @ viscosity
+    if integrator == "explicit":
+        return T * I, np.zeros((n, n)), I - T * a, T * per
+    if integrator == "semi-implicit":
+        return T * (I - T * a), T * T * per, I - T * a, T * per
+    if integrator == "implicit":
+        R: FloatArray = np.asarray(np.linalg.inv(I + T * a), dtype=float)
+        return T * R, T * T * R @ per, R, T * R @ per
+    from scipy.linalg import expm
+
+    A = np.zeros((3 * n, 3 * n))  # q, T w, F
+    A[:n, n : 2 * n], A[n : 2 * n, n : 2 * n], A[n : 2 * n, 2 * n :] = I, -T * a, T * T * per
+    E = np.asarray(expm(A), dtype=float)
+    R, s = E[n : 2 * n, n : 2 * n], E[n : 2 * n, 2 * n :] / T
+    if integrator == "bullet":
+        return T * R, T * s, R, s
+    return T * E[:n, n : 2 * n], E[:n, 2 * n :], R, s
+
+
+def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
+    """Largest |z| of the eigenvalues of `loop_matrix`; free motions of everything are left out unless `drift`."""
+    A = loop_matrix(linear)
+    if not drift:
+        A = without_drift(linear, A)
+    return float(np.abs(np.linalg.eigvals(A)).max(initial=0.0))
+
+
+def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
+    """A on the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
+    basis = drift_free(linear, len(A))
+    return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
+
+
+def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
+    """An orthonormal basis of the states without the motions that change no force; None where all of them count."""
+    m, r = linear.coordinates
+    K = np.zeros((m + r, m + r))
+    K[:m, :m] = linear.stiffness
+    K[:m, m:] = -linear.stiffness @ linear.G_displacement.T
+    K[m:] = -linear.G @ K[:m]
+    if linear.preload is not None:
+        K += linear.preload
+    if linear.ground is not None:
+        K[m:, m:] += linear.ground[0]
+    hand = np.hstack([linear.hand_stiffness, np.zeros((m, r))])
+    # coordinates in units of the energy that they store, so that metres and radians compare
+    length = np.sqrt(np.concatenate([linear.mass, np.diag(linear.inertia)]) / linear.mass.mean())
+    stretch = np.vstack([K / length[:, None], hand]) / length
+    _, sizes, motions = np.linalg.svd(stretch)
+    free = motions[sizes <= DRIFT * max(float(sizes[0]), 1e-300)] / length
+    if not len(free):
+        return None
+    drifts = np.zeros((states, len(free)))
+    drifts[:m], drifts[2 * m : 2 * m + r] = free.T[:m], free.T[m:]
+    if linear.rate == "difference" and linear.damping.any():
+        drifts[2 * (m + r) : 3 * m + 2 * r] = free.T[:m]
+    return np.linalg.qr(drifts, mode="complete")[0][:, len(free) :]

@@ -1,0 +1,234 @@
+"""Exact limits of one gain of a sampled coupling: walls, and objects that fingers move; the modes of a grasp."""
+
+from __future__ import annotations
+
+from graspfx.analysis import characteristic
+from graspfx.analysis.arguments import count, lag_of_object, number, one_of, samples
+from graspfx.analysis.discrete import INTEGRATORS
+from graspfx.analysis.linearisation import Linearisable, Linearisation
+from graspfx.analysis.stability.fullloop import radius_of
+from graspfx.analysis.stability.limits import Limits, limits_of
+from graspfx.analysis.stability.modal import Mode
+from graspfx.analysis.stability.modal import modes as modes_of
+from graspfx.errors import InputError
+
+
+def wall_limit(
+    mass: float,
+    damping: float,
+    period: float,
+    *,
+    spring: float = 0.0,
+    wall_damping: float = 0.0,
+    delay: int = 0,
+    spring_damping: float = 0.0,
+) -> float:
+    """The first loss of stability of a wall as its stiffness grows from zero [N/m], inf where there is none.
+
+        m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
+
+    It is the limit of k_ip for every internal motion of a grasp with such devices. Without spring, damping and delay it
+    is min{(1 - E)/b0, 2 (1 + E)/(b1 - b0) if b1 > b0}, p = b/m, E = exp(-p T), b1 = (T - (1 - E)/p)/b,
+    b0 = ((1 - E)/p - T E)/b.
+
+    Args:
+        mass: m of the device [kg].
+        damping: b, its viscous friction [N s/m].
+        period: T [s].
+        spring: k_s, between the device and the ground, as the operator's finger is [N/m].
+        wall_damping: B [N s/m], on the backward difference of the position, as `simulated` devices without encoders
+            report velocity; a negative one is allowed.
+        delay: of the displayed force, whole samples.
+        spring_damping: b_s, the operator's [N s/m].
+
+    Raises:
+        InputError: naming the argument that cannot be.
+    """
+    return wall_limits(
+        mass, damping, period, spring=spring, wall_damping=wall_damping, delay=delay, spring_damping=spring_damping
+    ).limit
+
+
+def wall_limits(
+    mass: float,
+    damping: float,
+    period: float,
+    *,
+    spring: float = 0.0,
+    wall_damping: float = 0.0,
+    delay: int = 0,
+    spring_damping: float = 0.0,
+) -> Limits:
+    """All stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
+    m, b, T, k_s, b_s = _device(mass, damping, period, spring, spring_damping)
+    D, N = characteristic.wall(
+        m,
+        b + b_s,
+        T,
+        spring=k_s,
+        damping=number("wall_damping", wall_damping, "N s/m", negative=True),
+        delay=samples("delay", delay),
+    )
+    return limits_of(D, N, m / T**2, T)
+
+
+def external_limit(
+    mass: float,
+    damping: float,
+    period: float,
+    object_mass: float,
+    object_damping: float,
+    *,
+    fingers: int = 2,
+    spring: float = 0.0,
+    integrator: str = "exact",
+    delay: int = 0,
+    object_delay: int = 0,
+    coupling_damping: float = 0.0,
+    spring_damping: float = 0.0,
+) -> float:
+    """The first loss of stability of fingers that move an object as k_ep grows from zero [N/m], inf without one.
+
+    n equal fingers along one axis are one device of mass m coupled to an object of mass m_v/n and viscosity b_v/n:
+
+        m x'' + (b + b_s) x' + k_s x = -f,    m_v/n x_v'' + b_v/n x_v' = f
+        f = k (x - x_v) + B ((x_j - x_(j-1))/T - x_v')
+
+    The object moves by one of the integrators of `INTEGRATORS`; "implicit" solves the force together with the object's
+    new state, "bullet" is PyBullet's with exact viscosity. B acts on the backward difference of the device's position
+    and on the object's own velocity, as in a run with `simulated` devices without encoders.
+
+    Args:
+        mass: m of a device [kg].
+        damping: b, its viscous friction [N s/m].
+        period: T [s].
+        object_mass: m_v [kg].
+        object_damping: b_v [N s/m].
+        fingers: n.
+        spring: k_s between each device and the ground, as the operator's finger is [N/m]. Without one, the motion of
+            devices and object together is left out: no force depends on it.
+        integrator: of the object.
+        delay: of the displayed force, whole samples.
+        object_delay: of the force on the object, whole samples; none under "implicit".
+        coupling_damping: B [N s/m].
+        spring_damping: b_s [N s/m].
+
+    Raises:
+        InputError: naming the argument that cannot be; UnknownNameError: for the integrator.
+    """
+    return external_limits(
+        mass,
+        damping,
+        period,
+        object_mass,
+        object_damping,
+        fingers=fingers,
+        spring=spring,
+        integrator=integrator,
+        delay=delay,
+        object_delay=object_delay,
+        coupling_damping=coupling_damping,
+        spring_damping=spring_damping,
+    ).limit
+
+
+def external_limits(
+    mass: float,
+    damping: float,
+    period: float,
+    object_mass: float,
+    object_damping: float,
+    *,
+    fingers: int = 2,
+    spring: float = 0.0,
+    integrator: str = "exact",
+    delay: int = 0,
+    object_delay: int = 0,
+    coupling_damping: float = 0.0,
+    spring_damping: float = 0.0,
+) -> Limits:
+    """All stable k_ep of fingers that move an object; the arguments are those of `external_limit`."""
+    m, b, T, k_s, b_s = _device(mass, damping, period, spring, spring_damping)
+    n = count("fingers", fingers, 1)
+    D, N = characteristic.external(
+        m,
+        b + b_s,
+        T,
+        number("object_mass", object_mass, "kg", zero=False) / n,
+        number("object_damping", object_damping, "N s/m") / n,
+        spring=k_s,
+        damping=number("coupling_damping", coupling_damping, "N s/m", negative=True),
+        integrator=one_of("integrator", integrator, INTEGRATORS),
+        delay=samples("delay", delay),
+        object_delay=lag_of_object(object_delay, integrator),
+    )
+    return limits_of(D, N, m / T**2, T)
+
+
+def stable_intervals(
+    mass: float,
+    damping: float,
+    period: float,
+    object_mass: float,
+    object_damping: float,
+    *,
+    fingers: int = 2,
+    spring: float = 0.0,
+    integrator: str = "exact",
+    delay: int = 0,
+    object_delay: int = 0,
+    coupling_damping: float = 0.0,
+    spring_damping: float = 0.0,
+    upper: float = 1e4,
+) -> list[tuple[float, float]]:
+    """Every interval of stable k_ep up to `upper` [N/m], in order; the other arguments are those of `external_limit`.
+
+    There can be several: more stiffness may stabilise again what less has made unstable.
+    """
+    found = external_limits(
+        mass,
+        damping,
+        period,
+        object_mass,
+        object_damping,
+        fingers=fingers,
+        spring=spring,
+        integrator=integrator,
+        delay=delay,
+        object_delay=object_delay,
+        coupling_damping=coupling_damping,
+        spring_damping=spring_damping,
+    )
+    top = number("upper", upper, "N/m", zero=False)
+    return [(low, min(high, top)) for low, high in found.intervals if low < top]
+
+
+def spectral_radius(linear: Linearisation | Linearisable, *, drift: bool = False) -> float:
+    """Largest |z| of the sampled closed loop about a grasp at rest; below 1 it is stable.
+
+    Motions of fingers and object together that change no force (no operator's spring) are left out unless `drift`.
+    """
+    return radius_of(_linear(linear), drift=drift)
+
+
+def modes(linear: Linearisation | Linearisable) -> list[Mode]:
+    """The internal and external modes of a grasp of equal devices at zero preload (`analysis.stability.modal`)."""
+    return modes_of(_linear(linear))
+
+
+def _linear(given: Linearisation | Linearisable) -> Linearisation:
+    if isinstance(given, Linearisation):
+        return given
+    if isinstance(given, Linearisable):
+        return given.linearise()
+    raise InputError("linear", given, "a Linearisation, or what has a method `linearise` that gives one")
+
+
+def _device(m: float, b: float, T: float, k_s: float, b_s: float) -> tuple[float, float, float, float, float]:
+    return (
+        number("mass", m, "kg", zero=False),
+        number("damping", b, "N s/m"),
+        number("period", T, "s", zero=False),
+        number("spring", k_s, "N/m"),
+        number("spring_damping", b_s, "N s/m"),
+    )

@@ -1,0 +1,345 @@
+"""Many variants of a scene at once: `run_batch`."""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.analysis.arguments import count
+from graspfx.batch.many import Ended, Job
+from graspfx.batch.statistics import STATISTICS, statistic
+from graspfx.batch.variants import Group, Variants
+from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
+from graspfx.coupling import block as at
+from graspfx.environment import processors
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.record import Recording
+from graspfx.scene.overrides import overridden
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.intp]
+
+KEEP = ("measures", "recordings", "summary")
+MOST_TICKS = 2**53  # the numbers of more of them are not all floats
+MEASURED = ("finger_position", "object_position", "finger_force")
+OF_OBJECT = {  # of the first object, named as a `Recording` does
+    "object_position": "position",
+    "object_velocity": "velocity",
+    "object_orientation": "orientation",
+    "wrench": "wrench",
+}
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What many runs gave. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
+
+    Attributes:
+        values: by key, its value in each variant, arrays of the grid's shape; numbers as floats where all are.
+        fault_tick: the tick at which each variant's first fault was, -1 for none, of the grid's shape.
+        measures: by quantity and statistic, (*grid, *quantity): an entry per finger and axis, in the quantity's unit;
+            growth in none.
+        recordings: of each variant, an array of the grid's shape; None unless they were kept.
+        summaries: `Recording.summary()` of each, likewise.
+        notes: what took longer than it need have.
+        build_time, run_time: that scenes and programs took, and that the runs took [s].
+    """
+
+    values: dict[str, NDArray[Any]]
+    fault_tick: IndexArray
+    measures: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
+    recordings: NDArray[Any] | None = None
+    summaries: NDArray[Any] | None = None
+    notes: tuple[str, ...] = ()
+    build_time: float = 0.0
+    run_time: float = 0.0
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The grid's."""
+        return self.fault_tick.shape
+
+    def __len__(self) -> int:
+        """How many variants."""
+        return self.fault_tick.size
+
+    def __getitem__(self, quantity: str) -> dict[str, FloatArray]:
+        """The statistics of a quantity, by name."""
+        if quantity not in self.measures:
+            raise UnknownNameError("measure", quantity, self.measures)
+        return self.measures[quantity]
+
+    def growth(self, quantity: str = "finger_position") -> FloatArray:
+        """The largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows."""
+        found = self[quantity]
+        if "growth" not in found:
+            raise UnknownNameError("statistic", "growth", found)
+        values = found["growth"].reshape(*self.shape, -1)
+        return np.asarray(np.nanmax(np.where(np.isnan(values).all(axis=-1, keepdims=True), np.inf, values), axis=-1))
+
+    def stacked(self, quantity: str) -> FloatArray:
+        """A quantity over time, (*grid, N, *quantity), where recordings were kept and are alike."""
+        if self.recordings is None:
+            raise InputError("keep", "measures", "recordings", "run the batch with keep='recordings'")
+        found = np.array([each.array(quantity) for each in self.recordings.ravel()])
+        return found.reshape(*self.shape, *found.shape[1:])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values, faults, measures and summaries as nested lists, for JSON."""
+        found: dict[str, Any] = {
+            "values": {key: each.tolist() for key, each in self.values.items()},
+            "fault_tick": self.fault_tick.tolist(),
+            "measures": {
+                quantity: {name: each.tolist() for name, each in statistics.items()}
+                for quantity, statistics in self.measures.items()
+            },
+            "notes": list(self.notes),
+        }
+        if self.summaries is not None:
+            found["summaries"] = self.summaries.tolist()
+        return found
+
+
+def run_batch(
+    scene: Scene,
+    values: Mapping[str, Sequence[Any] | NDArray[Any]],
+    duration: float | None = None,
+    *,
+    zip: bool = False,
+    keep: str = "measures",
+    measure: Sequence[str] = MEASURED,
+    statistics: Sequence[str] = STATISTICS,
+    threads: int | None = None,
+) -> Batch:
+    """Simulate many variants of a scene at once; each is the scene with some values replaced.
+
+    The runs are those of `gx.run`, to the last bit but for the sign of a zero. One variant for every value of each key
+    is built as a whole scene, which takes some milliseconds: a grid of a hundred values of two keys takes seconds, as
+    many different values as runs take no less than runs one by one. All others are put together from what each value
+    changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit by
+    bit; where keys act on one another their combinations are built too. Every value is thereby checked as the scene's
+    own.
+
+    Variants whose ticks are all alike, with one law and no finger that lets go or slips, run side by side, some
+    nanoseconds each tick. All others run one by one with the program that `gx.run` has for them.
+
+    Args:
+        scene: native throughout: every device, hand and body a kernel.
+        values: by dotted key, as for `scene.replace`; all combinations of them, the last key changing fastest.
+        duration: instead of the scene's own [s]; rounded to whole periods.
+        zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
+        keep: "measures", of the quantities in `measure`; "recordings", whole ones, a `Recording` of each; or
+            "summary", `Recording.summary()` of each, which costs a millisecond apiece.
+        measure: quantities: columns of a recording's layout, or `object_position`, `object_velocity`,
+            `object_orientation` and `wrench` of the first object.
+        statistics: of each number of these: first, last, mean, rms, min, max, peak (the largest magnitude) and growth
+            (the peak of the second half of the run over that of the first).
+        threads: as many as there are processors if not given; the result is the same.
+
+    Raises:
+        SceneError: a variant that is no scene, with its values.
+        InputError: lists of different lengths with `zip`; no values; a part of the scene that is no kernel.
+        UnknownNameError: a quantity or statistic that there is not.
+        MissingPackageError: no LLVM.
+    """
+    from graspfx.scene.model import Scene
+
+    if not isinstance(scene, Scene):
+        raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    if not isinstance(values, Mapping):
+        raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
+    measure, statistics = _names("measure", measure), _names("statistics", statistics)
+    _require_known("keep", [keep], KEEP)
+    _require_known("statistic", statistics, STATISTICS)
+    threads = count("threads", threads, 1) if threads is not None else processors()
+    began = perf_counter()
+    shape, lists, numbers = _grid(values, zip=zip)
+    with plugins.unchanged():
+        variants = Variants(scene, lists, numbers)
+        groups = variants.groups()
+    warn_of_axes(scene)
+    done = Runs(scene, variants, len(numbers), duration, threads)
+    if keep == "measures":
+        measures = done.measured(groups, measure, statistics)
+        found: dict[str, Any] = {
+            "measures": {
+                quantity: {name: each.reshape(*shape, *each.shape[1:]) for name, each in by_name.items()}
+                for quantity, by_name in measures.items()
+            }
+        }
+    elif keep == "recordings":
+        found = {"recordings": _objects(done.recorded(groups, lambda each: each, whole=True), shape)}
+    else:
+        found = {"summaries": _objects(done.recorded(groups, Recording.summary, whole=False), shape)}
+    return Batch(
+        values={key: _array(lists[key])[numbers[:, k]].reshape(shape) for k, key in enumerate(lists)},
+        fault_tick=done.faults.reshape(shape),
+        notes=tuple(variants.notes),
+        build_time=perf_counter() - began - done.run_time,
+        run_time=done.run_time,
+        **found,
+    )
+
+
+class Runs:
+    """The runs of all groups of variants."""
+
+    def __init__(self, scene: Scene, variants: Variants, count: int, duration: float | None, threads: int) -> None:
+        self.scene, self.variants, self.duration, self.threads = scene, variants, duration, threads
+        self.faults = np.full(count, -1)
+        self.run_time = 0.0
+
+    def measured(
+        self, groups: Sequence[Group], measure: Sequence[str], statistics: Sequence[str]
+    ) -> dict[str, dict[str, FloatArray]]:
+        found: dict[str, dict[str, FloatArray]] = {}
+        for group in groups:
+            layout = group.program.servo.layout
+            columns = {quantity: layout.columns[_column(layout, quantity)] for quantity in measure}
+            where = [k for column in columns.values() for k in range(layout.width)[column.where]]
+            job = self._job(group, where, statistics)
+            raw, faults = job.measured(self.threads)
+            self.run_time += job.spent
+            self.faults[group.members] = faults
+            start = 0
+            for quantity, column in columns.items():
+                size = column.where.stop - column.where.start
+                of = found.setdefault(quantity, {})
+                for name in statistics:
+                    array = of.setdefault(name, np.full((len(self.faults), *column.shape), np.nan))
+                    if array.shape[1:] != column.shape:
+                        raise InputError("measure", quantity, "a quantity of the same shape in all variants")
+                    each = statistic(name, raw[:, start : start + size], job.ticks)
+                    array[group.members] = each.reshape(len(each), *column.shape)
+                start += size
+        return found
+
+    def recorded(self, groups: Sequence[Group], make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
+        found: list[Any] = [None] * len(self.faults)
+        header = header_of(self.scene)
+        for group in groups:
+            layout = group.program.servo.layout
+            job = self._job(group, [], ())
+            require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
+            for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
+                self.faults[member] = ended.fault
+                outcome = _outcome(group, ended)
+                if job.look is not None:
+                    job.look(ended.arena)
+                found[member] = make(Recording(ended.rows, layout, self._header(header, group, member), outcome))
+            self.run_time += job.spent
+        return found
+
+    def _job(self, group: Group, columns: Sequence[int], statistics: Sequence[str]) -> Job:
+        servo = group.program.servo
+        duration = self.duration if self.duration is not None else self.scene.duration
+        ticks = ticks_of(duration, servo.period)
+        if ticks > MOST_TICKS:
+            most = f"at most {MOST_TICKS:.3g} periods of {servo.period} s: more cannot be counted"
+            raise InputError("duration", duration, most, "make the duration shorter or the period longer")
+        width = servo.layout.width
+        return Job(
+            group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
+            ticks,
+            group.varying,
+            group.program.check_activity if any(held.grasped.matrices for held in servo.objects) else None,
+        )  # fmt: skip
+
+    def _header(self, header: Header, group: Group, member: int) -> Header:
+        overrides = self.variants.overrides(self.variants.numbers[member])
+        table, _, _ = overridden(header.scene_table, overrides)
+        together = {**header.overrides, **overrides}
+        return replace(header, period=group.program.servo.period, scene_table=table, overrides=together)
+
+
+def _outcome(group: Group, ended: Ended) -> Outcome:
+    """How a run went, by what its buffers hold at the end."""
+    program = group.program
+    servo, tick = program.servo, program.tick
+    for name, array in tick.script.arrays.items():
+        if any(array is held.grasped.block for held in servo.objects):  # of a mesh the rest of it is long
+            array[: at.ROW] = ended.arena[program.places[name]][: at.ROW]
+    coupling = servo.coupling
+    if ended.fault < 0:
+        return Outcome(engine="compiled", **coupling)
+    program.fill(ended.told)  # the figures in a fault's words are those in its parts' buffers
+    return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
+
+
+def _grid(
+    values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
+) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
+    """The grid's shape, the values of each key, and the number of each variant's."""
+    for key, given in values.items():
+        if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+            raise InputError(f"values[{key!r}]", given, "a list of values")
+    lists = {str(key): [_plain(value) for value in given] for key, given in values.items()}
+    if not lists or not all(lists.values()):
+        raise InputError("values", dict(values), "at least one key, with a list of values each")
+    if "duration" in lists:
+        raise InputError("values", "duration", "keys of the scene itself", "give `run_batch` its duration")
+    lengths = [len(given) for given in lists.values()]
+    if zip and len(set(lengths)) > 1:
+        raise InputError("values", {key: len(given) for key, given in lists.items()}, "lists of one length with zip")
+    first = {key: {repr(value): k for k, value in reversed(list(enumerate(given)))} for key, given in lists.items()}
+    alike = [np.array([first[key][repr(value)] for value in given]) for key, given in lists.items()]
+    axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
+    numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T
+    return (lengths[0],) if zip else tuple(lengths), lists, np.ascontiguousarray(numbers)
+
+
+def _plain(value: Any) -> Any:
+    """A value without arrays, of which numpy writes out the beginning and the end."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
+
+
+def _array(values: Sequence[Any]) -> NDArray[Any]:
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values, dtype=float)
+    found = np.empty(len(values), dtype=object)
+    found[:] = list(values)
+    return found
+
+
+def _objects(values: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    found = np.empty(len(values), dtype=object)
+    found[:] = list(values)
+    return found.reshape(shape)
+
+
+def _column(layout: Layout, quantity: str) -> str:
+    name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
+    if name not in layout.columns:
+        raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT])
+    return name
+
+
+def _names(argument: str, given: Sequence[str]) -> Sequence[str]:
+    """Names in a list, also where one stands alone."""
+    if isinstance(given, str):
+        return [given]
+    if not isinstance(given, Iterable):
+        raise InputError(argument, given, "a list of names")
+    return [str(each) for each in given]
+
+
+def _require_known(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(kind, name, known)

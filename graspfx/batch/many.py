@@ -1,0 +1,282 @@
+"""Runs many variants of one program: side by side where its ticks are all alike, one by one where they are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from threading import Lock
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.batch.lanes import FIRST, LANES, LATE_LOW, LOW, MEASURES, LanesText, lanes_text
+from graspfx.batch.statistics import empty, take
+from graspfx.compile.native import Native, compiled
+from graspfx.compile.program import program_source
+from graspfx.compile.straight.bounds import LARGEST_TICK
+from graspfx.compile.straight.straight import NotSteadyError, written_down
+from graspfx.compile.straight.trace import Node, Slot, Traceable
+from graspfx.errors import InputError
+from graspfx.loop.tick.engine import whole_text
+from graspfx.loop.tick.tick import FAULTED, TICK, Tick
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+BLOCK = 1024  # rows that are written at a time
+MOST = 64  # blocks of lanes that a thread takes at a time, at most
+APIECE = 8  # variants that it takes at a time to run one by one
+WORTH = 3_000_000  # ticks of all variants for which straight lines are compiled
+LOOK = 200_000  # and for which they are looked for
+LARGEST = 1000  # operations of a tick as a straight line: longer ones are rarely the same for long
+LONG = 10_000_000  # and for which a program is worth the time that the best code takes to be made
+
+
+class Beginnings(Protocol):
+    """What the buffers of variants hold at the beginning."""
+
+    def arenas(self, which: Any) -> FloatArray:
+        """All of it, (v, arena)."""
+        ...
+
+    def entry(self, k: int, which: Any) -> FloatArray:
+        """One entry that is not the same in all of them, (v,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one variant ended, when its rows are kept: rows, the tick of its fault or -1, and its buffers, (arena,).
+
+    `told` is what the buffers held after the tick of its fault, of which its words give the figures.
+    """
+
+    rows: FloatArray
+    fault: int
+    arena: FloatArray
+    told: FloatArray
+
+
+@dataclass
+class Job:
+    """Variants of one program.
+
+    Args:
+        tick: its script.
+        places: where each buffer is in an arena.
+        begin: what the buffers hold at the beginning, one arena of all variants.
+        variants: how many.
+        width: of a row.
+        columns: numbers of a row of which measures are kept.
+        statistics: that are asked for.
+        ticks: N.
+        varying: entries of the arena that are not the same in all variants.
+        look: at the arena of every variant when its run is over; then they run one by one.
+    """
+
+    tick: Tick
+    places: dict[str, slice]
+    begin: Beginnings
+    variants: int
+    width: int
+    columns: Sequence[int]
+    statistics: Collection[str]
+    ticks: int
+    varying: Index
+    look: Callable[[FloatArray], None] | None = None
+    aside: int = 0  # variants that ran side by side
+    spent: float = 0.0  # on runs [s]
+
+    def measured(self, threads: int) -> tuple[FloatArray, Index]:
+        """Measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
+        found = np.empty((self.variants, len(self.columns), MEASURES))
+        faults = np.full(self.variants, -1)
+        rest = np.arange(self.variants)
+        lanes, single = self._lanes(), _Single(self)
+        began = perf_counter()
+        if lanes is not None:
+            rest = self._side_by_side(*lanes, found, threads)
+            self.aside = self.variants - len(rest)
+
+        def one(which: Index) -> None:
+            single.measure(which, found, faults)
+
+        _shared(one, [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)], threads)
+        self.spent += perf_counter() - began
+        return found, faults
+
+    def recorded(self, threads: int) -> Iterator[Ended]:
+        """Every variant in turn, with its rows."""
+        single = _Single(self)
+        began = perf_counter()
+        with ThreadPoolExecutor(threads) as pool:
+            for k in range(0, self.variants, 8 * threads):  # not more rows at a time than are taken away
+                yield from pool.map(single.record, range(k, min(k + 8 * threads, self.variants)))
+        self.spent += perf_counter() - began
+
+    # Side by side -------------------------------------------------------------------------------------------------
+
+    def _lanes(self) -> tuple[LanesText, Native] | None:
+        """The program for lanes, if there is one and it is worth it."""
+        work = self.variants * self.ticks
+        if work < LOOK or self.look is not None or self.ticks > LARGEST_TICK:
+            return None
+        source = self.source
+        varying = set(self.varying.tolist())
+
+        def same(slot: Slot) -> bool:
+            return self.places[slot[0]].start + slot[1] not in varying
+
+        base = self.begin.arenas(slice(0, 1))[0]
+        arrays = {name: base[place] for name, place in self.places.items()}
+        try:
+            program = Traceable(source)
+            turns = written_down(program, arrays, same, self.columns)
+            faulted = turns.begin((self.tick.own_name, FAULTED))
+            if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
+                return None
+            text = lanes_text(program, turns, len(self.columns), self.statistics)
+            if self.ticks // 2 < text.head:
+                return None
+            return text, compiled(text.source, wide=True, make=work >= WORTH)
+        except (NotSteadyError, LookupError, InputError):
+            return None
+
+    def _side_by_side(self, text: LanesText, native: Native, found: FloatArray, threads: int) -> Index:
+        """Runs all variants in lanes; which of them are not as was taken for granted."""
+        early = self.ticks // 2
+        late = self.ticks - early
+        entries = [self.places[name].start + k for name, k in text.inputs]
+        common = self.begin.arenas(slice(0, 1))[0, entries, None]
+        own = [(k, entry) for k, entry in enumerate(entries) if entry in set(self.varying.tolist())]
+        left: list[Index] = []
+        count = [0, 0]
+
+        def run(which: Index) -> None:
+            if 2 * count[1] > count[0] > 0:  # most are not: then none need to be tried
+                left.append(which)
+                return
+            blocks = -(-len(which) // LANES)
+            padded = np.append(which, np.repeat(which[-1:], blocks * LANES - len(which)))
+            given = np.empty((blocks, len(entries), LANES))
+            given[...] = common
+            for k, entry in own:
+                given[:, k] = self.begin.entry(entry, padded).reshape(blocks, LANES)
+            out = np.full((blocks, text.outputs, LANES), np.nan)
+            native.bind(given.reshape(-1), np.zeros(text.scratch), out.reshape(-1)).long(blocks, early, late)
+            out = out.swapaxes(1, 2).reshape(blocks * LANES, text.outputs)[: len(which)]
+            found[which] = out[:, :-1].reshape(len(which), len(self.columns), MEASURES)
+            bad = which[out[:, -1] != 0.0]
+            left.append(bad)
+            count[0] += len(which)
+            count[1] += len(bad)
+
+        numbers = np.arange(self.variants)
+        span = LANES * min(MOST, max(1, self.variants // (4 * threads * LANES)))
+        _shared(run, [numbers[k : k + span] for k in range(0, self.variants, span)], threads)
+        return np.sort(np.concatenate(left))
+
+    @property
+    def source(self) -> str:
+        """The program of one variant that goes on whatever happens."""
+        return self._source(pausing=False)
+
+    @property
+    def pausing_source(self) -> str:
+        """The program that `gx.run` runs, which comes back after the tick of a fault."""
+        return self._source(pausing=True)
+
+    def _source(self, *, pausing: bool) -> str:
+        script = self.tick.script
+        text = whole_text(self.tick, pausing=pausing)
+        return program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen)
+
+
+class _Single:
+    """The program for one variant at a time; each thread has buffers of its own."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self.looking = Lock()
+        self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
+        text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
+        source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
+        self.taking = compiled(source)
+
+    def measure(self, which: Index, found: FloatArray, faults: Index) -> None:
+        """Runs variants and puts down their measures and faults."""
+        job = self.job
+        arena, run, rows = self._bound(min(BLOCK, job.ticks))
+        begin = job.begin.arenas(which)
+        columns = np.array(job.columns, dtype=float)
+        taken = empty(len(columns))
+        buffers = {"rows": rows.reshape(-1), "columns": columns, "found": taken.reshape(-1)}
+        taking = self.taking.bind(*(buffers[name] for name in self.taking.arrays)).long
+        half = job.ticks // 2
+        for variant, arrays in zip(which.tolist(), begin, strict=True):
+            arena[:] = arrays
+            taken[...] = empty(len(columns))
+            k = 0
+            for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
+                while k < end:
+                    count = run(k, min(len(rows), end - k), 0)
+                    if k == 0:
+                        taken[:, FIRST] = rows[0, list(job.columns)]
+                    taking(count, job.width, len(columns), low)
+                    k += count
+            found[variant] = taken
+            faults[variant] = self._fault(arena)
+            if job.look is not None:
+                with self.looking:
+                    job.look(arena)
+
+    def record(self, variant: int) -> Ended:
+        """Runs one variant and keeps its rows."""
+        arena, run, rows = self._bound(self.job.ticks)
+        arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
+        k, told = 0, arena
+        while k < self.job.ticks:
+            k += run(k, min(BLOCK, self.job.ticks - k), k)
+            if told is arena and self._fault(arena) >= 0:
+                told = arena.copy()
+        return Ended(rows, self._fault(arena), arena, told)
+
+    def _fault(self, arena: FloatArray) -> int:
+        own = arena[self.job.places[self.job.tick.own_name]]
+        return int(own[TICK]) if own[FAULTED] else -1
+
+    def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
+        """An arena, the program on it, and the rows that it writes."""
+        job = self.job
+        arena = np.zeros(max(place.stop for place in job.places.values()))
+        rows = np.zeros((count, job.width))
+        arrays = {name: arena[place] for name, place in job.places.items()} | {"rows": rows.reshape(-1)}
+        return arena, self.program.bind(*(arrays[name] for name in self.program.arrays)).long, rows
+
+
+def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:
+    """Jobs by some threads, each the next one that is left."""
+    left = iter(jobs)
+    lock = Lock()
+
+    def work() -> None:
+        while True:
+            with lock:
+                job = next(left, None)
+            if job is None:
+                return
+            run(job)
+
+    if threads == 1:
+        work()
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for done in as_completed([pool.submit(work) for _ in range(threads)]):
+                done.result()
+        finally:  # after an error, or if the user breaks off, no thread begins another
+            with lock:
+                left = iter(())

@@ -1,0 +1,74 @@
+"""What is kept of a run instead of its rows: first, last, least, largest, sums and squares of each number asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.batch.lanes import FIRST, HIGH, LAST, LATE_HIGH, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
+
+FloatArray = NDArray[np.float64]
+
+STATISTICS = tuple(NEEDS)
+
+
+def take(rows: Any, columns: Any, found: Any, count: int, width: int, numbers: int, low: int) -> None:
+    """Takes rows into measures.
+
+    Args:
+        rows: a buffer of rows.
+        columns: the numbers of a row that are asked for.
+        found: the measures, MEASURES of each.
+        count: rows.
+        width: numbers in a row.
+        numbers: how many are asked for.
+        low: LOW in the first half of a run, LATE_LOW in the second.
+    """
+    for r in range(count):
+        for j in range(numbers):
+            x = rows[r * width + int(columns[j])]
+            o = j * MEASURES
+            found[o + LAST] = x
+            found[o + SUM] = found[o + SUM] + x
+            found[o + SQUARES] = found[o + SQUARES] + x * x
+            if x < found[o + low]:
+                found[o + low] = x
+            if x > found[o + low + 1]:
+                found[o + low + 1] = x
+
+
+def empty(numbers: int) -> FloatArray:
+    """Measures of no row, (numbers, MEASURES)."""
+    found = np.zeros((numbers, MEASURES))
+    found[:, [LOW, LATE_LOW]] = np.inf
+    found[:, [HIGH, LATE_HIGH]] = -np.inf
+    return found
+
+
+def statistic(name: str, found: FloatArray, ticks: int) -> FloatArray:
+    """A statistic from measures (..., MEASURES) of a run of so many ticks; NaN where no number was one.
+
+    growth is the peak magnitude of the second half of the ticks over that of the first (half of them, rounded down).
+    """
+    if name in ("first", "last"):
+        return found[..., FIRST if name == "first" else LAST]
+    if name == "mean":
+        return found[..., SUM] / ticks
+    if name == "rms":
+        return np.asarray(np.sqrt(found[..., SQUARES] / ticks))
+    low, high = found[..., [LOW, LATE_LOW]], found[..., [HIGH, LATE_HIGH]]
+    if name == "min":
+        return _number(low.min(axis=-1))
+    if name == "max":
+        return _number(high.max(axis=-1))
+    peaks = np.maximum(-low, high)
+    if name == "peak":
+        return _number(peaks.max(axis=-1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _number(peaks[..., 1]) / _number(peaks[..., 0])
+
+
+def _number(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)

@@ -1,0 +1,339 @@
+"""Variants of a scene as entries of its buffers: few are built, all others put together from what each key changes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.build import build
+from graspfx.errors import Fault, InputError, SceneError
+from graspfx.loop.foreign import foreign, guests, looked_ahead
+from graspfx.loop.tick.engine import whole_text
+from graspfx.loop.tick.tick import Tick, write
+
+if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+Numbers = tuple[int, ...]  # of the value that each key has
+
+CHECKED = 8  # combinations that are built besides those of the extremes
+FULL = 16  # variants that are all built: fewer are not worth a thought
+
+
+@dataclass(frozen=True)
+class Program:
+    """What variants with the same programs share: a servo that was built for one of them, and its tick."""
+
+    servo: Servo
+    tick: Tick
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where each buffer is in the arena, all of them in one."""
+        found, start = {}, 0
+        for name, array in self.tick.script.arrays.items():
+            found[name] = slice(start, start + array.size)
+            start += array.size
+        return found
+
+    def fill(self, arena: FloatArray) -> None:
+        """Puts what a variant's buffers hold into those of the servo."""
+        for name, array in self.tick.script.arrays.items():
+            array[...] = arena[self.places[name]]
+
+    def check_activity(self, arena: FloatArray) -> None:
+        """Warns as `gx.run` does where matrices for gains, as a variant's buffers hold them, can create energy."""
+        self.fill(arena)
+        for held in self.servo.objects:
+            held.grasped.check_activity()
+
+
+@dataclass(frozen=True)
+class Built:
+    """A variant that was built.
+
+    Attributes:
+        arena: what all its buffers hold at the beginning.
+        structure: a digest of what programs are made from; of two variants in which it is the same the program is.
+    """
+
+    arena: FloatArray
+    structure: str
+
+
+@dataclass
+class Group:
+    """Variants with the same programs.
+
+    Attributes:
+        program: that they share.
+        base: what the buffers of one of them hold, (arena,).
+        members: their numbers, (V,).
+        factors: what differs: entries of the arena with a row of values for each choice, and the choice of each member.
+    """
+
+    program: Program
+    base: FloatArray
+    members: Index
+    factors: list[tuple[Index, FloatArray, Index]] = field(default_factory=list)
+
+    @cached_property
+    def varying(self) -> Index:
+        """Entries of the arena that are not the same in all members."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
+
+    def arenas(self, which: Any) -> FloatArray:
+        """What the buffers of some members hold, (v, arena)."""
+        count = len(self.members[which])
+        found = np.repeat(self.base[None], count, axis=0)
+        for entries, rows, choice in self.factors:
+            found[:, entries] = rows[choice[which]]
+        return found
+
+    def entry(self, k: int, which: Any) -> FloatArray:
+        """One of the entries that vary, of some members, (v,)."""
+        entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
+        return np.asarray(rows[choice[which], np.searchsorted(entries, k)])
+
+
+class Variants:
+    """All variants of a scene.
+
+    Args:
+        scene: the scene.
+        values: by dotted key.
+        numbers: of the value that each key has in each variant, (V, keys).
+    """
+
+    def __init__(self, scene: Scene, values: Mapping[str, Sequence[Any]], numbers: Index) -> None:
+        self.scene, self.values, self.numbers = scene, {key: list(given) for key, given in values.items()}, numbers
+        self.keys = list(self.values)
+        self.notes: list[str] = []
+        self._built: dict[Numbers, Built] = {}
+        self._programs: dict[str, Program] = {}
+
+    def overrides(self, numbers: Sequence[int]) -> dict[str, Any]:
+        return {key: self.values[key][number] for key, number in zip(self.keys, numbers, strict=True)}
+
+    def built(self, numbers: Index) -> Built:
+        """The variant with these values.
+
+        Raises:
+            SceneError: of the scene, with the values.
+            InputError: a part of it is no kernel.
+        """
+        at = tuple(numbers.tolist())
+        if at not in self._built:
+            self._built[at] = self._make(self.overrides(at))
+        return self._built[at]
+
+    def _make(self, overrides: Mapping[str, Any]) -> Built:
+        shown = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())
+        try:
+            with build(self.scene.replace(overrides)) as servo:
+                tick = write(servo.parts)
+                built = Built(np.concatenate(list(tick.script.arrays.values())), _structure(tick))
+        except SceneError as error:
+            faults = [Fault(fault.key, fault.message) for fault in error.faults]
+            raise SceneError(f"{error.source} with {shown}", faults) from error
+        if built.structure not in self._programs:
+            others = [*foreign(servo), *guests(servo), *looked_ahead(servo)]
+            if others:
+                raise InputError(
+                    "scene", self.scene.source.name, "parts that are kernels, all of them",
+                    f"not so: {', '.join(others)}; run its variants one by one with `gx.run`",
+                )  # fmt: skip
+            self._programs[built.structure] = Program(servo, tick)
+        return built
+
+    @property
+    def builds(self) -> int:
+        """How many have been built."""
+        return len(self._built)
+
+    def groups(self) -> list[Group]:
+        """The variants by their programs.
+
+        Raises:
+            SceneError, InputError: as `built`.
+        """
+        found: list[Group] = []
+        for members in self._patterns():
+            found += self._split(members)
+        return found
+
+    # Values that meet ---------------------------------------------------------------------------------------------
+
+    def _patterns(self) -> Iterator[Index]:
+        """Variants by which of their values are equal: kep = kip is another scene than two gains that differ."""
+        same = [
+            np.array([[_equal(a, b) for b in self.values[other]] for a in self.values[key]])[
+                self.numbers[:, i], self.numbers[:, j]
+            ]
+            for (i, key), (j, other) in itertools.combinations(enumerate(self.keys), 2)
+        ]
+        pattern = np.array(same, dtype=int).reshape(len(same), len(self.numbers)).T
+        _, which = np.unique(pattern, axis=0, return_inverse=True) if same else (None, np.zeros(len(self.numbers), int))
+        for k in np.unique(which):
+            yield np.flatnonzero(which.ravel() == k)
+
+    def _tied(self, members: Index) -> list[list[int]]:
+        """Keys that have equal values in all of these variants, together; each other key by itself."""
+        together: list[list[int]] = []
+        for i, key in enumerate(self.keys):
+            for group in together:
+                j = group[0]
+                first = self.numbers[members[0]]
+                if _equal(self.values[key][first[i]], self.values[self.keys[j]][first[j]]):
+                    group.append(i)
+                    break
+            else:
+                together.append([i])
+        return together
+
+    # Putting together ---------------------------------------------------------------------------------------------
+
+    def _split(self, members: Index) -> list[Group]:
+        """Variants of which some may have other programs."""
+        if len(members) <= FULL:
+            return self._each(members)
+        middle = self.numbers[members[len(members) // 2]]
+        base = self.built(middle)
+        factors = self._tied(members)
+        while True:
+            choices = [self._choices(members, keys) for keys in factors]
+            try:
+                alone = [
+                    [self.built(_with(middle, keys, row)) for row in rows]
+                    for keys, (rows, _) in zip(factors, choices, strict=True)
+                ]
+            except SceneError:
+                if self._is_grid(members):
+                    raise
+                return self._all(members, "a value of one of them is none of the scene without those of the others")
+            for (_, choice), built in zip(choices, alone, strict=True):
+                structures = [each.structure for each in built]
+                kinds = [structures.index(each) for each in structures]
+                if len(set(kinds)) > 1:
+                    kind = np.array(kinds)[choice]
+                    return [group for k in dict.fromkeys(kinds) for group in self._split(members[kind == k])]
+            changed = [_changed(base, built) for built in alone]
+            meeting = next(
+                ((i, j) for i, j in itertools.combinations(range(len(factors)), 2) if changed[i] & changed[j]), None
+            )
+            if meeting is None:
+                break
+            i, j = meeting
+            factors[i] = sorted(factors[i] + factors.pop(j))
+        group = Group(self._programs[base.structure], base.arena, members)
+        for entries, built, (_, choice) in zip(changed, alone, choices, strict=True):
+            if entries:
+                where = np.array(sorted(entries), dtype=np.intp)
+                group.factors.append((where, np.array([each.arena[where] for each in built]), choice))
+        if len(factors) < 2 or self._holds(group, base.structure):
+            return [group]
+        return self._all(members, "their keys do not act by themselves")
+
+    def _choices(self, members: Index, keys: Sequence[int]) -> tuple[Index, Index]:
+        """The values that some keys have together, and which of them each variant has."""
+        rows, choice = np.unique(self.numbers[members][:, keys], axis=0, return_inverse=True)
+        return rows, choice.ravel()
+
+    def _is_grid(self, members: Index) -> bool:
+        """Whether every value is there with those of the variant in the middle."""
+        have = {tuple(row) for row in self.numbers.tolist()}
+        middle = self.numbers[members[len(members) // 2]]
+        return all(
+            tuple(_with(middle, [i], [n]).tolist()) in have
+            for i in range(len(self.keys))
+            for n in np.unique(self.numbers[:, i]).tolist()
+        )
+
+    def _holds(self, group: Group, structure: str) -> bool:
+        """Whether variants that are built are what was put together: those of all extremes, and some others."""
+        found = self.numbers[group.members]
+        ends = [np.isin(found[:, i], _extremes(self.values[key], found[:, i])) for i, key in enumerate(self.keys)]
+        corners = np.flatnonzero(np.all(ends, axis=0))
+        random = np.random.default_rng(len(found))
+        some = random.choice(len(found), size=min(CHECKED, len(found)), replace=False)
+        lone = [int(np.flatnonzero(end)[0]) for end in ends if end.any()]
+        for which in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
+            built = self.built(found[which])
+            if built.structure != structure:
+                return False
+            if built.arena.tobytes() != group.arenas(slice(which, which + 1))[0].tobytes():
+                return False
+        return True
+
+    def _all(self, members: Index, why: str) -> list[Group]:
+        self.notes.append(f"{len(members)} variants were built one by one: {why}")
+        return self._each(members)
+
+    def _each(self, members: Index) -> list[Group]:
+        """Every variant built."""
+        kinds: dict[str, list[tuple[int, Built]]] = {}
+        for member in members.tolist():
+            built = self.built(self.numbers[member])
+            kinds.setdefault(built.structure, []).append((member, built))
+        groups = []
+        for structure, pairs in kinds.items():
+            arenas = np.array([built.arena for _, built in pairs])
+            where = np.flatnonzero((arenas.view(np.int64) != arenas[:1].view(np.int64)).any(axis=0))
+            group = Group(self._programs[structure], arenas[0], np.array([member for member, _ in pairs]))
+            group.factors.append((where, arenas[:, where], np.arange(len(pairs))))
+            groups.append(group)
+        return groups
+
+
+def _structure(tick: Tick) -> str:
+    script = tick.script
+    parts = (
+        whole_text(tick),
+        [(name, array.size) for name, array in script.arrays.items()],
+        sorted((name, k, value.hex()) for (name, k), value in script.frozen.items()),
+        [(kernel.__module__, kernel.__qualname__) for kernel in script.kernels.values()],
+    )
+    return sha256(repr(parts).encode()).hexdigest()
+
+
+def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:
+    found = numbers.copy()
+    found[list(keys)] = row
+    return found
+
+
+def _changed(base: Built, built: Sequence[Built]) -> set[int]:
+    """Entries of the arena that are another number, to the last bit, in some of these."""
+    first = base.arena.view(np.int64)
+    return {int(k) for each in built for k in np.flatnonzero(each.arena.view(np.int64) != first)}
+
+
+def _extremes(values: Sequence[Any], used: Index) -> list[int]:
+    """The first and the last of some values, and the least and the largest."""
+    numbers = np.unique(used).tolist()
+    found = [numbers[0], numbers[-1]]
+    if all(isinstance(values[n], int | float) for n in numbers):
+        found += [min(numbers, key=lambda n: values[n]), max(numbers, key=lambda n: values[n])]
+    return found
+
+
+def _equal(a: Any, b: Any) -> bool:
+    """Whether two values are the same numbers, one for all or many."""
+    if type(a) in (int, float) and type(b) in (int, float):
+        return bool(a == b)
+    if not isinstance(a, list) and not isinstance(b, list):
+        return False
+    try:
+        return bool(np.all(np.equal(np.asarray(a, dtype=float), np.asarray(b, dtype=float))))
+    except (TypeError, ValueError):
+        return False

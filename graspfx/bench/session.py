@@ -1,0 +1,105 @@
+"""`graspfx bench`: runs benchmarks, prints their tables or JSON, and writes the report, its page and its figures."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from graspfx.bench import speeds
+from graspfx.bench.calibration import calibrate
+from graspfx.bench.measure import Row
+from graspfx.bench.page import NAME as PAGE
+from graspfx.bench.page import PICTURES, error_text, page, ratio_text, time_text
+from graspfx.bench.pareto import by_case, front
+from graspfx.bench.registry import benchmark, chosen, rows
+from graspfx.bench.report import NAME, Report, load, stamp
+from graspfx.errors import InputError
+
+
+def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None, readme: Path | None = None) -> None:
+    """Run the named benchmarks, all if none is named.
+
+    With `out` the report goes there, its page and its figures; benchmarks that are not run keep what a report that is
+    already there says of them. With `readme` the table of speeds goes into that file, from the report in `out` if
+    there is one; without names and `out` only the benchmarks that it shows are run.
+    """
+    if readme is not None:
+        if quick:
+            raise InputError("--readme", str(readme), "a full measurement", "leave out --quick")
+        speeds.require_place(readme)
+    wanted = chosen(names or (speeds.BENCHMARKS if readme is not None and out is None else ()))
+    kept = Report.load(out / NAME) if out is not None and (out / NAME).is_file() else Report()
+    if readme is not None and not set(speeds.BENCHMARKS) <= {*wanted, *kept.stamps}:
+        lacking = [name for name in speeds.BENCHMARKS if name not in {*wanted, *kept.stamps}]
+        raise InputError("--readme", str(readme), f"all benchmarks that it shows, also {', '.join(lacking)}")
+    report = Report()
+    for name in wanted:
+        run(name, report, quick, quiet=as_json)
+        if out is not None:  # at once: nothing is lost where a later one is ended
+            kept.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
+            write(kept.ordered(chosen([])), out, drawn=[name])
+    if as_json:
+        print(json.dumps(report.to_json(), indent=1, allow_nan=False))
+    if out is not None:
+        report = kept.ordered(chosen([]))
+        print(f"wrote {out / NAME}, {out / PAGE} and the pictures in {out / PICTURES}", file=sys.stderr)
+    if readme is not None:
+        speeds.write(report, readme)
+        print(f"wrote the table of speeds in {readme}", file=sys.stderr)
+
+
+def files(names: Sequence[str], out: Path) -> list[Path]:
+    """Files that a report on benchmarks, on all if none is named, may write into a folder."""
+    return [out / NAME, out / PAGE, *(_picture(out, name) for name in chosen(names))]
+
+
+def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
+    """One benchmark into the report; each case is printed when it is done, unless `quiet`."""
+    module = benchmark(name)
+    before, load_before = calibrate(), load()
+    found: list[Row] = []
+    for row in rows(name, quick):
+        if not quiet and found and row.case != found[-1].case:
+            show(name, [each for each in found if each.case == found[-1].case])
+        found.append(row)
+    if not quiet and found:
+        show(name, [each for each in found if each.case == found[-1].case])
+    command = f"graspfx bench {name}{' --quick' if quick else ''}"
+    report.add(
+        name, found, stamp(module.TITLE, module.LIMITS, command, quick, (load_before, load()), before, calibrate())
+    )
+
+
+def show(name: str, rows: Sequence[Row]) -> None:
+    """One case as text, the quickest first; an asterisk marks the Pareto front."""
+    [(case, ordered)] = by_case(rows).items()
+    best = front(ordered)
+    unit = next((row.unit for row in ordered if row.unit), "")
+    print(f"{name}: {case}{f', error [{unit}]' if unit else ''}")
+    width = max(len(row.method) for row in ordered)
+    for row in ordered:
+        mark = "*" if row in best else " "
+        spread = "  ".join(f"{key} {time_text(us)}" for key, us in (row.quantiles or {}).items())
+        time = f"{time_text(row.time_us):>9}  {ratio_text(row.ratio):>8}  {error_text(row.error):>8}"
+        print(f"  {mark} {row.method:<{width}}  {time}  {spread}{'  ' if spread else ''}{row.note}".rstrip())
+    print(flush=True)
+
+
+def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
+    """The report as JSON, its page, and the figures of the benchmarks `drawn`."""
+    from graspfx.bench.figures import figure
+    from graspfx.loop.recording.places import make_folder
+
+    make_folder(folder)
+    report.save(folder / NAME)
+    (folder / PAGE).write_text(page(report), encoding="utf-8")
+    for name in drawn:
+        found = [row for row in report.rows if row.benchmark == name]
+        if any(row.time_us is not None for row in found):
+            figure(found, report.stamps[name].title, _picture(folder, name))
+
+
+def _picture(folder: Path, name: str) -> Path:
+    return folder / PICTURES / f"{name}.png"

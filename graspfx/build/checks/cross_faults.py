@@ -1,0 +1,302 @@
+"""What the fields of a scene must be to one another; each check skips what has a fault of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspfx import plugins
+from graspfx.build import bodies
+from graspfx.build.checks.hand_faults import own_hand_faults, shared_hand_faults
+from graspfx.build.checks.lengths import length_faults as _length
+from graspfx.build.checks.meeting import meeting_faults
+from graspfx.build.checks.settings import reason, setting_faults
+from graspfx.build.checks.solids import mass_faults, shape_faults
+from graspfx.build.checks.touching import (
+    contact_axes_faults,
+    control_faults,
+    metric_faults,
+    own_coefficient,
+    soft_faults,
+)
+from graspfx.build.checks.viscosity import may_turn, viscosity_faults
+from graspfx.build.wiring import wiring_faults
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
+from graspfx.loop.device import Device
+from graspfx.objects.integrators import SIZE
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.reading import WIDTHS
+from graspfx.scene.tables.scene_table import SceneTable
+
+Location = tuple[str | int, ...]
+Found = tuple[Location, str]
+
+UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
+NAMED = {"object": "name", "device": "label", "hand": "name"}
+
+
+def cross_faults(scene: SceneTable, folder: Path | None) -> list[Found]:
+    """Faults between the valid fields of a scene, or of a draft of one."""
+    faults: list[Found] = []
+    for check in _checks(scene, folder, faults):
+        with suppress(NotValid):
+            for found in check:
+                faults.append(found)  # one by one: those before a field that is not valid stay
+    return faults
+
+
+def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iterator[Iterator[Found]]:
+    connected: dict[Location, Device] = {}
+    yield _enough(scene)
+    yield _length(scene, (), scene, "gravity")
+    for table in NAMED:
+        yield _unique(scene, table)
+    yield _finger_names(scene)
+    for i, thing in enumerate(_items(scene, "object")):
+        for field in ("position", "velocity"):
+            yield _length(scene, ("object", i), thing, field)
+        yield shape_faults(scene, ("object", i), thing, folder)
+        yield mass_faults(scene, ("object", i), thing)
+        for rule in (_free, _inertia, _turning, _orientation, _angular_velocity):
+            yield rule(scene, ("object", i), thing)
+        yield viscosity_faults(scene, ("object", i), thing, folder)
+        yield _body(scene, ("object", i), thing, folder, faults)
+        yield _dynamics(("object", i), thing, folder)
+    for i, thing in enumerate(_items(scene, "obstacle")):
+        yield _length(scene, ("obstacle", i), thing, "position")
+        yield shape_faults(scene, ("obstacle", i), thing, folder)
+        yield _orientation(scene, ("obstacle", i), thing)
+    yield _unique(scene, "obstacle")
+    yield meeting_faults(scene, folder, faults)
+    for i, finger in enumerate(_items(scene, "finger")):
+        yield _length(scene, ("finger", i), finger, "start")
+        for field in NAMED:
+            yield _reference(scene, ("finger", i, field), finger, field)
+        yield own_hand_faults(scene, i, folder)
+        yield own_coefficient(scene, ("finger", i, "friction"), finger)
+        yield soft_faults(scene, i, finger)
+        yield _own_device(scene, ("finger", i, "device"), finger, folder, connected)
+    for i, device in enumerate(_items(scene, "device")):
+        yield setting_faults(scene, ("device", i), device, folder, connected)
+    for i, hand in enumerate(_items(scene, "hand")):
+        yield shared_hand_faults(scene, ("hand", i), hand, folder)
+    yield _channels(scene)
+    yield wiring_faults(scene, connected)
+    yield metric_faults(scene, connected)
+    yield control_faults(scene, connected)
+    for table in ("device", "hand"):
+        yield _unused(scene, table)
+    for share in ("external", "internal"):
+        for quantity in ("stiffness", "damping"):
+            yield _gain(scene, share, quantity)
+        yield _stiff(scene, share)
+        yield contact_axes_faults(scene, share)
+    yield _fade(scene)
+    yield _blend(scene)
+
+
+def _items(scene: SceneTable, table: str) -> tuple[Any, ...]:
+    try:
+        items: tuple[Any, ...] = getattr(scene, table)
+    except NotValid:
+        return ()
+    return items
+
+
+def _enough(scene: SceneTable) -> Iterator[Found]:
+    for table in ("object", "finger"):
+        if getattr(scene, table) == ():
+            yield (table,), "expected at least one"
+
+
+def _unique(scene: SceneTable, table: str) -> Iterator[Found]:
+    seen: set[str] = set()
+    for i, item in enumerate(_items(scene, table)):
+        try:
+            name = getattr(item, NAMED.get(table, "name"))
+        except NotValid:
+            continue
+        if name in seen:
+            yield (table, i, NAMED.get(table, "name")), f"{name!r} is taken; every {table} needs a name of its own"
+        seen.add(name)
+
+
+def _finger_names(scene: SceneTable) -> Iterator[Found]:
+    names = scene.finger_names
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            yield ("finger", i, "name"), f"{name!r} is taken; every finger needs a name of its own"
+
+
+def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+    width = WIDTHS[scene.dimensions]
+    if thing.free is not None and len(thing.free) != width:
+        what = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
+        yield (*at, "free"), f"expected {width} of true or false ({what}); given {shown(list(thing.free))}"
+
+
+def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+    inertia, d = thing.inertia, scene.dimensions
+    if inertia is None:
+        if may_turn(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
+            yield (*at, "inertia"), "required where a rotation is free and there is no shape to compute it from"
+        return
+    values = inertia if isinstance(inertia, tuple) else (inertia,)
+    if d == 1:
+        yield (*at, "inertia"), "a line has no rotation: leave it out"
+    elif isinstance(inertia, tuple) and len(values) != (3 if d == 3 else 1):
+        expected = "a number or 3 numbers" if d == 3 else "a number"
+        yield (*at, "inertia"), f"expected {expected}; given {shown(list(values))}"
+    elif min(values) <= 0:
+        yield (*at, "inertia"), f"expected more than 0; given {shown(inertia)}"
+
+
+def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+    if thing.rotational_viscosity is None and may_turn(scene, thing):
+        yield (
+            (*at, "rotational_viscosity"),
+            "required where a rotation is free: without it a grasp is not stable; `free` locks it",
+        )
+
+
+def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+    yield from _turned(scene, at, "orientation", thing.orientation, "a quaternion of 4 numbers x, y, z, w", 4)
+    value = thing.orientation
+    if scene.dimensions == 3 and isinstance(value, tuple) and len(value) == 4:
+        norm = float(np.linalg.norm(value))
+        if abs(norm - 1.0) > UNIT:
+            yield (*at, "orientation"), f"expected a quaternion of norm 1; its norm is {norm:.6g}"
+
+
+def _angular_velocity(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+    yield from _turned(scene, at, "angular_velocity", thing.angular_velocity, "3 numbers", 3)
+
+
+def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: str, count: int) -> Iterator[Found]:
+    if value is None:
+        return
+    if scene.dimensions == 1:
+        yield (*at, field), "a line has no rotation: leave it out"
+    elif scene.dimensions == 2 and isinstance(value, tuple):
+        yield (*at, field), f"expected a number in the plane; given {shown(list(value))}"
+    elif scene.dimensions == 3 and (not isinstance(value, tuple) or len(value) != count):
+        yield (*at, field), f"expected {in_space}; given {shown(value)}"
+
+
+def _body(scene: SceneTable, at: Location, thing: Any, folder: Path | None, faults: list[Found]) -> Iterator[Found]:
+    """What the body itself refuses, where nothing else has been found."""
+    if any(found[: len(at)] == at or found == ("gravity",) for found, _ in faults):
+        return
+    try:
+        bodies.fill(scene, thing, np.zeros(SIZE), folder)
+    except InputError as error:
+        yield (*at, error.name), reason(error)
+
+
+def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
+    try:
+        plugins.find("dynamics", thing.dynamics, folder)
+        if thing.dynamics not in plugins.BUILT_IN["dynamics"]:
+            module = plugins.load_blaming("dynamics", thing.dynamics, folder)
+            if not callable(getattr(module, "create", None)):
+                yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} have no function create(state)"
+    except (UnknownNameError, InputError) as error:
+        yield (*at, "dynamics"), reason(error)
+    except GraspFXError as error:
+        yield (*at, "dynamics"), f"the dynamics {thing.dynamics!r} cannot be imported: {error}"
+    if thing.dynamics == "bullet" and find_spec("pybullet") is None:
+        yield (
+            (*at, "dynamics"),
+            "'bullet' needs the package pybullet, which is not installed: pip install 'graspfx[bullet]', "
+            "or dynamics = 'native'",
+        )
+
+
+def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iterator[Found]:
+    name = getattr(finger, table)
+    if not isinstance(name, str):
+        return
+    names = [getattr(item, NAMED[table]) for item in getattr(scene, table)]
+    if name not in names:
+        close = closest(name, names)
+        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(names)})" if names else ""
+        yield at, f"no [[{table}]] has the {NAMED[table]} {name!r}{hint}"
+
+
+def _own_device(
+    scene: SceneTable, at: Location, finger: Any, folder: Path | None, connected: dict[Location, Device]
+) -> Iterator[Found]:
+    if not isinstance(finger.device, str):
+        yield from setting_faults(scene, at, finger.device, folder, connected)
+
+
+def _channels(scene: SceneTable) -> Iterator[Found]:
+    taken: dict[tuple[str, int], int] = {}
+    for i, finger in enumerate(scene.finger):
+        try:
+            key = (finger.device, finger.channel)
+        except NotValid:
+            continue
+        if not isinstance(key[0], str):
+            continue
+        if key in taken:
+            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} is finger {taken[key]}'s already"
+        taken.setdefault((key[0], key[1]), i)
+
+
+def _unused(scene: SceneTable, table: str) -> Iterator[Found]:
+    used = {getattr(finger, table) for finger in scene.finger if isinstance(getattr(finger, table), str)}
+    for i, item in enumerate(getattr(scene, table)):
+        if getattr(item, NAMED[table]) not in used:
+            yield (table, i, NAMED[table]), f"no finger names {getattr(item, NAMED[table])!r}"
+
+
+def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Found]:
+    given = np.asarray(getattr(getattr(scene.coupling, share), quantity))
+    n, d, objects = len(scene.finger), scene.dimensions, len(scene.object)
+    m = n * d
+    forms: dict[int, list[tuple[int, ...]]] = {0: [()], 1: [(n,)], 2: [(d, d), (m, m)], 3: [(n, d, d)]}
+    at = ("coupling", share, quantity)
+    if given.shape not in forms[given.ndim]:
+        sizes = " or ".join(" x ".join(map(str, shape)) for shape in forms[given.ndim])
+        yield at, f"expected {sizes} numbers for {n} fingers in {d} dimensions; given {_size(given.shape)}"
+    elif given.ndim == 2 and given.shape != (d, d) and objects > 1:
+        yield at, "an m x m matrix couples all fingers: it needs a scene with one object"
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def _stiff(scene: SceneTable, share: str) -> Iterator[Found]:
+    if scene.coupling.contact != "unilateral":
+        return
+    stiffness = np.asarray(getattr(scene.coupling, share).stiffness)
+    least = float((np.linalg.eigvalsh(stiffness) if stiffness.ndim > 1 else stiffness).min())
+    if least <= 0.0:
+        what = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
+        yield (
+            ("coupling", share, "stiffness"),
+            f"unilateral contact expects {what}; the least is {least:.6g} (contact = 'attached' takes 0)",
+        )
+
+
+def _fade(scene: SceneTable) -> Iterator[Found]:
+    if scene.coupling.fade == "auto":
+        return
+    low, high = scene.coupling.fade
+    if not 0.0 <= low < high:
+        yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {shown([low, high])}"
+
+
+def _blend(scene: SceneTable) -> Iterator[Found]:
+    if scene.coupling.blend == "off":
+        return
+    low, high = scene.coupling.blend
+    if not 0.0 < low < high:
+        yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {shown([low, high])}"

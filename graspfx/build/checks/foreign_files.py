@@ -1,0 +1,51 @@
+"""Files that a scene file may not name: those outside of its folder, since a driver, hand or body is code that runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from graspfx.errors import InputError, shown
+from graspfx.plugins import is_file_name
+from graspfx.scene.source import Source
+from graspfx.scene.tables.fields import Table
+from graspfx.scene.tables.hands import MadeHand, Path
+from graspfx.scene.tables.scene_table import Device, Object, SceneTable
+from graspfx.scene.tables.shapes import MeshShape
+
+Location = tuple[str | int, ...]
+Found = tuple[Location, str]
+
+CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
+DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
+DO = "move it there, or say that you trust the scene: --trust, or GRASPFX_TRUST=1"
+
+
+def trust_faults(scene: SceneTable, source: Source) -> list[Found]:
+    """Find every path that leads out of the folder of the scene's file, and take it out of the tables.
+
+    What is left of the scene then names no such file, so that the checks that come later cannot import or read it.
+    """
+    return [] if source.is_trusted else list(_faults((), scene, source))
+
+
+def _faults(at: Location, part: Any, source: Source) -> Iterator[Found]:
+    if isinstance(part, tuple):
+        for k, each in enumerate(part):
+            yield from _faults((*at, k), each, source)
+    if not isinstance(part, Table):
+        return
+    for kind, name in (*CODE, *DATA):
+        text = part.__dict__.get(name) if isinstance(part, kind) else None
+        if isinstance(text, str) and ((kind, name) in DATA or is_file_name(text)) and _is_foreign(text, source):
+            del part.__dict__[name]
+            yield (*at, name), f"outside of the scene's folder, {source.folder}: {shown(text)}; {DO}"
+    for name, value in list(part.__dict__.items()):
+        yield from _faults((*at, name), value, source)
+
+
+def _is_foreign(text: str, source: Source) -> bool:
+    try:
+        return not source.holds(text)
+    except InputError:  # a path that leads nowhere: said by what would read it
+        return False

@@ -1,0 +1,124 @@
+"""What the objects of a scene cannot meet, or not with their dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from graspfx import plugins
+from graspfx.build import bodies, encounters
+from graspfx.errors import InputError
+from graspfx.objects.integrators import SIZE
+from graspfx.scene.tables.fields import NotValid
+from graspfx.scene.tables.scene_table import Object, SceneTable
+
+Location = tuple[str | int, ...]
+Found = tuple[Location, str]
+
+FLAT = ("half-space", "plane")
+STIFFEST = 1e4  # k T^2/m of a native contact point; from 1e5 on a box at rest in space is thrown up by rounding
+DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more is no rounding, nor its weight's sinking
+
+
+def meeting_faults(scene: SceneTable, folder: Path | None, known: Sequence[Found]) -> Iterator[Found]:
+    """What objects cannot meet, or not with these dynamics; nothing where an object or obstacle has its own fault."""
+    if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in known):
+        return
+    yield from _together(scene, folder)
+    if not scene.obstacle:
+        return
+    native = [thing.name for thing in scene.object if _meets(scene, thing, "native")]
+    for i, table in enumerate(scene.obstacle):
+        if native and table.shape.kind not in FLAT:
+            yield (
+                ("obstacle", i, "shape", "kind"),
+                f"{', '.join(native)} with native dynamics can meet a half-space or a plane, not a {table.shape.kind}; "
+                "dynamics = 'bullet' meets any",
+            )
+    if native and scene.world.restitution > 0.0:
+        yield (
+            ("world", "restitution"),
+            f"{', '.join(native)} with native dynamics does not bounce: expected 0; dynamics = 'bullet' does",
+        )
+    for i, thing in enumerate(scene.object):
+        if thing.shape is not None and thing.shape.kind in FLAT and encounters.moves(scene, thing):
+            yield (
+                ("object", i, "shape", "kind"),
+                f"a {thing.shape.kind} has no end: among obstacles lock its freedoms, or make it an [[obstacle]]",
+            )
+        elif thing.shape is not None and encounters.moves(scene, thing):
+            yield from _inside(scene, i, thing, folder)
+            if thing.dynamics == "native":
+                yield from _too_stiff(scene, thing, folder)
+
+
+def _together(scene: SceneTable, folder: Path | None) -> Iterator[Found]:
+    if scene.world.collide and len(scene.object) > 1:
+        for i, thing in enumerate(scene.object):
+            if thing.dynamics == "native" and encounters.moves(scene, thing):
+                yield ("object", i, "dynamics"), "native objects meet no other object; world.collide needs 'bullet'"
+    wanted = bool(scene.world.collide)
+    for group in encounters.groups(scene):
+        if not encounters.in_world(scene, group):
+            continue
+        name = scene.object[group[0]].dynamics
+        if (scene.obstacle or wanted) and not hasattr(plugins.load("dynamics", name, folder), "create_world"):
+            yield (
+                ("object", group[0], "dynamics"),
+                f"{name!r} without create_world lets objects meet nothing; use 'bullet'",
+            )
+            continue
+        for i in group:
+            thing = scene.object[i]
+            if thing.dynamics != "bullet":
+                continue
+            if scene.dimensions != 3:
+                what = "world.collide" if wanted and not scene.obstacle else "obstacles"
+                yield (
+                    ("object", i, "dynamics"),
+                    f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {what} need dimensions = 3"
+                    + ("" if what == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
+                )
+            elif thing.shape is not None and encounters.moves(scene, thing) and not all(scene.free(thing)):
+                yield (
+                    ("object", i, "free"),
+                    "PyBullet locks no single freedom of a body that meets others: expected all free or none; "
+                    "dynamics = 'native' on half-spaces and planes, or world.collide = false without obstacles",
+                )
+
+
+def _meets(scene: SceneTable, thing: Object, dynamics: str) -> bool:
+    return thing.dynamics == dynamics and thing.shape is not None and encounters.moves(scene, thing)
+
+
+def _too_stiff(scene: SceneTable, thing: Object, folder: Path | None) -> Iterator[Found]:
+    mass, k, T = bodies.mass(thing, folder), scene.world.stiffness, scene.period
+    if k * T * T > STIFFEST * mass:
+        yield (
+            ("world", "stiffness"),
+            f"given {k:g} N/m, expected no more than {STIFFEST * mass / T**2:.3g} N/m, {STIFFEST:g} m/T^2 of "
+            f"{thing.name!r} with {mass:g} kg at {T:g} s: beyond that, rounding throws it off what it rests on",
+        )
+
+
+def _inside(scene: SceneTable, i: int, thing: Object, folder: Path | None) -> Iterator[Found]:
+    """Where a shape begins below a half-space or across a plane; other pairs would need a search."""
+    from graspfx.objects.floor.floor import clearance
+
+    state = np.zeros(SIZE)
+    try:
+        bodies.fill(scene, thing, state, folder)
+        shape = bodies.make_shape(thing, folder)
+        for table, obstacle in zip(scene.obstacle, encounters.obstacles(scene, folder), strict=True):
+            if table.shape.kind in FLAT:
+                height = clearance(shape, scene.dimensions, state, obstacle)
+                if height < -DEEP:
+                    yield (
+                        ("object", i, "position"),
+                        f"the object starts {-1e3 * height:.4g} mm inside the obstacle {table.name!r}: expected its "
+                        "lowest point on or above it",
+                    )
+    except (InputError, NotValid):
+        return  # has a fault of its own

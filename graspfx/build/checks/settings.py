@@ -1,0 +1,101 @@
+"""A device table against its driver: imported, its settings held to the signature of `connect`, then connected."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from graspfx import plugins
+from graspfx.build.wiring import AUTOMATIC, connect
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
+from graspfx.loop.device import Device as Connected
+from graspfx.loop.device import Features
+from graspfx.scene.tables.scene_table import Device, SceneTable
+
+Location = tuple[str | int, ...]
+Found = tuple[Location, str]
+OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
+
+
+def setting_faults(
+    scene: SceneTable, at: Location, table: Device, folder: Path | None, connected: dict[Location, Connected]
+) -> Iterator[Found]:
+    """What keeps a device from being connected; one that can be is added to `connected`."""
+    try:
+        driver = plugins.load_blaming("devices", table.name, folder)
+    except (UnknownNameError, InputError) as error:
+        yield (*at, "name"), reason(error)
+        return
+    except GraspFXError as error:
+        yield (*at, "name"), f"the driver {table.name!r} cannot be imported: {error}"
+        return
+    if not callable(getattr(driver, "connect", None)):
+        yield (*at, "name"), f"the driver {table.name!r} has no function connect(**settings)"
+        return
+    parameters, settings = inspect.signature(driver.connect).parameters, table.settings
+    faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
+    if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
+        faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"))
+    yield from faults
+    if not faults:
+        yield from _connection(scene, at, table, driver, connected)
+
+
+def reason(error: GraspFXError) -> str:
+    """An error's text without the name that it begins with, where the fault's key says that already."""
+    return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
+
+
+def _connection(
+    scene: SceneTable, at: Location, table: Device, driver: ModuleType, connected: dict[Location, Connected]
+) -> Iterator[Found]:
+    dimensions = scene.dimensions
+    try:
+        with plugins.blaming(Path(driver.__file__ or driver.__name__)):
+            device = connect(driver, table, dimensions)
+            features = getattr(device, "features", None)
+    except InputError as error:
+        known = error.name in table.settings
+        yield ((*at, error.name), reason(error)) if known else (at, str(error))
+    except GraspFXError as error:
+        yield at, f"{table.name!r} cannot be connected: {error}"
+    else:
+        if isinstance(features, Features):
+            connected[at] = device
+        else:
+            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {shown(device)} has no Features"
+
+
+def signature_faults(
+    at: Location,
+    name: str,
+    settings: Mapping[str, Any],
+    parameters: Mapping[str, inspect.Parameter],
+    automatic: AbstractSet[str],
+) -> Iterator[Found]:
+    """Settings that a plug-in of this name does not take, and those that it needs; it is given the automatic ones."""
+    for key, value in settings.items():
+        if not _finite(value):
+            yield (*at, key), f"expected finite numbers; given {shown(value)}"
+    named = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
+    unknown = [key for key in settings if key not in named] if len(named) == len(parameters) else []
+    meant = {key: closest(key, named) for key in unknown}
+    for key, close in meant.items():
+        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(named - automatic))})"
+        yield (*at, key), f"unknown setting of {name!r}{hint}"
+    for key in sorted(named - automatic - settings.keys() - set(meant.values())):
+        if parameters[key].default is inspect.Parameter.empty:
+            yield (*at, key), f"required by {name!r}, but not given"
+
+
+def _finite(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, list | tuple):
+        return all(map(_finite, value))
+    return all(map(_finite, value.values())) if isinstance(value, dict) else True

@@ -1,0 +1,81 @@
+"""The largest forces that a scene's devices tell, and which devices tell none though they may have one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.wiring import Wire, table_at, wires
+from graspfx.errors import InputError
+from graspfx.loop.device import LimitedDevice, fused
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+
+def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
+    """Give the largest force of each of so many fingers [N], infinite where its device tells none; None if all do.
+
+    Raises:
+        InputError: a device's `features.peak_force` is no force above zero.
+    """
+    limits = np.full(fingers, np.inf)
+    for wire in wired:
+        limits[wire.fingers[wire.fingers >= 0]] = peak_force(wire)
+    return limits if np.isfinite(limits).any() or any(changes(wire) for wire in wired) else None
+
+
+def has_limits(scene: Scene) -> bool:
+    """Tell whether some device of a scene tells a largest force."""
+    return force_limits(len(scene.finger), wires(scene, scene.source.folder)) is not None
+
+
+def peak_force(wire: Wire) -> float:
+    """Give the largest force of a device [N], infinite where it tells none."""
+    peak = wire.device.features.peak_force
+    if peak is None:
+        return math.inf
+    if isinstance(peak, bool) or not peak > 0.0:
+        raise InputError(
+            "features.peak_force", peak, "a force above zero [N], or None",
+            f"as the driver {type(wire.device).__qualname__} tells it",
+        )  # fmt: skip
+    return float(peak)
+
+
+def changes(wire: Wire) -> bool:
+    """Tell whether a device's largest force depends on where it stands."""
+    return isinstance(wire.device, LimitedDevice)
+
+
+def may_hide(wire: Wire) -> bool:
+    """Tell whether a device tells no largest force, but writes by code of its own, in which there may be one."""
+    return math.isinf(peak_force(wire)) and not changes(wire) and fused(wire.device) is None
+
+
+def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """List the devices that tell a largest force, with it and whose they are."""
+    return "; ".join(_told(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
+
+
+def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """List the devices in whose own code there may be a limit that they do not tell."""
+    return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired if may_hide(wire))
+
+
+def _told(scene: Scene, wire: Wire) -> str:
+    peak = peak_force(wire)
+    what = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
+    what += " as it tells in every sample" if changes(wire) else ""
+    first = next(int(f) for f in wire.fingers if f >= 0)
+    return f"{_fingers(scene, wire)} {what} ({table_at(scene, first)[1].name})"
+
+
+def _fingers(scene: Scene, wire: Wire) -> str:
+    return ", ".join(scene.finger_names[f] for f in wire.fingers if f >= 0)

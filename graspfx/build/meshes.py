@@ -1,0 +1,126 @@
+"""A scene's mesh: read once, weighed, and seen from its centre of mass along its principal axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspfx.environment import require_file, to_path
+from graspfx.errors import InputError
+from graspfx.spatial import product, quaternion, rotate
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.scene_table import Object, Obstacle
+    from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
+
+Numbers = tuple[float, ...]
+
+KEPT = 8  # meshes that are remembered, so that a check and a run read each file once
+
+
+@dataclass(frozen=True)
+class SceneMesh:
+    """A mesh as its body has it, and where the body is in the frame of the file.
+
+    Attributes:
+        mesh: in the body's frame.
+        unit: mass properties in the file's frame: of a density of 1 kg/m^3, of a shell of a mass of 1 kg.
+    """
+
+    mesh: Mesh
+    unit: MassProperties
+
+    def volume(self) -> float:
+        """[m^3].
+
+        Raises:
+            InputError: a shell has none.
+        """
+        if self.mesh.shell:
+            raise InputError("density", "a shell", "the object's mass", "a surface has no volume")
+        return self.unit.mass
+
+    def moments(self, mass: float) -> Numbers:
+        """Principal moments at that mass, (3,) [kg m^2]."""
+        return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
+
+    @property
+    def turn(self) -> tuple[float, float, float, float]:
+        """The body's axes in the file's frame, as a quaternion x, y, z, w."""
+        return quaternion(self.unit.axes.ravel().tolist())
+
+    def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
+        """Where the centre of mass and the principal axes are when the file's frame has that pose in the world."""
+        x, y, z = position or (0.0, 0.0, 0.0)
+        q = orientation or (0.0, 0.0, 0.0, 1.0)
+        u, v, w = rotate(q[0], q[1], q[2], q[3], *self.unit.centre.tolist())
+        return (x + u, y + v, z + w), product(q[0], q[1], q[2], q[3], *self.turn)
+
+    @property
+    def frame(self) -> Mapping[str, list[float]]:
+        """The pose of the file's frame in the body's: what a viewer needs to draw the file."""
+        x, y, z, w = self.turn
+        a, b, c = rotate(-x, -y, -z, w, *self.unit.centre.tolist())
+        return {"position": [-a, -b, -c], "orientation": [-x, -y, -z, w]}
+
+
+def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
+    """The mesh of an object or obstacle; None if its shape is none.
+
+    Raises:
+        InputError: naming the key of the shape's table that cannot be.
+        MissingPackageError: what reads the file is not installed.
+    """
+    shape = table.shape
+    if shape is None or shape.kind != "mesh":
+        return None
+    if shape.mesh is not None:
+        path = to_path("mesh", shape.mesh, folder=folder)
+        require_file("mesh", str(path), path, do="paths are relative to the scene's file")
+        status = path.stat()
+        limits = shape.most_bytes, shape.most_triangles
+        return _read(str(path), (status.st_mtime_ns, status.st_size), shape.scale, shape.shell, limits)
+    return _made(shape.vertices, shape.faces, shape.scale, shape.shell)
+
+
+def mesh_name(table: Object) -> str:
+    """What a mesh is called: its file's name."""
+    path = getattr(table.shape, "mesh", None)
+    return Path(path).name if path else f"mesh of {table.name}"
+
+
+def mesh_notes(objects: Sequence[Object], folder: Path | None) -> list[str]:
+    """What was repaired in the meshes of a scene and what looks wrong, a sentence each."""
+    found = [(thing, scene_mesh(thing, folder)) for thing in objects]
+    return [f"{mesh_name(thing)}: {note}" for thing, made in found if made is not None for note in made.mesh.notes]
+
+
+def frames(objects: Sequence[Object], folder: Path | None) -> dict[str, Mapping[str, list[float]]]:
+    """By object with a mesh, its `SceneMesh.frame`."""
+    found = [(thing.name, scene_mesh(thing, folder)) for thing in objects]
+    return {name: made.frame for name, made in found if made is not None}
+
+
+@lru_cache(KEPT)
+def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits: tuple[int, int]) -> SceneMesh:
+    from graspfx.surfaces.triangles.mesh import load_mesh
+
+    most_bytes, most_triangles = limits
+    return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
+
+
+@lru_cache(KEPT)
+def _made(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
+    from graspfx.surfaces.triangles.mesh import make_mesh
+
+    return _weighed(make_mesh(np.array(vertices), np.array(faces), scale=scale, shell=shell, name="vertices"))
+
+
+def _weighed(mesh: Mesh) -> SceneMesh:
+    unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
+    return SceneMesh(mesh.seen_from(unit.centre, unit.axes), unit)

@@ -1,0 +1,167 @@
+"""Run a scene: build it, tick it, keep what happened."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import warnings
+from collections.abc import Callable
+from os import PathLike
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from graspfx.build.build import build, make_layout
+from graspfx.build.force_limits import has_limits
+from graspfx.build.meshes import frames
+from graspfx.certificate.comparison import beside
+from graspfx.environment import to_path
+from graspfx.errors import InputError
+from graspfx.loop.recording.header import Header, machine, now, versions
+from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder, Sink
+from graspfx.numeric import number
+from graspfx.scene.tables.reading import Readable
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+
+def run(
+    scene: Scene,
+    duration: float | None = None,
+    *,
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+    stop: Callable[[], bool] | None = None,
+) -> Recording:
+    """Simulate a scene on its own clock (time = tick x period); two runs are bit-identical.
+
+    Args:
+        scene: from `load`, or made in Python.
+        duration: instead of the scene's own [s]; rounded to whole periods.
+        out: a folder in which recording.h5 is written; it may exist. While the run goes on its rows are only there, in
+            recording.h5.part, which `Recording.load` reads also after the run was killed.
+        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
+        stop: asked again and again, before every tick or, where ticks run compiled, before 64 of them; the first True
+            ends the run there, and what was recorded is marked as incomplete.
+
+    Raises:
+        InputError: a duration that is not a positive time, or more ticks than there is room for; an `out` that is no
+            path, or a `stop` that cannot be called.
+        SceneError: a finger that starts out of its device's reach.
+        DeviceError: a device that does not open.
+        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written; where
+            rows were written already, the error says where they are.
+    """
+    if not isinstance(scene, Readable):
+        raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    if stop is not None and not callable(stop):
+        raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
+    if out is not None:
+        to_path("out", out, "the path of a folder")
+    warn_of_axes(scene)
+    size = 8 * make_layout(scene, simulated=True, limits=has_limits(scene)).width  # bytes of a tick
+    ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
+    if out is not None and not overwrite:
+        require_vacancy_of(recording_path(out, "out") / NAME)
+    with build(scene) as servo:
+        header = header_of(scene)
+        sinks: list[Sink] = []
+        if out is not None:
+            from graspfx.loop.recording.sink import FileSink
+
+            file = make_folder(out) / NAME
+            free = shutil.disk_usage(file.parent).free
+            _require_room(ticks, 2 * size, f"the disk of {file.parent}", free)  # the part, and the recording from it
+            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite))
+        with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
+            began = perf_counter()
+            servo.run(ticks, recorder, stop)
+            took, done = perf_counter() - began, servo.ticks == ticks
+            recording = recorder.finish(
+                took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
+            )
+    finished = recording if out is None else Recording.load(file)
+    finished.beside = beside(scene)
+    return finished
+
+
+def warn_of_axes(scene: Scene) -> None:
+    """Warn of gains that are matrices in axes in which they create energy on a turning object."""
+    if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
+        return
+    from graspfx.build.axes import axes_notes
+    from graspfx.grasp.impedance import ActiveCouplingWarning
+
+    for text in axes_notes(scene):
+        warnings.warn(text, ActiveCouplingWarning, stacklevel=3)
+
+
+def _ticks(scene: Scene, duration: float | None, size: int) -> int:
+    seconds = scene.duration if duration is None else duration
+    ticks = ticks_of(seconds, scene.period)
+    require_memory(ticks, size)
+    return ticks
+
+
+def ticks_of(duration: float, period: float) -> int:
+    """Whole periods in a time.
+
+    Raises:
+        InputError: a time that is none, or shorter than a period.
+    """
+    expected = f"a time of at least one period, {period} s"
+    ratio = number("duration", duration, expected) / period
+    if ratio <= 0.5:
+        raise InputError("duration", duration, expected)
+    return round(ratio)
+
+
+def require_memory(ticks: float, size: int) -> None:
+    """Raises InputError where so many ticks of so many bytes have no room in memory."""
+    _require_room(ticks, size, "this machine's memory", _memory())
+
+
+def _require_room(ticks: float, size: int, where: str, limit: float) -> None:
+    if ticks * size > limit:
+        raise InputError(
+            "duration",
+            ticks,
+            f"at most {limit / size:.3g} periods: each takes {size} bytes to record, and {where} has room for "
+            f"{limit / 1e9:.3g} GB, not {ticks * size / 1e9:.3g} GB",
+            "make the duration shorter or the period longer",
+        )
+
+
+def _memory() -> float:
+    """Bytes in this machine; where it does not say, those that it could address."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return float(sys.maxsize)
+
+
+def header_of(scene: Scene) -> Header:
+    """What a run's recording says of the scene, the time and the machine."""
+    source = scene.source
+    meshes = frames(scene.object, source.folder)
+    return Header(
+        period=scene.period,
+        scene=source.path.stem.replace("_", "-") if source.path is not None else source.name,
+        scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
+        scene_table=scene.to_dict(),
+        scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
+        overrides=dict(source.overrides),
+        title=scene.title,
+        created=now(),
+        versions=versions(
+            "scipy",
+            *(("pybullet",) if any(thing.dynamics == "bullet" for thing in scene.object) else ()),
+            *(("trimesh",) if meshes else ()),
+        ),
+        machine=machine(),
+        frames=meshes,
+    )

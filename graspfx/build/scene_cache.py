@@ -1,0 +1,152 @@
+"""Scenes kept from a run before, so that the next run of the same one need not load what checks it."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+from graspfx import installed, plugins
+from graspfx.compile import cache
+from graspfx.scene.source import Source
+from graspfx.scene.tables.reading import Readable, listed
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+FORMAT = 1
+PLAIN = (bool, int, float, str, type(None))
+
+
+class Place(NamedTuple):
+    """Where a scene with these overrides is kept: everything on which the answer of its checks depends."""
+
+    key: str
+    source: Source
+
+
+class KeptTable:
+    """The fields of a table that was valid, by their names."""
+
+    def __init__(self, fields: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+        self.__dict__.update(fields)
+        self._settings = settings
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The table's other keys."""
+        return dict(self._settings)
+
+
+class KeptScene(Readable, KeptTable):
+    """What a run reads of a `Scene`."""
+
+    def __init__(self, fields: Mapping[str, Any], source: Source, written: dict[str, Any]) -> None:
+        super().__init__(fields, {})
+        self.source, self._written = source, written
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `Scene.to_dict`."""
+        return self._written
+
+    def require_reach(self) -> None:
+        """Nothing: the devices were placed in the run from which the scene was kept."""
+
+
+def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
+    """Where the scene of a TOML file is kept; None for what cannot be.
+
+    The key holds the file's text and path, the overrides, what is installed, and the time and size of every source file
+    of GraspFX and of the shelf of devices, as Python judges its own bytecode.
+
+    Raises:
+        UnknownNameError, InputError: as `load` has it.
+    """
+    path = plugins.find("scenes", name)
+    known = installed.distributions()
+    if path.suffix != ".toml" or known is None:
+        return None
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):  # `load` says what is wrong
+        return None
+    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), known, list(_sources())
+    return Place(sha256(repr(parts).encode()).hexdigest(), Source(plugins.shown_path(path), text, path, overrides))
+
+
+def kept(where: Place) -> tuple[Scene, list[str]] | None:
+    """A scene and the notes on it, as they were kept there; None if they were not."""
+    content = cache.stored(where.key)
+    if content is None:
+        return None
+    found = json.loads(content)
+    return cast("Scene", KeptScene(vars(_read(found["scene"])), where.source, found["written"])), found["notes"]
+
+
+def keep(where: Place, scene: Scene, notes: list[str]) -> None:
+    """Keeps a scene that has been run, and the notes on it, if nothing else than its place says what becomes of it."""
+    if scene.source.text != where.source.text or not _is_self_contained(scene):
+        return
+    try:
+        found = {"scene": _written(scene), "written": scene.to_dict(), "notes": notes}
+    except TypeError:  # a setting of a kind that JSON has not
+        return
+    cache.store(where.key, json.dumps(found, allow_nan=False).encode())
+
+
+def _sources() -> Iterator[tuple[str, int, int]]:
+    roots = dict.fromkeys((str(Path(__file__).parents[1]), str(plugins.shelf("devices"))))
+    for root in roots:
+        for folder, _, names in os.walk(root):
+            for name in sorted(names):
+                if name.endswith(".py"):
+                    status = os.stat(path := os.path.join(folder, name))  # noqa: PTH116, PTH118 (of hundreds of files)
+                    yield path, status.st_mtime_ns, status.st_size
+
+
+def _is_self_contained(scene: Scene) -> bool:
+    """Whether the scene names no other file, no other distribution, and nothing that depends on the machine."""
+    from graspfx.build.wiring import wires
+    from graspfx.loop.device import SimulatedDevice
+
+    folder = scene.source.folder
+    hands = [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
+    devices = [*scene.device, *(finger.device for finger in scene.finger if not isinstance(finger.device, str))]
+    shapes = [*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)]
+    return (
+        all(shape is None or shape.kind != "mesh" for shape in shapes)
+        and all(thing.dynamics == "native" for thing in scene.object)
+        and not any(hand.form == "made" or "path" in [each.kind for each in listed(hand.motion)] for hand in hands)
+        and all(plugins.find("devices", each.name, folder).is_relative_to(plugins.shelf("devices")) for each in devices)
+        and all(isinstance(wire.device, SimulatedDevice) for wire in wires(scene, folder))
+    )
+
+
+def _written(value: Any) -> Any:
+    """A table, tuple or list as a name and a list; TypeError for what is none, nor plain."""
+    if isinstance(value, PLAIN):
+        return value
+    if isinstance(value, tuple | list):
+        return [type(value).__name__, [_written(each) for each in value]]
+    if isinstance(value, dict):
+        return ["dict", [[key, _written(each)] for key, each in value.items()]]
+    fields = {name: getattr(value, name) for name in type(value).model_fields}
+    if hasattr(value, "form"):
+        fields["form"] = value.form
+    return ["table", [_written(fields), _written(getattr(value, "settings", {}))]]
+
+
+def _read(value: Any) -> Any:
+    if not isinstance(value, list):
+        return value
+    name, parts = value
+    if name == "dict":
+        return {key: _read(each) for key, each in parts}
+    found = [_read(each) for each in parts]
+    if name == "table":
+        return KeptTable(*found)
+    return tuple(found) if name == "tuple" else found

@@ -1,0 +1,67 @@
+"""The programs of scenes compiled before they are needed, several scenes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from time import perf_counter
+from typing import Any
+
+from graspfx.build.build import build
+from graspfx.environment import processors
+from graspfx.errors import GraspFXError
+from graspfx.loop.tick.engine import Compiled
+from graspfx.scene.load import load
+
+COMPILED, KNOWN, CANNOT = "compiled", "was there", "cannot"
+
+
+@dataclass(frozen=True)
+class Warmed:
+    """What became of a scene's program.
+
+    Attributes:
+        scene: its name or path.
+        state: "compiled" (it is in the cache now), "was there" or "cannot".
+        seconds: to load and build the scene, and to make or load its program.
+        size: of its machine code [bytes].
+        why: it cannot.
+    """
+
+    scene: str
+    state: str
+    seconds: float = 0.0
+    size: int = 0
+    why: str = ""
+
+
+def warm(name: str, overrides: Mapping[str, Any]) -> Warmed:
+    """Compiles a scene's program unless it is in the cache; devices that are no simulations are not opened."""
+    began = perf_counter()
+    try:
+        with build(load(name, overrides), live=False) as servo:
+            programs = Compiled(servo.script).programs.values()
+    except GraspFXError as error:
+        return Warmed(name, CANNOT, perf_counter() - began, why=" ".join(str(error).split()))
+    seconds, size = perf_counter() - began, sum(program.size for program in programs)
+    notes = [program.note for program in programs if program.note]
+    if notes:
+        return Warmed(name, CANNOT, seconds, size, notes[0])
+    return Warmed(name, KNOWN if all(program.cached for program in programs) else COMPILED, seconds, size)
+
+
+def warm_all(names: Sequence[str], overrides: Mapping[str, Any]) -> Iterator[Warmed]:
+    """The same for several scenes, in their order, by as many processes as there are processors to use.
+
+    Threads would wait for one another: LLVM is called by one at a time.
+    """
+    each = partial(warm, overrides=overrides)
+    count = min(len(names), processors())
+    if count < 2:
+        yield from map(each, names)
+        return
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(each, names)

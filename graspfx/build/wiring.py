@@ -1,0 +1,142 @@
+"""The devices of a scene connected, not opened: what they tell of themselves against what the scene asks of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from inspect import signature
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.errors import DeviceError, shown
+from graspfx.loop.device import Device, SimulatedDevice
+
+if TYPE_CHECKING:
+    from graspfx.scene.tables.scene_table import Device as DeviceTable
+    from graspfx.scene.tables.scene_table import Finger, SceneTable
+
+FloatArray = NDArray[np.float64]
+Location = tuple[str | int, ...]
+Found = tuple[Location, str]
+Connected = Mapping[Location, Device]
+
+AUTOMATIC = "dimensions"  # given to a driver that takes it, from the scene's own key
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A connected device, where its table stands, and the finger of each of its channels (-1: none)."""
+
+    at: Location
+    device: Device
+    fingers: NDArray[np.intp]
+
+
+def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
+    """A driver's device with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
+    settings = table.settings
+    if AUTOMATIC in signature(driver.connect).parameters:
+        settings.setdefault(AUTOMATIC, dimensions)
+    device: Device = driver.connect(**settings)
+    return device
+
+
+def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
+    """The table of finger i's device, and where it stands."""
+    named = scene.finger[i].device
+    if not isinstance(named, str):
+        return ("finger", i, "device"), named
+    k, table = next((k, each) for k, each in enumerate(scene.device) if each.label == named)
+    return ("device", k), table
+
+
+def wires(scene: SceneTable, folder: Path | None) -> list[Wire]:
+    """Every device of a scene without faults, connected once, in the order of the first finger that names it."""
+    channels: dict[Location, dict[int, int]] = {}
+    tables: dict[Location, DeviceTable] = {}
+    for i, finger in enumerate(scene.finger):
+        at, tables[at] = table_at(scene, i)
+        channels.setdefault(at, {})[finger.channel] = i
+    found = []
+    for at, table in tables.items():
+        device = connect(plugins.load("devices", table.name, folder), table, scene.dimensions)
+        fingers = [channels[at].get(c, -1) for c in range(device.features.fingers)]
+        found.append(Wire(at, device, np.array(fingers)))
+    return found
+
+
+def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Found]:
+    """Faults between the fingers and the devices that could be connected."""
+    from graspfx.scene.tables.fields import NotValid
+
+    channels: dict[Location, list[int]] = {at: [] for at in connected}
+    kinds: dict[str, type] = {}
+    for i, finger in enumerate(scene.finger):
+        with suppress(NotValid, StopIteration):  # what is not valid, or names no device, has its own fault
+            at, table = table_at(scene, i)
+            if at in connected:
+                device, k = connected[at], connected[at].features.fingers
+                channels[at].append(k)  # until it is known, none that the device has
+                channels[at][-1] = finger.channel
+                if finger.channel >= k:
+                    has = "1 finger" if k == 1 else f"{k} fingers"
+                    text = f"expected less than {k}: {table.name!r} has {has}; given {finger.channel}"
+                    yield ("finger", i, "channel"), text
+                yield from _held(("finger", i, "hand"), finger, device, kinds)
+    for at, device in connected.items():
+        k, used = device.features.fingers, channels[at]
+        if device.features.dimensions != scene.dimensions:
+            given = device.features.dimensions
+            yield (*at, "name"), f"expected a device of {scene.dimensions} dimensions; this one has {given}"
+        free = sorted(set(range(k)) - set(used))
+        sound = used and max(used) < k and len(set(used)) == len(used)  # else that is the fault
+        if free and sound and isinstance(device, SimulatedDevice):
+            yield at, f"no finger has its channel {free[0]}: a simulated device needs one for each of its channels"
+
+
+def _held(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) -> Iterator[Found]:
+    if finger.hand is None:
+        return
+    if not isinstance(device, SimulatedDevice):
+        yield at, "a real device is held by the operator's own hand: leave it out"
+    elif isinstance(finger.hand, str):
+        first = kinds.setdefault(finger.hand, type(device))
+        if type(device) is not first:
+            names = f"{first.__name__} and {type(device).__name__}"
+            yield at, f"a hand holds devices of one kind; {finger.hand!r} would hold {names}"
+
+
+def placing_faults(scene: SceneTable, folder: Path | None) -> list[Found]:
+    """Fingers of simulated devices, in a scene without other faults, that cannot be put where they start.
+
+    Not looked for when a scene is loaded: to place a plant may take the packages that move it.
+    """
+    start = np.array([finger.start for finger in scene.finger], dtype=float)
+    found: list[Found] = []
+    for wire in wires(scene, folder):
+        if not isinstance(wire.device, SimulatedDevice):
+            continue
+        try:
+            type(wire.device).plant([wire.device]).place(start[wire.fingers])
+        except DeviceError as error:
+            found.append((("finger", int(wire.fingers[0]), "start"), str(error)))
+        else:
+            found += _outside(wire, start)
+    return found
+
+
+def _outside(wire: Wire, start: FloatArray) -> Iterator[Found]:
+    workspace = wire.device.features.workspace
+    if workspace is None:
+        return
+    lower, upper = workspace
+    for i in wire.fingers.tolist():
+        if not ((lower <= start[i]) & (start[i] <= upper)).all():
+            corners = f"{shown(lower.tolist())} to {shown(upper.tolist())} m"
+            yield ("finger", i, "start"), f"outside the device's workspace, {corners}; given {shown(start[i].tolist())}"

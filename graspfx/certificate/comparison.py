@@ -1,0 +1,68 @@
+"""The certificate's word on a motion that a recording shows to grow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from graspfx.errors import GraspFXError
+
+if TYPE_CHECKING:
+    from graspfx.certificate.certificate import Certificate, Limit
+    from graspfx.scene.model import Scene
+    from graspfx.scene.tables.reading import Readable
+
+Beside = Callable[[str, str], dict[str, Any]]
+
+
+def beside(scene: Readable) -> Beside:
+    """A function of an object's and a mode's name that gives what the scene's certificate says of it.
+
+    The certificate is made when it is asked for, once. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None without
+    one), and `text`, in words.
+    """
+    answers: list[dict[str, Certificate] | str] = []
+
+    def say(name: str, mode: str) -> dict[str, Any]:
+        if not answers:
+            answers.append(_certificates(scene))
+        answer = answers[0]
+        if isinstance(answer, str):
+            return {"spectral_radius": None, "gain": None, "limit": None, "text": f"no certificate: {answer}"}
+        return _answer(answer[name], mode)
+
+    return say
+
+
+def _certificates(scene: Readable) -> dict[str, Certificate] | str:
+    from graspfx.certificate.certificate import certificates
+    from graspfx.scene.model import Scene
+
+    try:
+        return {each.object: each for each in certificates(_whole(scene, Scene))}
+    except GraspFXError as error:
+        return " ".join(str(error).split())
+
+
+def _whole(scene: Any, kind: type[Scene]) -> Scene:
+    """The scene itself, or, of one that was kept from a run before, made again from its tables."""
+    return scene if isinstance(scene, kind) else kind(scene.source, **scene.to_dict())
+
+
+def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:
+    from graspfx.certificate.limit_rows import figures
+
+    row = _row(certificate, mode)
+    radius = certificate.spectral_radius
+    verdict = f"certificate: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
+    numbers = (None, None) if row is None else (row.gain, row.limit)
+    gain, limit = (value if value is not None and math.isfinite(value) else None for value in numbers)
+    text = verdict if row is None else f"{verdict}; {row.mode} {figures(row)}"
+    return {"spectral_radius": radius, "gain": gain, "limit": limit, "text": text}
+
+
+def _row(certificate: Certificate, mode: str) -> Limit | None:
+    """The limit of a mode by its name, or of what it is a part of."""
+    rows = {row.mode: row for row in certificate.limits}
+    return rows.get(mode) or rows.get(mode.split()[0])

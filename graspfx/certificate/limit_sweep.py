@@ -1,0 +1,256 @@
+"""Limits of internal, external and conventional gains over values of one or two keys of a scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
+from graspfx.analysis.stability.modal import together
+from graspfx.certificate.certificate import mode_limits, reduced
+from graspfx.certificate.linearise import Linearised, linearise
+from graspfx.certificate.whole_loop import bounded, reach
+from graspfx.errors import InputError
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+MOST_POINTS = 10_000_000
+MOST_SCENES = 20_000  # that are made one by one
+
+# keys that a closed form has as a parameter; a gain without a preload changes no limit of itself or the other
+MODAL = {
+    "period": "T",
+    "object.mass": "m_v",
+    "object.viscosity": "b_v",
+    "object.rotational_viscosity": "b_w",
+    "coupling.external.damping": "ked",
+    "coupling.internal.damping": "kid",
+    "coupling.external.stiffness": "",
+    "coupling.internal.stiffness": "",
+    "finger.*.device.mass": "m",
+    "finger.*.device.friction": "b",
+    "finger.*.hand.stiffness": "k_s",
+    "finger.*.hand.damping": "b_s",
+}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A key of a scene and its values."""
+
+    key: str
+    values: FloatArray
+
+    @classmethod
+    def read(cls, text: str) -> Sweep:
+        """KEY=FROM:TO:COUNT, evenly spaced, both ends among them.
+
+        Raises:
+            InputError: anything else.
+        """
+        form = "KEY=FROM:TO:COUNT, as in object.viscosity=0.8:1.5:15"
+        key, equals, span = text.partition("=")
+        parts = span.split(":")
+        if not key.strip() or not equals or len(parts) != 3:
+            raise InputError("--sweep", text, form)
+        try:
+            first, last, count = float(parts[0]), float(parts[1]), int(parts[2])
+        except ValueError as error:
+            raise InputError("--sweep", text, form) from error
+        if not (math.isfinite(first) and math.isfinite(last)) or not 1 <= count <= MOST_POINTS:
+            raise InputError("--sweep", text, f"finite ends and from 1 to {MOST_POINTS:,} values")
+        if count > 1 and not last > first:
+            raise InputError("--sweep", text, "an end above the beginning")
+        return cls(key.strip(), np.linspace(first, last, count))
+
+
+@dataclass(frozen=True, eq=False)
+class SweptLimits:
+    """Limits [N/m] in the shape of the sweeps' values, (n,) or (n1, n2); inf where no gain is too large.
+
+    Attributes:
+        sweeps: one or two; none for a scene as it is.
+        internal: of kip, kep as it is.
+        external: of kep, kip as it is: shifts and turns together.
+        conventional: of one gain for both, kp = kep = kip.
+        modal: in closed form, from modes by themselves; else from a scene made for each point.
+        seconds: that it took.
+    """
+
+    sweeps: tuple[Sweep, ...]
+    internal: FloatArray
+    external: FloatArray
+    conventional: FloatArray
+    modal: bool
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
+        values = [sweep.values.tolist() for sweep in self.sweeps]
+        found = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
+        return found | {f"{name}_limit": bounded(part.tolist()) for name, part in self._parts()}
+
+    def lines(self) -> Iterator[str]:
+        """Ranges, how limits begin and end over them, and how they were found."""
+        for sweep in self.sweeps:
+            yield f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values"
+        for name, part in self._parts():
+            first, last = (f"{v:.4g}" if v < math.inf else "no limit" for v in (part.flat[0], part.flat[-1]))
+            finite = part[part < math.inf]
+            span = f", within {finite.min():.4g} ... {finite.max():.4g} N/m" if finite.size else ""
+            yield f"  {name:<13} {first} -> {last}{span}"
+        how = "modes in closed form" if self.modal else "a scene linearised for each point"
+        yield f"  {self.internal.size} points, {how}, {self.seconds:.2g} s"
+
+    def _parts(self) -> list[tuple[str, FloatArray]]:
+        return [("internal", self.internal), ("external", self.external), ("conventional", self.conventional)]
+
+
+def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
+    """The limits of a scene with one object in fingers, over its keys.
+
+    Where modes separate and the keys are parameters of their closed forms, those are taken for all points at once;
+    else a scene is made and linearised for each.
+
+    Raises:
+        InputError: more than two sweeps or one key twice, too many points, gains that are matrices, several objects.
+        SceneError: a key or a value at an end of its range that the scene does not take.
+    """
+    if not 1 <= len(sweeps) <= 2:
+        raise InputError("--sweep", len(sweeps), "one or two of them")
+    if len({sweep.key for sweep in sweeps}) < len(sweeps):
+        raise InputError("--sweep", sweeps[0].key, "two different keys")
+    points = math.prod(len(sweep.values) for sweep in sweeps)
+    if points > MOST_POINTS:
+        raise InputError("--sweep", points, f"at most {MOST_POINTS:,} points")
+    corners = list(product(*({float(s.values[0]), float(s.values[-1])} for s in sweeps)))
+    made = [scene.replace(_overrides(sweeps, corner)) for corner in corners]
+    _require_numbers(made[0])
+    began = perf_counter()
+    found = linearise(made[0], at)
+    if all(_is_modal(made_from, sweeps, linearise(made_from, at)) for made_from in made):
+        limits = _modal(made[0], found, sweeps)
+        if limits is not None:
+            return SweptLimits(tuple(sweeps), *limits, True, perf_counter() - began)
+    if points > MOST_SCENES:
+        keys = ", ".join(sweep.key for sweep in sweeps)
+        raise InputError("--sweep", points, f"at most {MOST_SCENES:,} points over {keys}", "each needs a scene made")
+    shape = tuple(len(sweep.values) for sweep in sweeps)
+    rows = [_point(scene.replace(_overrides(sweeps, v)), at) for v in product(*(s.values.tolist() for s in sweeps))]
+    internal, external, conventional = (np.array(column).reshape(shape) for column in zip(*rows, strict=True))
+    return SweptLimits(tuple(sweeps), internal, external, conventional, False, perf_counter() - began)
+
+
+def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
+    """The three limits of a scene as it is, each an array without axes."""
+    _require_numbers(scene)
+    began = perf_counter()
+    internal, external, conventional = (np.array(value) for value in _point(scene, at))
+    return SweptLimits((), internal, external, conventional, False, perf_counter() - began)
+
+
+def _overrides(sweeps: Sequence[Sweep], values: Sequence[float]) -> Mapping[str, Any]:
+    return {sweep.key: value for sweep, value in zip(sweeps, values, strict=True)}
+
+
+def _require_numbers(scene: Scene) -> None:
+    for name, part in (("external", scene.coupling.external), ("internal", scene.coupling.internal)):
+        if not isinstance(part.stiffness, int | float) or part.stiffness <= 0.0:
+            raise InputError(f"coupling.{name}.stiffness", part.stiffness, "one number above zero, for a limit of it")
+    if len(set(scene.finger_objects)) > 1:
+        raise InputError("scene", len(scene.object), "one object in fingers", "`graspfx check` has limits for each")
+
+
+def _point(scene: Scene, at: str) -> tuple[float, float, float]:
+    found = linearise(scene, at)
+    rows = {row.mode: row for row in mode_limits(scene, found, halves=False, compare=False)}
+    internal, external = (rows[name].limit if name in rows else math.inf for name in ("internal", "external"))
+    if all(row.exact for row in rows.values()):
+        return internal, external, min(internal, external)
+    unit = float(found.linear.mass.mean()) / scene.period**2 / 100.0
+    # from one hundredth of what a bare mass allows: the first loss above whatever is stable
+    stiffness = found.conventional(1.0)
+    edge = reach(found.linear, lambda s: s * unit * stiffness)
+    return internal, external, unit * edge.factor
+
+
+def _is_modal(scene: Scene, sweeps: Sequence[Sweep], found: Linearised) -> bool:
+    keys = [_plain(scene, sweep.key) for sweep in sweeps]
+    point = all(not isinstance(f.device, str) and f.device.name == "simulated" for f in scene.finger)
+    devices = any(key.startswith("finger.*.device") for key in keys)
+    return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(found))
+
+
+def _plain(scene: Scene, key: str) -> str:
+    """object.0.mass and object.*.mass of a lone object as object.mass."""
+    first, *rest = key.split(".")
+    if first == "object" and len(scene.object) == 1 and rest and rest[0] in ("0", "*"):
+        rest = rest[1:]
+    return ".".join([first, *rest])
+
+
+def _modal(
+    scene: Scene, found: Linearised, sweeps: Sequence[Sweep]
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """All limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i, linear in what is swept."""
+    linear, table = found.linear, scene.object[scene.finger_objects[0]]
+    m, r = linear.coordinates
+    root = np.sqrt(linear.mass / linear.mass.mean())
+    left, sizes, _ = np.linalg.svd(linear.G * root)
+    shifts = sum(scene.free(table)[: scene.dimensions])
+    of_shifts, of_turns = np.diag(np.arange(r) < shifts).astype(float), np.diag(np.arange(r) >= shifts).astype(float)
+    per_root = left @ np.diag(1.0 / sizes) @ left.T
+    m_v = float(linear.inertia[0, 0]) if shifts else 1.0
+    parts = [per_root @ A @ per_root for A in (of_shifts, linear.inertia - m_v * of_shifts, of_turns)]
+    turn = together(parts) if r else np.zeros((0, 0))
+    if turn is None:
+        return None
+    t, J, w = (np.diag(turn.T @ A @ turn) for A in parts)
+    given = {
+        "T": linear.period,
+        "m_v": m_v,
+        "b_v": table.viscosity,
+        "b_w": table.rotational_viscosity or 0.0,
+        "ked": float(np.asarray(scene.coupling.external.damping)),
+        "kid": float(np.asarray(scene.coupling.internal.damping)),
+        "m": float(linear.mass.mean()),
+        "b": float((linear.friction / root**2).mean()),
+        "k_s": float(np.trace(linear.hand_stiffness / np.outer(root, root))) / m,
+        "b_s": float(np.trace(linear.hand_damping / np.outer(root, root))) / m,
+    }
+    values: dict[str, Any] = dict(given)
+    for axis, sweep in enumerate(sweeps):
+        name = MODAL[_plain(scene, sweep.key)]
+        shape = [1] * len(sweeps)
+        shape[axis] = -1
+        if name:
+            values[name] = sweep.values.reshape(shape)
+    whole = tuple(len(sweep.values) for sweep in sweeps)
+    # the moment of a solid shape grows with its mass
+    growth = values["m_v"] / m_v if table.inertia is None else 1.0
+    internal, external = np.full(whole, math.inf), np.full(whole, math.inf)
+    device = {"spring": values["k_s"], "spring_damping": values["b_s"], "delay": int(linear.delay[0])}
+    if m > r:
+        internal[...] = wall_limit_map(values["m"], values["b"], values["T"], wall_damping=values["kid"], **device)
+    for t_i, J_i, w_i in np.unique(np.round(np.stack([t, J, w], axis=1), 14), axis=0):
+        limit = external_limit_map(
+            values["m"],
+            values["b"],
+            values["T"],
+            values["m_v"] * t_i + growth * J_i,
+            values["b_v"] * t_i + values["b_w"] * w_i,
+            fingers=1,
+            integrator=linear.integrator,
+            coupling_damping=values["ked"],
+            **device,
+        )
+        np.minimum(external, limit, out=external)
+    return internal, external, np.minimum(internal, external)

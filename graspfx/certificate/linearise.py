@@ -1,0 +1,384 @@
+"""A scene linearised about its grasp: contacts, gains, devices, hands and objects as the matrices of the analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.analysis.preload import ROWS, cross
+from graspfx.analysis.series import in_series
+from graspfx.build.build import grasped_object, make_law, set_fade
+from graspfx.build.mechanics import Mechanics, device_masses, mechanics
+from graspfx.build.still_hands import still_hands
+from graspfx.certificate.rest.cone_edge import EDGE, edge_directions
+from graspfx.certificate.rest.from_recording import recorded, set_pose
+from graspfx.certificate.rest.ground import LOW, Ground, ground_under
+from graspfx.certificate.rest.place import Place, provisional, squeezed
+from graspfx.certificate.rest.resting import Grip
+from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, force_directions
+from graspfx.coupling import block as at
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.grasp.matrix import Grasp
+from graspfx.grasp.split import Split
+from graspfx.loop.parts import Held
+from graspfx.loop.recording.record import Recording
+from graspfx.objects import integrators as body
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+WHERE = ("squeezed", "start", "provisional", "recorded")
+STIFFEST = 1e-6  # of the stiffest: what a preload adds below this is rounding of its difference quotients
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A scene, or one object of it, about its grasp at rest.
+
+    Attributes:
+        linear: its matrices. Coordinates are the fingers' along the principal axes of their devices' masses, which are
+            the world's unless a device is heavier one way than another.
+        objects: names of the objects that fingers touch, in the order of their coordinates.
+        fingers: the numbers of their fingers in the scene.
+        finger_of_column: (m,) of the grasp matrix, by those numbers.
+        contacts: (n, d), world axes [m].
+        at: "squeezed" or "start" for each object.
+        assumed: in words, what the matrices take for granted.
+        splits: of each object's grasp.
+        margins: f_t/(mu f_n) of each finger at rest, (n,); nan where nothing rubs.
+        edge: the numbers of the fingers on their cones' edges.
+        slip: T and V (m, edge) of those, as `edge_directions` gives them.
+        standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
+        fade: of each object, where the fade begins and where the forces at rest ask it to [m]; None where nothing does.
+        stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
+        conventional: K (m, m) where every finger has the stiffness k by itself: a function.
+        compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
+    """
+
+    linear: Linearisation
+    objects: tuple[str, ...]
+    fingers: tuple[int, ...]
+    finger_of_column: NDArray[np.intp]
+    contacts: FloatArray
+    at: tuple[str, ...]
+    assumed: tuple[str, ...]
+    splits: tuple[Split, ...] = field(repr=False)
+    margins: FloatArray
+    edge: tuple[int, ...]
+    slip: tuple[FloatArray, FloatArray] = field(repr=False)
+    standing: tuple[Ground | None, ...] = field(repr=False)
+    fade: tuple[tuple[float, float] | None, ...]
+    stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
+    conventional: Callable[[float], FloatArray] = field(repr=False)
+    compliance: FloatArray = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One object's share of the matrices, in world axes, and where its fingers are."""
+
+    name: str
+    fingers: NDArray[np.intp]
+    position: FloatArray
+    contacts: FloatArray
+    where: str
+    assumed: list[str]
+    margins: FloatArray
+    edge: NDArray[np.intp]
+    slip: tuple[FloatArray, FloatArray]
+    ground: Ground | None
+    standing: Ground | None
+    fade: tuple[float, float] | None
+    split: Split
+    gains: ScaledGains
+    damping: FloatArray
+    compliance: FloatArray
+    G: FloatArray
+    G_e: FloatArray
+    G_c: FloatArray
+    N: FloatArray
+    inertia: FloatArray
+    viscosity: FloatArray
+    integrator: str
+
+
+def linearise(
+    scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
+) -> Linearised:  # fmt: skip
+    """The scene's small motions about its grasp at rest.
+
+    "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
+    coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
+    meet the object at first, without any force; it stands in where no rest is found, and `assumed` says so.
+    "provisional" is squeezed by one linear step from the start, "recorded" the last row of a recording. A contact that
+    touches counts as sticking wherever it has slid to, also on the edge of its friction cone.
+
+    Args:
+        at: "squeezed", "start", "provisional" or "recorded".
+        object: one of the scene's; all that fingers touch if None, in one linearisation.
+        recording: of the scene, for "recorded".
+
+    Raises:
+        InputError: a device that does not tell its mass or friction; objects with different integrators together.
+        UnknownNameError: no such object.
+    """
+    if at not in WHERE:
+        raise UnknownNameError("place of a linearisation", at, WHERE)
+    names = [thing.name for thing in scene.object]
+    if object is not None and object not in names:
+        raise UnknownNameError("object", object, names)
+    touched = sorted(set(scene.finger_objects))
+    chosen = touched if object is None else [names.index(object)]
+    parts = [_part(scene, index, at, recording) for index in chosen]
+    kinds = sorted({part.integrator for part in parts})
+    if len(kinds) > 1:
+        raise InputError("object", kinds, "one integrator", f"linearise the objects one by one: {', '.join(names)}")
+    return _joined(scene, parts)
+
+
+def _part(scene: Scene, index: int, where: str, recording: Recording | None) -> _Part:
+    table = scene.object[index]
+    # forces as functions of the pose: under "implicit" those of the predicted one, which is for the analysis to insert
+    plain = table.model_copy(update={"integrator": "semi-implicit"}) if table.integrator == "implicit" else table
+    posed = scene.model_copy(update={"object": tuple(plain if t is table else t for t in scene.object)})
+    masses = device_masses(scene) if scene.coupling.metric == "mass" else None
+    grasped, fingers = grasped_object(posed, index, masses)
+    state = grasped.body_state
+    state[body.VELOCITY : body.VELOCITY + 3] = state[body.ANGULAR_VELOCITY : body.ANGULAR_VELOCITY + 3] = 0.0
+    start = np.array([finger.start for finger in scene.finger], dtype=float)
+    grasped.meet(start[fingers])
+    grip = Grip(grasped, np.array(scene.free(table)))
+    inward = np.zeros_like(start)
+    inward[fingers] = grasped.inward()
+    set_fade(scene, [Held(table.name, grasped, fingers)], start, inward)
+    initial = grasped.block.copy()
+    place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
+    if where == "recorded":
+        if recording is None:
+            raise InputError("recording", None, "a recording of the scene, for the rest that it ends with")
+        set_pose(grip, recording, table.name)
+        ground = ground_under(scene, index, grip)
+        place = recorded(scene, index, grip, fingers, recording, ground)
+    elif where != "start":
+        standing = ground_under(scene, index, grip, lower=LOW)
+        place = {"squeezed": squeezed, "provisional": provisional}[where](scene, index, grip, fingers)
+    if place.stiffness is None:
+        grasped.block[:] = initial
+        grasped.finger_position[:] = start[fingers]
+        ground = None
+    return _matrices(scene, index, grip, fingers, place, ground, standing)
+
+
+def _matrices(
+    scene: Scene,
+    index: int,
+    grip: Grip,
+    fingers: NDArray[np.intp],
+    place: Place,
+    ground: Ground | None,
+    standing: Ground | None,
+) -> _Part:
+    table, d, g = scene.object[index], scene.dimensions, grip.grasped
+    J, assumed, state = place.stiffness, place.assumed, g.body_state
+    n, m, r, rules = grip.n, grip.m, grip.r, scene.coupling
+    R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
+    centre = state[body.POSITION : body.POSITION + d]
+    contacts = (g.rows[:, at.CONTACT : at.CONTACT + 3] @ R.T)[:, :d]
+    tips = contacts if J is None else g.finger_position - centre
+    weights = g.rows[:, at.SHARE].copy()
+    split = Split(Grasp(contacts, free=grip.free.tolist()), metric=None if (weights == 1.0).all() else weights)
+    normals = force_directions(scene, grip, fingers)
+    if normals is not None and normals.shape[1] == n:
+        assumed.append("contacts without friction: forces along the normals alone")
+    elif normals is not None:
+        smooth = ", ".join(scene.finger_names[i] for i in fingers if not scene.coefficients[i])
+        assumed.append(f"contacts stick, but for {smooth} without friction: forces along the normals alone")
+    elif rules.contact != "attached" and d > 1:
+        assumed.append("contacts stick")
+    if rules.contact != "attached":
+        assumed.append("no finger lets go")
+    law = make_law(scene, fingers, index)
+    if rules.axes != "world":
+        law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
+    gains = ScaledGains(law, split, n, normals)
+    compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
+    if np.isinf(compliance).any():
+        assumed.append("no damping where nothing presses yet: it grows with depth")
+    D = gains.held(in_series(law.damping(split), compliance))
+    G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
+    N = np.zeros((m + r, m + r))
+    if J is None:
+        G = G_e = _wrenches(contacts, grip)
+    else:
+        K = gains(1.0, 1.0, 1.0)
+        stretch = np.hstack([np.eye(m), -G_e.T])
+        scale = float(np.abs(np.diag(K)).max(initial=0.0))
+        N[:m], N[m:] = J[:m] - K @ stretch, G @ K @ stretch - J[m:]
+        unit = grip.lengths() / grip.lengths()[0]
+        if np.abs(N * np.outer(unit, unit)).max(initial=0.0) <= STIFFEST * scale:
+            N[:] = 0.0
+            G = G_e = _wrenches(contacts, grip)
+    if ground is not None:
+        assumed.append(
+            f"the object stands on {', '.join(ground.names)} with {ground.points} points, which stick and bear"
+        )
+    outside = ", ".join(scene.finger_names[i] for i in fingers[place.margins > 1.0 + EDGE])
+    if outside:
+        assumed.append(f"{outside} would slide here: beyond the cone's edge")
+    edge = np.flatnonzero(np.abs(place.margins - 1.0) <= EDGE)
+    slip = edge_directions(g, edge.tolist())
+    viscosity = np.diag(np.where(grip.axes < 3, state[body.VISCOSITY], state[body.ROTATIONAL_VISCOSITY]))
+    if g.soft and J is not None and D.any():
+        turning = grip.axes >= 3
+        extra = (grip.turning_damping() - G @ D @ G_e.T)[np.ix_(turning, turning)]
+        viscosity[np.ix_(turning, turning)] += extra
+        assumed.append("the damping of torsion counts as the object's own viscosity")
+    return _Part(
+        name=table.name,
+        fingers=fingers,
+        position=g.finger_position.copy(),
+        contacts=contacts + centre,
+        where=place.where,
+        assumed=assumed,
+        margins=place.margins,
+        edge=fingers[edge],
+        slip=slip,
+        ground=ground,
+        standing=standing,
+        fade=None if J is None else g.fade_asked(),
+        split=split,
+        gains=gains,
+        damping=D,
+        compliance=compliance,
+        G=G,
+        G_e=G_e,
+        G_c=_wrenches(contacts, grip),
+        N=N,
+        inertia=_inertia(state, R, grip),
+        viscosity=viscosity,
+        integrator="bullet" if table.dynamics == "bullet" else table.integrator,
+    )
+
+
+def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
+    """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
+    return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
+
+
+def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
+    """G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
+    d = grip.d
+    wide = np.zeros((grip.n, 3))
+    wide[:, :d] = arms
+    full = np.hstack([np.vstack([np.eye(3), cross(arm)])[:, :d] for arm in wide])
+    return np.asarray(full[np.array(ROWS[d])[grip.free]])
+
+
+def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
+    full = np.zeros((6, 6))
+    full[:3, :3] = state[body.MASS] * np.eye(3)
+    full[3:, 3:] = R @ np.diag(state[body.INERTIA : body.INERTIA + 3]) @ R.T
+    return np.asarray(full[np.ix_(grip.axes, grip.axes)])
+
+
+def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
+    """The matrices of all parts in one, along the principal axes of the devices' masses."""
+    d = scene.dimensions
+    start = np.array([finger.start for finger in scene.finger], dtype=float)
+    position = start.copy()
+    inward = np.zeros_like(start)
+    for part in parts:
+        position[part.fingers] = part.position
+    # only stiffness and damping of the hands are asked for here, which do not depend on where they close to
+    moved: Mechanics = mechanics(scene, position, list(still_hands(scene, start, inward)))
+    fingers = np.concatenate([part.fingers for part in parts])
+    columns = (fingers[:, None] * d + np.arange(d)).ravel()
+    V = np.zeros((len(columns), len(columns)))
+    mass = np.zeros(len(columns))
+    friction = np.zeros_like(V)
+    for i, finger in enumerate(fingers):
+        x = slice(i * d, i * d + d)
+        A = moved.mass[finger]
+        mass[x], V[x, x] = (np.diag(A), np.eye(d)) if not (A - np.diag(np.diag(A))).any() else np.linalg.eigh(A)
+        friction[x, x] = V[x, x].T @ moved.friction[finger] @ V[x, x]
+    apart = friction - np.diag(np.diag(friction))
+
+    def turned(blocks: Sequence[FloatArray]) -> FloatArray:
+        return V.T @ block_diagonal(blocks) @ V
+
+    def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
+        return turned([part.gains(shifts, turns, internal) for part in parts])
+
+    def conventional(k: float) -> FloatArray:
+        return turned([part.gains.alone(k) for part in parts])
+
+    G, G_e = (block_diagonal([getattr(part, name) for part in parts]) @ V for name in ("G", "G_e"))
+    linear = Linearisation(
+        period=scene.period,
+        mass=mass,
+        friction=np.diag(friction),
+        G=G,
+        inertia=block_diagonal([part.inertia for part in parts]),
+        viscosity=block_diagonal([part.viscosity for part in parts]),
+        stiffness=stiffness(1.0, 1.0, 1.0),
+        damping=turned([part.damping for part in parts]),
+        hand_stiffness=V.T @ moved.stiffness[np.ix_(columns, columns)] @ V,
+        hand_damping=V.T @ moved.damping[np.ix_(columns, columns)] @ V + apart,
+        delay=np.repeat(moved.delay[fingers], d),
+        integrator=parts[0].integrator,
+        preload=_preload(parts, V),
+        G_displacement=G_e,
+        ground=_ground(parts),
+        G_contact=block_diagonal([part.G_c for part in parts]) @ V if parts[0].integrator == "implicit" else None,
+    )
+    assumed = dict.fromkeys([*(text for part in parts for text in part.assumed), *moved.assumed])
+    return Linearised(
+        linear=linear,
+        objects=tuple(part.name for part in parts),
+        fingers=tuple(fingers.tolist()),
+        finger_of_column=np.repeat(fingers, d),
+        contacts=np.concatenate([part.contacts for part in parts]),
+        at=tuple(part.where for part in parts),
+        assumed=tuple(assumed),
+        splits=tuple(part.split for part in parts),
+        margins=np.concatenate([part.margins for part in parts]),
+        edge=tuple(int(i) for part in parts for i in part.edge),
+        slip=(V.T @ block_diagonal([p.slip[0] for p in parts]), V.T @ block_diagonal([p.slip[1] for p in parts])),
+        standing=tuple(part.standing for part in parts),
+        fade=tuple(part.fade for part in parts),
+        stiffness=stiffness,
+        conventional=conventional,
+        compliance=np.concatenate([part.compliance for part in parts]),
+    )
+
+
+def _preload(parts: Sequence[_Part], V: FloatArray) -> FloatArray | None:
+    if not any(part.N.any() for part in parts):
+        return None
+    m, r = len(V), sum(len(part.G) for part in parts)
+    N = np.zeros((m + r, m + r))
+    x = q = 0
+    for part in parts:
+        rows = np.r_[x : x + part.G.shape[1], m + q : m + q + len(part.G)]
+        N[np.ix_(rows, rows)] = part.N
+        x, q = x + part.G.shape[1], q + len(part.G)
+    N[:m] = V.T @ N[:m]
+    N[:, :m] = N[:, :m] @ V
+    return N
+
+
+def _ground(parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray] | None:
+    if all(part.ground is None for part in parts):
+        return None
+    none = [np.zeros((len(part.G), len(part.G))) for part in parts]
+    grounds = [part.ground for part in parts]
+    return (
+        block_diagonal([zero if g is None else g.stiffness for zero, g in zip(none, grounds, strict=True)]),
+        block_diagonal([zero if g is None else g.damping for zero, g in zip(none, grounds, strict=True)]),
+    )

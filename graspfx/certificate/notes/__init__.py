@@ -1,0 +1,1 @@
+"""Notes on a scene that is valid and yet may not be meant."""

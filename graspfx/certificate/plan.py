@@ -1,0 +1,339 @@
+"""What each sample of a scene will do, what it will skip, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from graspfx.build.encounters import meeting
+from graspfx.build.force_limits import hidden_text, limit_text
+from graspfx.build.grasps import grasps
+from graspfx.build.holdings import descriptions, holdings
+from graspfx.build.meshes import mesh_name, mesh_notes, scene_mesh
+from graspfx.build.wiring import wires
+from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
+from graspfx.coupling import block as at
+from graspfx.scene.model import Scene
+from graspfx.scene.tables.hands import Moving
+from graspfx.scene.tables.reading import listed
+from graspfx.scene.tables.scene_table import Device, Object
+from graspfx.scene.tables.shapes import MeshShape
+
+
+@dataclass(frozen=True)
+class PlanRow:
+    """A step of the sample, whether it runs, and why or how.
+
+    Attributes:
+        kernel: that only a program in which the step runs holds, by its name; empty for steps without one of their own.
+    """
+
+    step: str
+    runs: bool
+    why: str
+    kernel: str = ""
+
+
+def plan(scene: Scene) -> list[PlanRow]:
+    """The steps of one sample in their order, then the packages that the run imports."""
+    return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(scene)]
+
+
+Row = tuple[str, bool, str]
+KERNELS = {
+    "contact points": "touch",
+    "fade": "fade",
+    "split": "refactor",
+    "torsion": "twist",
+    "damping by depth": "damping_share",
+    "energy": "watch",
+    "limit": "limit",
+}
+NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # of objects that are no others' to move
+
+
+def _kernel(scene: Scene, step: str) -> str:
+    first, _, name = step.partition(" ")
+    moved = [thing for thing in scene.object if thing.name == name or len(scene.object) == 1]
+    if first in NATIVE and all(thing.dynamics == "native" for thing in moved):
+        return NATIVE[first]
+    return KERNELS.get(step, "")
+
+
+def _rows(scene: Scene) -> Iterator[Row]:
+    yield "read", True, _listing(_drivers(scene))
+    yield _velocity(scene)
+    for thing in scene.object:
+        yield _named(scene, thing, "predict"), *_prediction(thing)
+    yield from _contact_points(scene)
+    yield _fingertips(scene)
+    yield _weights(scene)
+    yield from _split(scene)
+    yield _metric(scene)
+    yield _impedance(scene)
+    yield _projection(scene)
+    yield _gradual(scene)
+    yield _torsion(scene)
+    yield from _limits(scene)
+    yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
+    yield _energy(scene)
+    yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
+    for thing in scene.object:
+        yield _named(scene, thing, "move"), True, _body(scene, thing)
+        yield _named(scene, thing, "turn"), *_turn(scene, thing)
+        if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
+            yield _named(scene, thing, "meet"), *meeting(scene, thing)
+    if scene.obstacle:
+        yield "fingers on obstacles", False, "obstacles are for objects: fingers pass through them"
+    yield _hand(scene)
+    yield "record", True, "a row per tick, to disk in blocks outside it"
+    yield "packages", True, f"{', '.join(packages(scene))}; and what the drivers import"
+
+
+def packages(scene: Scene) -> list[str]:
+    """What the framework imports for a run of the scene, figures and tables aside."""
+    found = ["numpy", "pydantic (scene)", "h5py (recording)"]
+    tables = [holding.table for holding in holdings(scene)]
+    if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
+        found.append("scipy (recorded path)")
+    if any(isinstance(thing.shape, MeshShape) for thing in scene.object):
+        found.append("trimesh (mesh)")
+    if any(thing.dynamics == "bullet" for thing in scene.object):
+        found.append("pybullet (dynamics)")
+    return found
+
+
+def _drivers(scene: Scene) -> list[str]:
+    tables: list[Device] = [*scene.device, *(f.device for f in scene.finger if isinstance(f.device, Device))]
+    return [table.name for table in tables]
+
+
+def _listing(names: list[str]) -> str:
+    counts = {name: names.count(name) for name in names}
+    return ", ".join(f"{count} x {name}" for name, count in counts.items())
+
+
+def _velocity(scene: Scene) -> Row:
+    damped = is_damped(scene)
+    return (
+        "rate of displacement",
+        damped,
+        "for the damping of eq. (4)" if damped else "no damping: only positions make forces",
+    )
+
+
+def _prediction(thing: Object) -> tuple[bool, str]:
+    if thing.dynamics == "native" and thing.integrator == "implicit":
+        return True, "implicit: one system for the forces and where they move the object"
+    return False, "forces follow from the object's present state (integrator = 'implicit' would solve both at once)"
+
+
+def _contact_points(scene: Scene) -> Iterator[Row]:
+    if scene.coupling.contact == "attached":
+        yield "contact points", False, "attached: they are fixed in the object, and nothing lets go"
+    else:
+        shapes = [thing.shape for thing in scene.object if thing.shape is not None]
+        kinds = sorted({shape.kind for shape in shapes if not isinstance(shape, MeshShape)})
+        if kinds:
+            yield "contact points", True, f"closed form on {' and '.join(kinds)}, a proxy that stays on its face"
+        for thing in scene.object:
+            made = scene_mesh(thing, scene.source.folder)
+            if made is not None:
+                faces = f"{len(made.mesh.faces):,} triangles"
+                yield (
+                    "contact points",
+                    True,
+                    f"adjacency walk on {mesh_name(thing)}, {faces}; a tree of boxes while free",
+                )
+    for note in mesh_notes(scene.object, scene.source.folder):
+        yield "mesh", True, note
+
+
+def _fingertips(scene: Scene) -> Row:
+    radii = [1e3 * finger.radius for finger in scene.finger if finger.radius > 0.0]
+    if not radii:
+        return "ball fingertips", False, "fingertips are points"
+    sizes = f"{min(radii):g} mm" if min(radii) == max(radii) else f"{min(radii):g} to {max(radii):g} mm"
+    return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: on the shape grown by it"
+
+
+def _weights(scene: Scene) -> Row:
+    coupling = scene.coupling
+    if coupling.contact == "attached":
+        return "fade", False, "attached: every finger stays in the split"
+    if equal_gains(scene):
+        reader = _weighed_by(scene)
+        if not reader:
+            return "fade", False, "equal gains: there is no split to leave"
+        return "fade", True, f"equal gains have no split to leave, but {reader} fingers by their gap all the same"
+    if coupling.absent == "follow":
+        return "fade", False, "absent = 'follow': a free finger stays in the split"
+    if coupling.fade == "auto":
+        gaps = {held.name: 1e3 * held.grasped.block[[at.NEAR, at.FAR]] for held in grasps(scene)}
+        between = {f"{low:.3g} and {high:.3g} mm": name for name, (low, high) in gaps.items()}
+        said = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
+        return "fade", True, f"auto: a free finger leaves the split between {said} from the surface"
+    low, high = (1e3 * gap for gap in coupling.fade)
+    return "fade", True, f"a free finger leaves the split between {low:g} and {high:g} mm from the surface"
+
+
+def _weighed_by(scene: Scene) -> str:
+    """Who weighs fingers although gains are equal."""
+    if any(scene.coefficients):
+        return "friction weighs"
+    if scene.coupling.passivity != "off":
+        return "the ledger weighs"
+    if not _scalar(scene):
+        return "gains per finger or matrices weigh"
+    implicit = any(thing.dynamics == "native" and thing.integrator == "implicit" for thing in scene.object)
+    return "the implicit integrator weighs" if implicit else ""
+
+
+def _resplit(scene: Scene) -> str:
+    """When the split is made anew."""
+    d = scene.dimensions
+    for free in map(scene.free, scene.object):
+        shifts, turns = free[:d], free[d:]
+        if d > 1 and (any(shifts) != all(shifts) or any(turns) != all(turns)):
+            return "in every sample: locked directions turn against the object"
+    if scene.coupling.contact == "attached":
+        return "once: contacts are fixed in the object"
+    return "when a contact has moved in the object"
+
+
+def _split(scene: Scene) -> Iterator[Row]:
+    if equal_gains(scene):
+        yield "split", False, "equal external and internal gains: the conventional method, eqs. (20)-(23)"
+        return
+    yield "split", True, f"eq. (3), {_resplit(scene)}"
+    turning = [thing for thing in scene.object if scene.turns(thing)]
+    if turning:
+        if scene.coupling.blend == "off":
+            yield "split: rotation", True, "joins the external space as soon as contacts have an arm: blend = 'off'"
+            return
+        low, high = (1e3 * arm for arm in scene.coupling.blend)
+        yield "split: rotation", True, f"joins the external space between {low:g} and {high:g} mm of arm"
+    else:
+        why = "a line has none" if scene.dimensions == 1 else "locked: what would turn the object is internal"
+        yield "split: rotation", False, why
+
+
+def _impedance(scene: Scene) -> Row:
+    coupling = scene.coupling
+    if _scalar(scene):
+        return "impedance", True, "eq. (4) with one number each: one projection of one vector"
+    return "impedance", True, f"eq. (4) with gains per finger or matrices, {coupling.form} form"
+
+
+def _scalar(scene: Scene) -> bool:
+    """Whether each gain is one number."""
+    gains = (scene.coupling.external, scene.coupling.internal)
+    return all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping))
+
+
+def _projection(scene: Scene) -> Row:
+    if scene.coupling.contact == "attached":
+        return "letting go", False, "attached: the contact is bilateral, no cone"
+    if any(scene.coefficients):
+        given = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
+        why = (
+            f"fingers only push; friction mu = {given} by Coulomb's law, by the associated one where it does not settle"
+        )
+        return "letting go", True, f"{why}; the recording says which (law)"
+    law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
+    return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
+
+
+def _gradual(scene: Scene) -> Row:
+    why = why_not_gradual(scene)
+    if why:
+        return "damping by depth", False, why
+    depth = 1e3 * scene.coupling.damping_depth
+    return "damping by depth", True, f"it grows up to its value over {depth:g} mm of depth: no step at a touch"
+
+
+def _metric(scene: Scene) -> Row:
+    if scene.coupling.metric == "equal":
+        return "metric", False, "equal: every finger counts the same in the split"
+    return "metric", True, "mass: a finger counts as its device's mass over the mean, in the split and in the gains"
+
+
+def _torsion(scene: Scene) -> Row:
+    count = sum(finger.model == "soft" for finger in scene.finger)
+    if not count:
+        return "torsion", False, "hard fingers exert forces only"
+    limit = ", at most mu rho f_n" if any(scene.coefficients) else ""
+    why = f"{count} soft of {len(scene.finger)} fingers: about the normal{limit}; it acts on the object"
+    return "torsion", True, f"{why}, and devices that display forces do not display it"
+
+
+def _limits(scene: Scene) -> Iterator[Row]:
+    """The limits that devices tell, how forces are brought within them, and devices that may have one unseen."""
+    wired = wires(scene, scene.source.folder)
+    given, hidden = limit_text(scene, wired), hidden_text(scene, wired)
+    if given:
+        ways = {limits_inside(scene, thing) for thing in scene.object}
+        way = "inside the projection, on cones cut at the limit" if True in ways else ""
+        way += ", or " if len(ways) > 1 else ""
+        way += "scaled: squeezing first, in the cones, along the same wrench" if False in ways else ""
+        yield "limit", True, f"{given}; {way}; before the reaction, so that the object receives what is displayed"
+    else:
+        yield "limit", False, "no device tells a largest force"
+    if hidden:
+        why = "what its `write` itself cuts off is neither recorded nor kept from the object"
+        yield "private limit", False, f"not visible: {hidden} tells no largest force (features.peak_force); {why}"
+
+
+def limits_inside(scene: Scene, thing: Object) -> bool:
+    """Whether the projection itself keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
+    attached = scene.coupling.contact == "attached"
+    if thing.dynamics == "native" and thing.integrator == "implicit":
+        return False
+    fingers = [i for i, k in enumerate(scene.finger_objects) if scene.object[k] is thing]
+    if not attached and any(scene.coefficients[i] for i in fingers):
+        return True
+    return _scalar(scene)
+
+
+def _energy(scene: Scene) -> Row:
+    if scene.coupling.passivity == "off":
+        return "energy", False, "coupling.passivity = 'off': no ledger, no brake"
+    why = "booked for each object: of squeezing, shifting and turning, and of the object"
+    if scene.coupling.passivity == "observe":
+        return "energy", True, f"{why}; observed only"
+    return "energy", True, f"{why}; a mode that makes some is damped, the least that pays, fingers still only push"
+
+
+def _body(scene: Scene, thing: Object) -> str:
+    if not any(scene.free(thing)[: scene.dimensions]):
+        return f"{thing.dynamics}; every translation is locked"
+    if thing.dynamics == "native":
+        return f"native, {thing.integrator}"
+    name = "PyBullet, with exact viscosity" if thing.dynamics == "bullet" else thing.dynamics
+    given = f" (integrator = {thing.integrator!r} is ignored)" if "integrator" in thing.model_fields_set else ""
+    return f"{name}{given}"
+
+
+def _turn(scene: Scene, thing: Object) -> tuple[bool, str]:
+    if scene.dimensions == 1:
+        return False, "a line has no rotation"
+    if not scene.turns(thing):
+        return False, "every rotation is locked"
+    return True, "angular velocity and orientation"
+
+
+def _hand(scene: Scene) -> Row:
+    held = [finger for finger in scene.finger if finger.hand is not None]
+    if not held:
+        return "hand", False, "no finger names one"
+    return "hand", True, f"{len(held)} of {len(scene.finger)} fingers held; {'; '.join(descriptions(scene))}"
+
+
+def _named(scene: Scene, thing: Object, step: str) -> str:
+    return step if len(scene.object) == 1 else f"{step} {thing.name}"
+
+
+def equal_gains(scene: Scene) -> bool:
+    """kep = kip and ked = kid: the conventional method."""
+    external, internal = scene.coupling.external, scene.coupling.internal
+    return external.stiffness == internal.stiffness and external.damping == internal.damping

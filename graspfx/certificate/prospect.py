@@ -1,0 +1,158 @@
+"""How the ticks of a scene will run: in how many calls, by which program, and what the key `engine` makes of that."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from graspfx.build.build import build
+from graspfx.certificate.plan import PlanRow
+from graspfx.compile.cache import shown
+from graspfx.errors import GraspFXError
+from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.foreign import foreign, guests, looked_ahead
+from graspfx.loop.recording.header import Header
+from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.tick.engine import COMPILING, FIRST, LOADING, Compiled, Either, sources
+
+if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
+    from graspfx.scene.model import Scene
+
+KERNEL = re.compile(r"^def (\w+)_\d+\(", re.MULTILINE)
+INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What is known of a scene's ticks before it runs.
+
+    Attributes:
+        foreign: parts that are no kernels.
+        guests: bodies that other software moves.
+        ahead: hands that are none, which cost no call.
+        calls: of the program, for each tick; 0 where one call does many of them.
+        kernels: that are left in its program.
+        size: of its machine code in the cache [bytes]; None if it is not there.
+        llvm: whether there is LLVM to compile it.
+        cost: of a tick as it stands [s]; None with devices that are no simulations, which are not to move now.
+    """
+
+    foreign: tuple[str, ...]
+    guests: tuple[str, ...]
+    ahead: tuple[str, ...]
+    calls: int
+    kernels: frozenset[str]
+    size: int | None
+    llvm: bool
+    cost: float | None
+
+
+def prospect(scene: Scene) -> Prospect:
+    """Builds the scene, specialises its program and runs the first ticks where nothing but simulations moves.
+
+    Raises:
+        GraspFXError: it cannot be built, or a part of it is not what it says.
+    """
+    with build(scene, live=False, engine="auto") as servo:
+        tick = servo.script
+        real = [s for s in servo.stations if not isinstance(s.device, SimulatedDevice)]
+        llvm = find_spec("llvmlite") is not None
+        return Prospect(
+            foreign=tuple(foreign(servo)),
+            guests=tuple(guests(servo)),
+            ahead=tuple(looked_ahead(servo)),
+            calls=2 if tick.ports else int(bool(tick.guests or tick.bodies or tick.plants)),
+            kernels=kernels(servo),
+            size=_size(servo) if llvm else None,
+            llvm=llvm,
+            cost=None if real else _cost(servo),
+        )
+
+
+def kernels(servo: Servo) -> frozenset[str]:
+    """The names of the kernels that the program of a servo holds."""
+    return frozenset(name for source in sources(servo.script).values() for name in KERNEL.findall(source))
+
+
+def engine_plan(scene: Scene) -> list[PlanRow]:
+    """The calls of a run, its program, and which engine runs it: rows to stand below those of `plan`."""
+    try:
+        found = prospect(scene)
+    except GraspFXError as error:
+        return [PlanRow("engine", False, f"cannot be told: {' '.join(str(error).split())}")]
+    return [PlanRow("calls", True, _calls(found)), _program(found), *_engine(scene, found)]
+
+
+def _size(servo: Servo) -> int | None:
+    try:
+        return sum(program.size for program in Compiled(servo.script, make=False).programs.values())
+    except LookupError:
+        return None
+
+
+def _cost(servo: Servo) -> float:
+    with Recorder(servo.layout, Header(servo.period), keep=False) as recorder:
+        servo.run(FIRST, recorder)
+    assert isinstance(servo.engine, Either)
+    return servo.engine.cost
+
+
+def _calls(found: Prospect) -> str:
+    ahead = f"; {_listed(found.ahead)} no kernel: asked beforehand for many ticks" if found.ahead else ""
+    if not found.calls:
+        return f"all parts are kernels: one call for many ticks{ahead}"
+    calls = "two calls for each tick" if found.calls == 2 else "one call for each tick"
+    why = [f"{_listed(found.foreign)} no kernel{'' if len(found.foreign) == 1 else 's'}"] if found.foreign else []
+    why += [f"{_listed(found.guests)} moved by other software between ticks"] if found.guests else []
+    return f"{calls}, as {' and '.join(why)}{ahead}"
+
+
+def _listed(parts: Collection[str]) -> str:
+    return f"{', '.join(parts)} {'is' if len(parts) == 1 else 'are'}"
+
+
+def _program(found: Prospect) -> PlanRow:
+    what = f"{len(found.kernels)} kernels, specialised for this scene"
+    if found.size is not None:
+        return PlanRow("program", True, f"{what}; compiled, {1e-3 * found.size:.0f} kB in {shown()}")
+    if not found.llvm:
+        return PlanRow("program", False, f"{what}; {INSTALL} to have it compiled")
+    return PlanRow("program", True, f"{what}; not in {shown()} yet, where `graspfx warmup` puts it compiled")
+
+
+def _engine(scene: Scene, found: Prospect) -> Iterator[PlanRow]:
+    if scene.engine == "interpreted":
+        yield PlanRow("engine", True, "interpreted, as the scene says")
+    elif not found.llvm:
+        yield PlanRow("engine", scene.engine == "auto", f"interpreted: {INSTALL}")
+    elif scene.engine == "compiled":
+        first = "" if found.size is not None else ", before the first tick"
+        yield PlanRow("engine", True, f"compiled{first}, as the scene says")
+    elif found.cost is None:
+        why = f"what a tick takes is found in the first {FIRST}, with the devices; {_rule()}"
+        yield PlanRow("engine", True, f"auto: {why}")
+    else:
+        yield PlanRow("engine", True, f"auto: {_chosen(scene, found, found.cost)}")
+
+
+def _rule() -> str:
+    return f"a program pays where it saves {LOADING:g} s, or {COMPILING:g} s if it is to be compiled first"
+
+
+def _chosen(scene: Scene, found: Prospect, cost: float) -> str:
+    ticks = round(scene.duration / scene.period)
+    saving = (ticks - FIRST) * cost
+    worth = saving > (COMPILING if found.size is None else LOADING)
+    what = f"{ticks} ticks; as they stand {_time(cost)} each, {_time(ticks * cost)} in all"
+    return f"{f'compiled after the first {FIRST} of' if worth else 'interpreted,'} {what}; {_rule()}"
+
+
+def _time(seconds: float) -> str:
+    for unit, scale in (("s", 1.0), ("ms", 1e3)):
+        if seconds * scale >= 1.0:
+            return f"{seconds * scale:.2g} {unit}" if seconds * scale < 100.0 else f"{seconds * scale:.0f} {unit}"
+    return f"{seconds * 1e6:.3g} us"

@@ -1,0 +1,1 @@
+"""Where a grasp comes to rest, and what holds it there."""

@@ -1,0 +1,149 @@
+"""The rest that a recording ends with, put back into the coupling: contacts where they had slid to, and forces."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.certificate.rest.ground import Ground, bearers
+from graspfx.certificate.rest.place import Place, about, unforced
+from graspfx.certificate.rest.resting import Grip
+from graspfx.cones.cone import STICK
+from graspfx.coupling import block as at
+from graspfx.errors import InputError
+from graspfx.loop.recording.record import Recording
+from graspfx.objects import integrators as body
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+LAST = 0.1  # [s]: over which a rest does not change
+CALM = 1e-3  # of the largest force: what it may change by in that time
+SAME = 1e-3  # of the largest force: what recorded forces may differ by from those of the scene's gains
+BORNE = 1e-2  # of the forces on the object: a wrench that something else balances
+
+
+def recording_of(scene: Scene, given: Recording | str | PathLike[str]) -> Recording:
+    """Give a recording, loaded if it is a path, once it is found to be of this scene.
+
+    Raises:
+        InputError: a recording of other fingers, objects or dimensions, or one without a row.
+        RecordingError: a path that leads to no recording.
+    """
+    recording = given if isinstance(given, Recording) else Recording.load(given)
+    layout = recording.layout
+    has = (layout.dimensions, tuple(layout.fingers), tuple(layout.objects))
+    wants = (scene.dimensions, tuple(scene.finger_names), tuple(thing.name for thing in scene.object))
+    if has != wants:
+        raise InputError(
+            "recording",
+            f"{has[0]} dimensions, fingers {', '.join(has[1])}, objects {', '.join(has[2])}",
+            f"one of this scene: {wants[0]} dimensions, fingers {', '.join(wants[1])}, objects {', '.join(wants[2])}",
+        )
+    if not len(recording):
+        raise InputError("recording", "no rows", "a recording that ends at rest", "run the scene for longer")
+    return recording
+
+
+def recorded(
+    scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
+) -> Place:  # fmt: skip
+    """Put the grip where the recording's last row has it; the start, and why, where a finger does not touch there.
+
+    Contacts, fingers and the object's pose are those of the row; forces follow from them by the scene's own gains, and
+    `assumed` says where they are others than the recorded ones, or where the recording is not at rest.
+    """
+    g = grip.grasped
+    place = Place("recorded", None, np.full(grip.n, np.nan))
+    if scene.coupling.contact != "attached" and not recording.touching[-1, fingers].all():
+        apart = ", ".join(scene.finger_names[i] for i in fingers[~recording.touching[-1, fingers]])
+        return unforced(place, f"at the end of the recording {apart} do not touch")
+    set_pose(grip, recording, scene.object[index].name)
+    set_contacts(grip, recording, fingers)
+    if g.soft:
+        set_torsions(grip, recording, fingers)
+    with grip.frozen():
+        now = grip.forces()
+    if now is None:
+        return unforced(place, "at the end of the recording the forces of a sample do not settle")
+    place.assumed += differences(scene, index, grip, fingers, recording, ground)
+    return about(grip, place, "at the end of the recording a finger pulls")
+
+
+def set_pose(grip: Grip, recording: Recording, name: str) -> None:
+    """Put the object where the last row has it, at rest."""
+    state, d, motion = grip.grasped.body_state, grip.d, recording.objects[name]
+    state[body.POSITION : body.POSITION + d] = motion.position[-1]
+    if motion.orientation is not None and d == 2:
+        state[body.ANGLE] = motion.orientation[-1]
+    elif motion.orientation is not None:
+        state[body.QUATERNION : body.QUATERNION + 4] = motion.orientation[-1]
+    body.orient(state, 0)
+
+
+def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
+    """Put fingers and contacts where the last row has them, sticking there."""
+    g, d = grip.grasped, grip.d
+    c = recording.contact_position[-1, fingers]
+    g.meet(c)  # finds faces and normals
+    state = g.body_state
+    R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
+    wide = np.zeros((grip.n, 3))
+    wide[:, :d] = c - state[body.POSITION : body.POSITION + d]
+    g.rows[:, at.CONTACT : at.CONTACT + 3] = wide @ R
+    g.rows[:, at.TOUCHING] = 1.0
+    g.rows[:, at.STATUS] = STICK
+    g.finger_position[:] = recording.finger_position[-1, fingers]
+
+
+def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
+    """Turn the anchors of soft fingers so that their torsions are the recorded ones."""
+    moments = recording.finger_moment
+    rows = grip.grasped.rows
+    state = grip.grasped.body_state
+    rows[:, at.ANCHOR : at.ANCHOR + 9] = state[body.ROTATION : body.ROTATION + 9]
+    rows[:, at.KEPT] = 0.0
+    soft = np.flatnonzero(rows[:, at.PATCH] > 0.0)
+    if moments is None or not len(soft):
+        return
+    torsions = (moments[-1, fingers] * grip.grasped.inward()).sum(axis=1)[soft] / rows[soft, at.PATCH]
+
+    def torsion(kept: FloatArray) -> FloatArray:
+        rows[soft, at.KEPT] = kept
+        grip.forces()
+        return np.array(rows[soft, at.LOCAL + 3])
+
+    length = 1e-4
+    with grip.frozen():  # torsion is linear in what the anchors keep
+        none = torsion(np.zeros(len(soft)))
+        slopes = np.stack([torsion(length * e) - none for e in np.eye(len(soft))], axis=1) / length
+        rows[soft, at.KEPT] = np.linalg.solve(slopes, torsions - none)
+
+
+def differences(
+    scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
+) -> list[str]:  # fmt: skip
+    """Say what of the recording's end is no rest of this scene."""
+    g, said = grip.grasped, []
+    force = recording.finger_force[:, fingers]
+    largest = max(float(np.abs(force[-1]).max(initial=0.0)), 1e-9)
+    before = force[-min(len(force), round(LAST / recording.period) + 1) :]
+    change = float(np.abs(before - force[-1]).max(initial=0.0)) / largest
+    if change > CALM:
+        said.append(f"the recording is not at rest at its end: forces change by {100 * change:.2g} % in {LAST:g} s")
+    off = float(np.abs(g.force - force[-1]).max(initial=0.0)) / largest
+    if off > SAME:
+        said.append(f"the recorded forces are others than those of this scene's gains, by up to {100 * off:.2g} %")
+    full = np.zeros(6)
+    if scene.gravity is not None:
+        full[: grip.d] = float(g.body_state[body.MASS]) * np.array(scene.gravity)
+    missing = (g.wrench[grip.rows_of_wrench] + full[grip.axes])[grip.axes < 3]
+    scale = max(largest, float(np.abs(full).max(initial=0.0)))
+    if ground is None and change <= CALM and np.abs(missing).max(initial=0.0) > BORNE * scale:
+        who = ", ".join(bearers(scene, index)) or "nothing of the scene"
+        said.append(
+            f"{float(np.linalg.norm(missing)):.3g} N of the object's load are carried by {who}, which is left out"
+        )
+    return said

@@ -1,0 +1,166 @@
+"""Where a grasp is linearised: brought to rest by still hands, as it begins, or as a recording left it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.still_hands import still_hands
+from graspfx.certificate.rest.cone_edge import grip_margins
+from graspfx.certificate.rest.ground import bearers
+from graspfx.certificate.rest.resting import SHIFT, STEPS, Grip, settle
+from graspfx.objects import integrators as body
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+UNFORCED = "contacts as at the start and no force on them: "
+STRAIGHT = 1e-6  # of its length: what a straight way may be off
+PRESSED = 5.0 * SHIFT  # [m]: how deep a finger has to be for difference quotients to find it touching
+SLID = (
+    "contacts slid while the hands closed, one after another and slowly; a run rests elsewhere by some per cent: "
+    "certify its recording"
+)
+
+
+@dataclass
+class Place:
+    """A grasp where it is linearised.
+
+    Attributes:
+        where: "squeezed", "provisional", "recorded" or "start".
+        stiffness: J (m + r, m + r) there, contacts sticking; None at the start, without any force.
+        margins: f_t/(mu f_n) of each finger, (n,); nan where there is none.
+        assumed: what that takes for granted.
+    """
+
+    where: str
+    stiffness: FloatArray | None
+    margins: FloatArray
+    assumed: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """What pulls a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
+
+    hands: FloatArray
+    course: FloatArray
+    weight: FloatArray
+
+
+def load_of(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place) -> Load:
+    """Give the hands without their motions, closed as far as they ever are, and the weight where fingers bear it."""
+    start = np.array([finger.start for finger in scene.finger], dtype=float)
+    n, d = start.shape
+    inward = np.zeros_like(start)
+    inward[fingers] = grip.grasped.inward()
+    K, course = np.zeros((n, d, n, d)), np.tile(start, (STEPS, 1, 1))
+    for held in still_hands(scene, start, inward):
+        for k in range(STEPS):
+            course[k, held.fingers] = held.hand.target(held.closed * ((k + 1) / STEPS))[0]
+        for a in range(d):
+            K[np.ix_(held.fingers, [a], held.fingers, [a])] = held.hand.stiffness[a][:, None, :, None]
+    own = K[fingers][:, :, fingers].reshape(grip.m, grip.m)
+    weight = np.zeros(6)
+    rules = scene.coupling
+    carried = rules.contact == "attached" or rules.friction == "stick" or any(scene.coefficients) or d == 1
+    if scene.gravity is not None and carried and not scene.obstacle:
+        weight[:d] = float(grip.grasped.body_state[body.MASS]) * np.array(scene.gravity)
+    elif scene.gravity is not None:
+        others = ", ".join(bearers(scene, index))
+        place.assumed.append(
+            f"the weight is carried by something else, which is left out ({others})"
+            if others
+            else "the weight is left out: without friction the fingers do not carry it"
+        )
+    return Load(own, course[:, fingers].reshape(STEPS, -1), weight[grip.axes])
+
+
+def squeezed(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
+    """Bring the grip to rest; the place has no stiffness, and says why, where there is no rest."""
+    start = np.array([scene.finger[i].start for i in fingers], dtype=float)
+    place = Place("squeezed", None, np.full(grip.n, np.nan))
+    load = load_of(scene, index, grip, fingers, place)
+    grip.grasped.finger_position[:] = start
+    initial = grip.grasped.block.copy()
+    straight = start.ravel() + np.linspace(1.0 / STEPS, 1.0, STEPS)[:, None] * (load.course[-1] - start.ravel())
+    found = settle(grip, straight, load.hands, load.weight)
+    if found is None or found.slid.any() or bent(load.course, start.ravel()):
+        # where contacts slide, or hands come from aside, it matters how they close
+        first, reached = found, grip.grasped.block.copy()
+        grip.grasped.block[:] = initial
+        found = settle(grip, load.course, load.hands, load.weight)
+        if (found is None or not found.rest) and first is not None and first.rest:
+            found, grip.grasped.block[:] = first, reached
+    if found is None:
+        return unforced(place, "on the way to rest the forces of a sample do not settle")
+    if not found.rest:
+        slipping = [scene.finger_names[i] for i in fingers[found.sliding]]
+        why = (
+            f"with still hands {', '.join(slipping)} still slide"
+            if slipping
+            else "with still hands the grasp does not come to rest"
+        )
+        return unforced(place, f"{why} after {found.steps} steps" if slipping else why)
+    if found.slid.any():
+        place.assumed.append(SLID)
+    return about(grip, place, untouching(scene, grip, fingers))
+
+
+def bent(course: FloatArray, start: FloatArray) -> bool:
+    """Whether hands close to their last targets by another way than a straight one from where the fingers start."""
+    way = course[-1] - start
+    length = float(np.linalg.norm(way))
+    along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)
+    return bool(np.abs(course - start - along).max(initial=0.0) > STRAIGHT * length)
+
+
+def provisional(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
+    """Squeeze the grip by one linear step from its contacts at the start, as if they stuck; no search for a rest."""
+    place = Place("provisional", None, np.full(grip.n, np.nan))
+    load = load_of(scene, index, grip, fingers, place)
+    g = grip.grasped
+    # just inside, so that quotients find every finger touching
+    g.finger_position[:] = g.contact_position + PRESSED * g.inward()
+    with grip.frozen():
+        now = grip.forces()
+        J = None if now is None else grip.stiffness(grip.lengths(), both=False)
+        if now is None or J is None:
+            return unforced(place, "the forces of a sample do not settle")
+        A = np.vstack([J[: grip.m], -J[grip.m :]])
+        A[: grip.m, : grip.m] += load.hands
+        pull = load.hands @ (load.course[-1] - g.finger_position.ravel()) - now[: grip.m]
+        grip.move(np.linalg.lstsq(A, np.concatenate([pull, now[grip.m :] + load.weight]), rcond=None)[0])
+        if grip.forces() is None:
+            return unforced(place, "the forces of a sample do not settle")
+    place.assumed.append(
+        "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
+    )
+    return about(grip, place, untouching(scene, grip, fingers))
+
+
+def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:
+    """Say which fingers do not touch although the hands are closed."""
+    apart = ", ".join(scene.finger_names[i] for i in fingers[grip.grasped.touching == 0.0])
+    return f"with the hands closed {apart} do not touch the object"
+
+
+def about(grip: Grip, place: Place, otherwise: str) -> Place:
+    """Give the place its stiffness and margins as the grip is now; the start, where a finger does not touch."""
+    if not grip.grasped.touching.all():
+        return unforced(place, otherwise)
+    place.margins = grip_margins(grip.grasped)
+    with grip.frozen():
+        J = grip.stiffness(grip.lengths())
+    if J is None or not np.isfinite(J).all():
+        return unforced(place, "the forces have no derivative at rest")
+    place.stiffness = J
+    return place
+
+
+def unforced(place: Place, why: str) -> Place:
+    """Give the start instead of a place, and why."""
+    return Place("start", None, np.full_like(place.margins, np.nan), [*place.assumed, UNFORCED + why])

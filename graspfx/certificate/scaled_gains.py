@@ -1,0 +1,84 @@
+"""The stiffness of eq. (4) on one grasp with its gains times factors: what limits are looked for along."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.pushing import condensed
+from graspfx.certificate.rest.resting import Grip
+from graspfx.grasp.impedance import Coupling, Impedance
+from graspfx.grasp.split import Split
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledGains:
+    """K of the law on one grasp: external for shifts, for turns, internal, each times a factor, without what slips."""
+
+    law: Coupling
+    split: Split
+    fingers: int
+    normals: FloatArray | None  # (m, p), orthonormal directions of forces, where some tangents carry none
+
+    def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
+        n, m = self.fingers, self.split.components
+        d = m // n
+        zero = Impedance(0.0)
+        form = self.law.form
+        outer = Coupling(external=Impedance(self.law.external.stiffness), internal=zero, form=form)
+        inner = Coupling(external=zero, internal=Impedance(self.law.internal.stiffness), form=form)
+        K_e = outer.stiffness(self.split)
+        if shifts != turns:
+            # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
+            one = np.tile(np.eye(d), (n, 1))
+            weighed = (self.split.metric * one.T).T
+            Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
+            K_t = (K_e @ Q + (K_e @ Q).T) / 2
+            K_e = shifts * K_t + turns * (K_e - K_t)
+        else:
+            K_e = shifts * K_e
+        return self.held(K_e + internal * inner.stiffness(self.split))
+
+    def alone(self, k: float) -> FloatArray:
+        """Every finger by itself with stiffness k, in the metric."""
+        law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
+        return self.held(law.stiffness(self.split))
+
+    def held(self, K: FloatArray) -> FloatArray:
+        """K with the tangents of contacts that slip let go of."""
+        if self.normals is None:
+            return K
+        m, p = self.normals.shape
+        basis = np.linalg.qr(self.normals, mode="complete")[0]
+        turned = basis.T @ K @ basis
+        kept = np.arange(m) < p
+        normal = basis[:, :p]
+        return np.asarray(normal @ condensed(turned, kept) @ normal.T)
+
+
+def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> FloatArray | None:
+    """Give the directions (m, p) of contact forces where some have no friction; None where all carry all."""
+    d, rules = grip.d, scene.coupling
+    smooth = [not scene.coefficients[i] for i in fingers]
+    if rules.contact == "attached" or rules.friction == "stick" or d == 1 or not any(smooth):
+        return None
+    blocks = [
+        normal[:, None] if free else np.eye(d) for normal, free in zip(grip.grasped.inward(), smooth, strict=True)
+    ]
+    return block_diagonal(blocks)
+
+
+def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+    """Put matrices along a diagonal."""
+    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
+    row = column = 0
+    for block in blocks:
+        whole[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    return whole

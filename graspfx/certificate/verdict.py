@@ -1,0 +1,169 @@
+"""The answer of a check: a verdict, the certificates behind it, notes, and the plan of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from os import PathLike, fspath
+from typing import TYPE_CHECKING, Any
+
+from graspfx.certificate.limit_rows import PUSHING, figures
+from graspfx.errors import Fault, GraspFXError, SceneError
+
+if TYPE_CHECKING:
+    from graspfx.certificate.certificate import Certificate, Limit
+    from graspfx.certificate.plan import PlanRow
+    from graspfx.scene.model import Scene
+
+STABLE, NOT_STABLE, NOT_JUDGED = "stable", "NOT STABLE", "not judged"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Report:
+    """The answer of a check.
+
+    Attributes:
+        scene: its name.
+        faults: of a scene that cannot run, all at once; nothing else is judged then.
+        certificates: of each object in fingers, the worst first; none where they cannot be made.
+        why: in words, where there are none.
+        notes: what may not be meant.
+        plan: what runs in a tick, what is skipped and why.
+    """
+
+    scene: str
+    faults: tuple[Fault, ...] = ()
+    certificates: tuple[Certificate, ...] = ()
+    why: str = ""
+    notes: tuple[str, ...] = ()
+    plan: tuple[PlanRow, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no fault, and every grasp is stable."""
+        return self.verdict.startswith(STABLE)
+
+    @property
+    def verdict(self) -> str:
+        """One line that begins with "stable", "NOT STABLE" or "not judged: why"; of several objects the worst first."""
+        if self.faults:
+            count = len(self.faults)
+            return f"{NOT_JUDGED}: {count} fault{'s' if count > 1 else ''}, the first {self.faults[0].text(self.scene)}"
+        if not self.certificates:
+            return f"{NOT_JUDGED}: {self.why}"
+        worst, *others = self.certificates
+        text = _sentence(worst)
+        if others:
+            names = [each.object for each in others if not each.stable]
+            rest = f"not stable either: {', '.join(names)}" if names else "the other objects have more room"
+            text += f"; {rest}"
+        return text
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, with units in the names of keys; no limit is None."""
+        return {
+            "scene": self.scene,
+            "ok": self.ok,
+            "verdict": self.verdict,
+            "faults": [fault.text(self.scene) for fault in self.faults],
+            "certificates": [each.to_dict() for each in self.certificates],
+            "notes": list(self.notes),
+            "plan": [{"step": row.step, "runs": row.runs, "why": row.why} for row in self.plan],
+        }
+
+    def lines(self) -> Iterator[str]:
+        """Verdict, limits, notes and plan as lines of text."""
+        from graspfx.certificate.certificate import lines
+
+        yield self.verdict
+        for certificate in self.certificates:
+            yield from lines(certificate)
+        for note in self.notes:
+            yield f"note: {note}"
+        for row in self.plan:
+            yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
+
+    def __repr__(self) -> str:
+        return f"<check of {self.scene}>\n" + "\n".join(self.lines())
+
+
+def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Report:
+    """Say whether a scene's grasps are stable, how far each gain can go, what may not be meant, and what a run does.
+
+    Args:
+        scene: a name on the shelf, the path of a .toml or .py file, or a Scene.
+        overrides: values by dotted key, as `load` takes them.
+
+    Returns:
+        A report; of a scene with faults one that holds them.
+
+    Raises:
+        UnknownNameError: no scene has that name.
+        InputError: the path leads to no file, or the file holds no scene.
+        PluginError: a Python file that cannot be imported, or whose `scene()` raises.
+    """
+    from graspfx.scene.load import load
+    from graspfx.scene.model import Scene
+
+    try:
+        if isinstance(scene, Scene):
+            whole = scene.replace(overrides) if overrides else scene
+        else:
+            whole = load(fspath(scene), overrides)
+        return report(whole)
+    except SceneError as error:
+        return Report(error.source, error.faults)
+
+
+def report(scene: Scene) -> Report:
+    """The report on a scene that is valid.
+
+    Raises:
+        SceneError: a finger that starts out of its device's reach.
+    """
+    from graspfx.build.axes import axes_notes
+    from graspfx.certificate.certificate import certificates
+    from graspfx.certificate.notes.blend import blend_notes
+    from graspfx.certificate.notes.doubts import doubts
+    from graspfx.certificate.plan import plan
+    from graspfx.certificate.prospect import engine_plan
+
+    scene.require_reach()
+    why, answers = "", []
+    try:
+        answers = sorted(certificates(scene), key=_room)
+        why = "" if answers else "no finger touches an object"
+    except GraspFXError as error:
+        why = " ".join(str(error).split())
+    notes = (*doubts(scene), *axes_notes(scene), *blend_notes(scene))
+    return Report(scene.source.name, (), tuple(answers), why, notes, (*plan(scene), *engine_plan(scene)))
+
+
+def _room(certificate: Certificate) -> tuple[bool, float]:
+    """What is not stable first, then by the least margin."""
+    least = _least(certificate)
+    return certificate.stable, math.inf if least is None else least.margin
+
+
+def _least(certificate: Certificate) -> Limit | None:
+    """The mode with the least margin of the whole grasp, the most special of equal ones."""
+    rows = [row for row in certificate.limits if not row.mode.startswith(PUSHING)]
+    return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
+
+
+def _sentence(certificate: Certificate) -> str:
+    """A certificate in one line."""
+    least, stable = _least(certificate), certificate.stable
+    radius = f"spectral radius {certificate.spectral_radius:.6f}"
+    text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"
+    if least is not None:
+        text += f"; {'the least margin: ' if stable else ''}{least.mode} {figures(least)}"
+    if stable:
+        pushing = [row for row in certificate.limits if row.mode.startswith(PUSHING) and row.margin < 1.0]
+        if pushing:
+            weakest = min(pushing, key=lambda row: row.margin)
+            text += f"; while all fingers hold: {weakest.mode} is not stable, {figures(weakest)}"
+    if certificate.at == "start":
+        text += "; judged at the start, without a squeeze"
+    return text

@@ -1,0 +1,23 @@
+"""The certificate of a scene's stability as it stands on the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from graspfx.errors import GraspFXError
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+
+def certify(scene: Scene) -> None:
+    """Prints the certificate, or why there is none."""
+    from graspfx.certificate.certificate import certificates, lines
+
+    try:
+        found = certificates(scene)
+    except GraspFXError as error:
+        print(f"stability is not judged: {' '.join(str(error).split())}")
+        return
+    for certificate in found:
+        print(*lines(certificate), sep="\n")

@@ -1,0 +1,167 @@
+"""A program as text for LLVM: every function for the types of arguments that it is called with."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Collection, Sequence
+from typing import NamedTuple
+
+from graspfx.compile.llvm.llvm_arithmetic import BINARY_LIBM, FLOAT, INT, Number
+from graspfx.compile.llvm.llvm_expressions import Array, Made, Value, result_type
+from graspfx.compile.llvm.llvm_statements import Statements, type_of
+from graspfx.errors import GraspFXError, InputError
+
+ENTRY = "graspfx_entry"
+INTRINSICS = "".join(
+    f"declare double @llvm.{name}.f64(double{', double' if name == 'copysign' else ''})\n"
+    for name in ("fabs", "copysign", "sqrt", "floor", "ceil", "trunc")
+)
+
+
+class Written(NamedTuple):
+    """A program for LLVM.
+
+    Args:
+        text: LLVM's language.
+        arrays: the entry's parameters that are buffers of floats, in their order, the first ones.
+        numbers: the types of its other parameters, INT or FLOAT.
+        lanes: whether it has loops over lanes, of which the turns may be done side by side.
+        libm: functions of the platform's library that it calls, as `graspfx_` and their name.
+    """
+
+    text: str
+    arrays: tuple[str, ...]
+    numbers: tuple[str, ...]
+    lanes: bool
+    libm: tuple[str, ...]
+
+
+class _Module:
+    """The functions of a program, written as they are called."""
+
+    def __init__(self, trees: Sequence[ast.FunctionDef], *, checked: bool) -> None:
+        self.trees = {tree.name: tree for tree in trees}
+        self.checked = checked
+        self.done: dict[object, Made | None] = {}
+        self.texts: list[str] = []
+        self.notes: list[str] = []  # metadata
+        self.libm: set[str] = set()
+
+    def has(self, name: str) -> bool:
+        return name in self.trees
+
+    def made(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> Made:
+        roots = [a.root for a in arguments if isinstance(a, Array)]
+        # which of the buffers are the same; what is checked knows them by their names
+        arrays = tuple(roots if self.checked else map(roots.index, roots))
+        key = name, arrays, tuple(None if isinstance(a, Array) else type_of(a) for a in arguments)
+        if key not in self.done:
+            tree = self.trees[name]
+            if len(tree.args.args) != len(arguments):
+                raise why(f"{name} takes {len(tree.args.args)} arguments")
+            self.done[key] = None
+            body = Statements(self, tree)
+            made, text = body.made(f"{name}.{len(self.done)}", arguments)
+            self.done[key] = made
+            self.texts.append(text)
+            self.libm |= body.code.used
+        found = self.done[key]
+        if found is None:
+            raise why("calls itself")
+        return found
+
+
+def written(source: str, floats: Collection[str] = (), *, checked: bool = False) -> Written:
+    """A program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
+
+    Args:
+        source: the program as Python, such as `Program.source()` gives it.
+        floats: the entry's parameters that are floats; those that are indexed are buffers, the others whole numbers.
+        checked: see to it that no index is outside of its buffer; `graspfx_outside` then holds the first that was.
+
+    Raises:
+        InputError: the program holds something that cannot be compiled; it names the function and the line.
+    """
+    trees = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
+    if not trees:
+        raise InputError("source", source, "at least one function")
+    tree, functions = trees[-1], {t.name: t for t in trees}
+    names = [a.arg for a in tree.args.args]
+    arrays = tuple(name for name in names if _is_array(tree, name, functions))
+    if list(arrays) != names[: len(arrays)]:
+        raise InputError(f"{tree.name}", names, "buffers first, then numbers")
+    unknown = set(floats) - set(names[len(arrays) :])
+    if unknown:
+        raise InputError("floats", sorted(unknown), f"numbers among the parameters of {tree.name}")
+    numbers = tuple(FLOAT if name in floats else INT for name in names[len(arrays) :])
+
+    module = _Module(trees, checked=checked)
+    given: list[Array | Number] = [Array(name, f"%p{k}") for k, name in enumerate(arrays)]
+    given += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
+
+    def why(text: str) -> GraspFXError:
+        return InputError(tree.name, names, "a program that can be compiled", text)
+
+    made = module.made(tree.name, given, why)
+    texts = [INTRINSICS, *map(_declared, sorted(module.libm)), *module.texts, _entry(made, given), *module.notes]
+    if checked:
+        texts.insert(0, _checking(arrays))
+    return Written("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), tuple(sorted(module.libm)))
+
+
+def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.FunctionDef]) -> bool:
+    """Whether a parameter is indexed, here or in a function that is called."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == name:
+            return True
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in functions:
+            called = functions[node.func.id]
+            for argument, parameter in zip(node.args, called.args.args, strict=False):
+                passed = isinstance(argument, ast.Name) and argument.id == name and called is not tree
+                if passed and _is_array(called, parameter.arg, functions):
+                    return True
+    return False
+
+
+def _declared(name: str) -> str:
+    arguments = {"ldexp": "double, i32", **dict.fromkeys(BINARY_LIBM, "double, double")}.get(name, "double")
+    return f"declare double @graspfx_{name}({arguments}) nounwind willreturn nofree nosync memory(none)"
+
+
+def _entry(made: Made, given: Sequence[Array | Number]) -> str:
+    parameters = ", ".join(f"ptr noalias {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in given)
+    arguments = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in given)
+    call = f'call {result_type(made.result)} @"{made.name}"({arguments})'
+    match made.result:
+        case None:
+            body = [f"  {call}", "  ret i64 0"]
+        case "i64":
+            body = [f"  %result = {call}", "  ret i64 %result"]
+        case "i1":
+            body = [f"  %result = {call}", "  %whole = zext i1 %result to i64", "  ret i64 %whole"]
+        case _:
+            raise InputError(made.name, made.result, "an entry that returns a whole number or nothing")
+    return "\n".join([f"define i64 @{ENTRY}({parameters}) nounwind {{", *body, "}"])
+
+
+def _checking(arrays: Sequence[str]) -> str:
+    """Lengths of the buffers, and a function that gives 0 for an index that is not inside."""
+    lengths = [f'@"length.{name}" = global i64 0' for name in arrays]
+    return "\n".join([*lengths, _INSIDE])
+
+
+_INSIDE = """
+@graspfx_outside = global i64 -9223372036854775808
+define internal i64 @inside(i64 %index, ptr %length) nounwind alwaysinline {
+start:
+  %n = load i64, ptr %length
+  %good = icmp ult i64 %index, %n
+  br i1 %good, label %end, label %bad
+bad:
+  store i64 %index, ptr @graspfx_outside
+  br label %end
+end:
+  %safe = phi i64 [ %index, %start ], [ 0, %bad ]
+  ret i64 %safe
+}
+"""

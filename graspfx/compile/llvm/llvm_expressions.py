@@ -1,0 +1,345 @@
+"""Expressions of a program in LLVM: values, tests that branch, entries of arrays and calls."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, Protocol
+
+from graspfx.compile.llvm.llvm_arithmetic import (
+    BOOL,
+    FLOAT,
+    INT,
+    Code,
+    Number,
+    absolute,
+    binary,
+    compare,
+    constant,
+    convert,
+    extreme,
+    floating,
+    mantissa_and_exponent,
+    mathematical,
+    negative,
+    select,
+    truncated,
+    truth,
+    widest,
+)
+from graspfx.compile.specialise.syntax import assigned
+from graspfx.errors import GraspFXError, InputError
+
+NAMES = {"inf": math.inf, "nan": math.nan}
+
+
+class Array(NamedTuple):
+    """A buffer of floats: the parameter of the entry that it came in by, and the name that holds its address."""
+
+    root: str
+    text: str
+
+
+class Tuple(NamedTuple):
+    """Several numbers."""
+
+    parts: tuple[Number, ...]
+
+
+Value = Number | Tuple | Array
+Type = str | tuple[str, ...] | None  # of a number, of a tuple, of a function that returns nothing
+Variables = dict[str, Type | Array]
+
+
+class Made(NamedTuple):
+    """A function for some types of arguments: its name and what it returns."""
+
+    name: str
+    result: Type
+
+
+class Functions(Protocol):
+    """Where called functions come from."""
+
+    checked: bool
+    notes: list[str]
+
+    def has(self, name: str) -> bool: ...
+
+    def made(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> Made: ...
+
+
+class Expressions:
+    """The expressions of one function."""
+
+    def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
+        self.functions, self.tree = functions, node
+        self.code = Code()
+        self.assigned = assigned(node.body)
+        self.unset: set[str] = set()  # read before anything was assigned to them: in a loop, perhaps, on a later turn
+
+    def cannot(self, node: ast.AST, why: str) -> GraspFXError:
+        line = getattr(node, "lineno", self.tree.lineno)
+        shown = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
+        return InputError(f"{self.tree.name}, line {line}", shown, "what a compiled kernel may hold", why)
+
+    def number(self, node: ast.expr, scope: Variables) -> Number:
+        value = self.value(node, scope)
+        if isinstance(value, Number):
+            return value
+        raise self.cannot(node, "is no number")
+
+    def value(self, node: ast.expr, scope: Variables) -> Value:
+        code = self.code
+        match node:
+            case ast.Constant(value=bool() | int() | float() as known):
+                if isinstance(known, int) and known.bit_length() > 63:
+                    raise self.cannot(node, "does not fit in 64 bits")
+                return constant(known)
+            case ast.Name():
+                return self.variable(node, scope)
+            case ast.Attribute(value=ast.Name(id="math"), attr="inf" | "nan" | "pi" | "tau" | "e" as name):
+                return floating(getattr(math, name))
+            case ast.Subscript():
+                return self.item(node, scope)
+            case ast.Tuple():
+                return Tuple(tuple(self.number(part, scope) for part in node.elts))
+            case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() | ast.FloorDiv() | ast.Mod() | ast.Pow()):
+                return binary(code, node.op, self.number(node.left, scope), self.number(node.right, scope))
+            case ast.UnaryOp(op=ast.USub()):
+                return negative(code, self.number(node.operand, scope))
+            case ast.UnaryOp(op=ast.UAdd()):
+                found = self.number(node.operand, scope)
+                return convert(code, found, widest((found.type, INT)))
+            case ast.UnaryOp(op=ast.Not()):
+                return code.op(BOOL, f"xor i1 {truth(code, self.number(node.operand, scope)).text}, true")
+            case ast.BoolOp():
+                return self.logic(node, scope)
+            case ast.Compare():
+                return self.comparison(node, scope)
+            case ast.IfExp():
+                one, other = code.name("b"), code.name("b")
+                self.test(node.test, one, other, scope)
+                return self.either(((one, node.body), (other, node.orelse)), scope)
+            case ast.Call():
+                found_ = self.call(node, scope)
+                if found_ is None:
+                    raise self.cannot(node, "returns nothing")
+                return found_
+        raise self.cannot(node, "is no expression that can be compiled")
+
+    def variable(self, node: ast.Name, scope: Variables) -> Value:
+        found = scope.get(node.id)
+        if isinstance(found, Array):
+            return found
+        if isinstance(found, tuple):
+            return Tuple(tuple(self.load(f"{node.id}.{k}", part) for k, part in enumerate(found)))
+        if found is not None:
+            return self.load(node.id, found)
+        if node.id in NAMES:
+            return floating(NAMES[node.id])
+        if node.id in scope:
+            raise self.cannot(node, "is a tuple on one way to here and a number on another")
+        if node.id not in self.assigned:
+            raise self.cannot(node, "is nothing known here")
+        self.unset.add(node.id)
+        return Number(BOOL, "undef")
+
+    def slot(self, name: str, type_: str) -> str:
+        slot = f'%"{name}.{type_}"'
+        self.code.slots[slot] = type_
+        return slot
+
+    def load(self, name: str, type_: str) -> Number:
+        return self.code.op(type_, f"load {type_}, ptr {self.slot(name, type_)}")
+
+    def item(self, node: ast.Subscript, scope: Variables) -> Value:
+        owner = self.value(node.value, scope)
+        if isinstance(owner, Array):
+            return self.code.op(FLOAT, f"load double, ptr {self.entry(owner, node.slice, scope)}")
+        if isinstance(owner, Tuple):
+            return self.chosen(owner, self.number(node.slice, scope))
+        if owner.text == "undef":
+            return owner
+        raise self.cannot(node, "is no entry of a buffer")
+
+    def chosen(self, several: Tuple, index: Number) -> Number:
+        """An entry of a tuple, the last one for an index that is none of it."""
+        *first, found = several.parts
+        if index.text.isdigit() and int(index.text) < len(several.parts):
+            return several.parts[int(index.text)]
+        for k, part in reversed(list(enumerate(first))):
+            found = select(self.code, compare(self.code, ast.Eq(), index, constant(k)), part, found)
+        return found
+
+    def entry(self, array: Array, index: ast.expr, scope: Variables) -> str:
+        """The address of an entry."""
+        found = self.number(index, scope)
+        if found.type == FLOAT:
+            raise self.cannot(index, "is no whole number, as an index must be")
+        found = convert(self.code, found, INT)
+        if self.functions.checked:
+            found = self.code.op(INT, f'call i64 @inside(i64 {found.text}, ptr @"length.{array.root}")')
+        return self.code.op("ptr", f"getelementptr inbounds double, ptr {array.text}, i64 {found.text}").text
+
+    def either(self, ways: Iterable[tuple[str, ast.expr]], scope: Variables) -> Number:
+        """What is found on one of several ways, each of which is a block and an expression."""
+        code, end = self.code, self.code.name("b")
+        edges = []
+        for label, node in ways:
+            code.begin(label)
+            edges.append(self.edge(self.number(node, scope)))
+        return self.meet(end, edges)
+
+    def edge(self, number: Number) -> tuple[int, str, Number]:
+        """The end of a block whose jump is written when it is known what type the ways meet in."""
+        self.code.lines.append("")
+        return len(self.code.lines) - 1, self.code.block, number
+
+    def meet(self, end: str, edges: Sequence[tuple[int, str, Number]]) -> Number:
+        code = self.code
+        to = widest([number.type for _, _, number in edges])
+        sources = []
+        for place, block, number in edges:
+            found, text = self.aside(lambda n=number: convert(code, n, to))  # type: ignore[misc]
+            code.lines[place] = "\n".join([*text, f"  br label {end}"])
+            sources.append(f"[ {found.text}, {block} ]")
+        code.begin(end)
+        return code.op(to, f"phi {to} {', '.join(sources)}")
+
+    def aside(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
+        """What `write` writes, taken out of the text to be put elsewhere."""
+        mark = len(self.code.lines)
+        found = write()
+        text = self.code.lines[mark:]
+        del self.code.lines[mark:]
+        return found, text
+
+    def logic(self, node: ast.BoolOp, scope: Variables) -> Number:
+        """`and`, `or`: the value of the operand that settles it, those behind it not evaluated."""
+        code, end = self.code, self.code.name("b")
+        stops = isinstance(node.op, ast.Or)
+        found = self.number(node.values[0], scope)
+        edges = []
+        for part in node.values[1:]:
+            if found.type == BOOL and _harmless(part):
+                other = self.number(part, scope)
+                found = select(code, found, *((found, other) if stops else (other, found)))
+                continue
+            test, on, off = truth(code, found), code.name("b"), code.name("b")
+            code.choose(test, off if stops else on, on if stops else off)
+            code.begin(off)
+            edges.append(self.edge(found))
+            code.begin(on)
+            found = self.number(part, scope)
+        return self.meet(end, [*edges, self.edge(found)]) if edges else found
+
+    def comparison(self, node: ast.Compare, scope: Variables) -> Number:
+        code, end = self.code, self.code.name("b")
+        left = self.number(node.left, scope)
+        edges = []
+        found = Number(BOOL, "true")
+        for k, (op, part) in enumerate(zip(node.ops, node.comparators, strict=True)):
+            if isinstance(op, ast.Is | ast.IsNot | ast.In | ast.NotIn):
+                raise self.cannot(node, "is no comparison of numbers")
+            if k > 0 and not _harmless(part):
+                no, on = code.name("b"), code.name("b")
+                code.choose(found, on, no)
+                code.begin(no)
+                edges.append(self.edge(Number(BOOL, "false")))
+                code.begin(on)
+                found = Number(BOOL, "true")
+            right = self.number(part, scope)
+            this = compare(code, op, left, right)
+            found = this if found.text == "true" else code.op(BOOL, f"and i1 {found.text}, {this.text}")
+            left = right
+        return self.meet(end, [*edges, self.edge(found)]) if edges else found
+
+    def test(self, node: ast.expr, one: str, other: str, scope: Variables) -> None:
+        """Goes to block `one` if the expression is true, otherwise to the other."""
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            self.test(node.operand, other, one, scope)
+        elif isinstance(node, ast.BoolOp) and not all(map(_harmless, node.values)):
+            *first, last = node.values
+            for part in first:
+                following = self.code.name("b")
+                if isinstance(node.op, ast.And):
+                    self.test(part, following, other, scope)
+                else:
+                    self.test(part, one, following, scope)
+                self.code.begin(following)
+            self.test(last, one, other, scope)
+        else:
+            self.code.choose(truth(self.code, self.number(node, scope)), one, other)
+
+    def call(self, node: ast.Call, scope: Variables) -> Number | Tuple | None:
+        """The value of a call; None if the function returns nothing."""
+        if node.keywords:
+            raise self.cannot(node, "names an argument")
+        arguments = [self.value(a, scope) for a in node.args]
+        if isinstance(node.func, ast.Name) and self.functions.has(node.func.id):
+            return self.own(node, node.func.id, arguments)
+        numbers = [a for a in arguments if isinstance(a, Number)]
+        if len(numbers) == len(arguments) and numbers:
+            found = None
+            if isinstance(node.func, ast.Name):
+                found = self.builtin(node.func.id, numbers)
+            elif ast.unparse(node.func) == "math.frexp" and len(numbers) == 1:
+                return Tuple(mantissa_and_exponent(self.code, convert(self.code, numbers[0], FLOAT)))
+            elif isinstance(node.func, ast.Attribute) and ast.unparse(node.func.value) == "math":
+                found = mathematical(self.code, node.func.attr, numbers)
+            if found is not None:
+                return found
+        raise self.cannot(node, "calls what cannot be compiled, or with other arguments than it can be")
+
+    def builtin(self, name: str, numbers: Sequence[Number]) -> Number | None:
+        code = self.code
+        if name in ("min", "max") and len(numbers) > 1:
+            return extreme(code, name, numbers)
+        if len(numbers) != 1:
+            return None
+        [number] = numbers
+        match name:
+            case "abs":
+                return absolute(code, number)
+            case "int":
+                return truncated(code, number)
+            case "float":
+                return convert(code, number, FLOAT)
+            case "bool":
+                return truth(code, number)
+        return None
+
+    def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
+        """A call of another function of the program."""
+        made = self.functions.made(name, arguments, lambda why: self.cannot(node, why))
+        shown = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in _flat(arguments))
+        text = f'call {result_type(made.result)} @"{made.name}"({shown})'
+        if made.result is None:
+            self.code.put(text)
+            return None
+        if isinstance(made.result, str):
+            return self.code.op(made.result, text)
+        whole = self.code.op("", text).text
+        kind = result_type(made.result)
+        return Tuple(tuple(self.code.op(t, f"extractvalue {kind} {whole}, {k}") for k, t in enumerate(made.result)))
+
+
+def result_type(result: Type) -> str:
+    """How LLVM writes what a function returns."""
+    if result is None:
+        return "void"
+    return result if isinstance(result, str) else f"{{ {', '.join(result)} }}"
+
+
+def _flat(values: Iterable[Value]) -> list[Number | Array]:
+    return [part for value in values for part in (value.parts if isinstance(value, Tuple) else (value,))]
+
+
+def _harmless(node: ast.expr) -> bool:
+    """Whether an expression may be evaluated where Python would not: it neither reads memory nor calls."""
+    if not isinstance(node, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Name | ast.Constant):
+        return False
+    inner = (n for n in ast.walk(node) if isinstance(n, ast.Call | ast.Subscript | ast.IfExp | ast.Div | ast.Pow))
+    return next(inner, None) is None

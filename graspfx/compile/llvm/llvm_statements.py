@@ -1,0 +1,382 @@
+"""Statements of a program in LLVM: every variable has a slot for each type that it has somewhere on its way."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+from graspfx.compile.llvm.llvm_arithmetic import BOOL, FLOAT, INT, Number, binary, convert, widest
+from graspfx.compile.llvm.llvm_expressions import (
+    Array,
+    Expressions,
+    Functions,
+    Made,
+    Tuple,
+    Type,
+    Value,
+    Variables,
+    result_type,
+)
+
+MEMORY = re.compile(r"  (%\S+ = )?(load|store|call) ")
+
+
+@dataclass
+class Join:
+    """Where several ways meet: their ends, each with the place of its jump in the text and what it knows."""
+
+    label: str
+    edges: list[tuple[int, Variables]] = field(default_factory=list)
+
+
+@dataclass
+class Loop:
+    """Where `continue` and `break` go to."""
+
+    again: Join
+    done: Join
+
+
+class Statements(Expressions):
+    """One function for some types of its arguments."""
+
+    def __init__(self, functions: Functions, node: ast.FunctionDef) -> None:
+        super().__init__(functions, node)
+        self.returns: list[tuple[int, Number | Tuple | None]] = []
+
+    def made(self, name: str, arguments: Sequence[Value]) -> tuple[Made, str]:
+        """The function's name with what it returns, and its text."""
+        scope: Variables = {}
+        parameters = []
+        roots = [a.root for a in arguments if isinstance(a, Array)]
+        for k, (parameter, given) in enumerate(zip(self.tree.args.args, arguments, strict=True)):
+            if isinstance(given, Array):
+                alone = "noalias " if roots.count(given.root) == 1 else ""
+                parameters.append(f"ptr {alone}%p{k}")
+                scope[parameter.arg] = Array(given.root, f"%p{k}")
+                continue
+            parts = given.parts if isinstance(given, Tuple) else (given,)
+            here = [Number(part.type, f"%p{k}.{i}") for i, part in enumerate(parts)]
+            parameters += [f"{part.type} {part.text}" for part in here]
+            self.assign(parameter.arg, Tuple(tuple(here)) if isinstance(given, Tuple) else here[0], scope)
+        if not self.block(self.tree.body, scope, None):
+            self.give(None)
+        result = self.returned()
+        for place, value in self.returns:
+            self.code.lines[place] = self.exit(value, result)
+        slots = (f"  {slot} = alloca {type_}" for slot, type_ in self.code.slots.items())
+        head = f'define internal {result_type(result)} @"{name}"({", ".join(parameters)}) nounwind {{'
+        return Made(name, result), "\n".join([head, "start:", *slots, *self.code.lines, "}"])
+
+    # What is returned ---------------------------------------------------------------------------------------------
+
+    def give(self, value: Number | Tuple | None) -> None:
+        self.code.lines.append("")
+        self.returns.append((len(self.code.lines) - 1, value))
+
+    def returned(self) -> Type:
+        """What all that is returned has in common; a way that returns nothing then gives zeros, which nobody reads."""
+        result: Type = None
+        for _, value in self.returns:
+            if value is not None:
+                type_ = type_of(value)
+                result = type_ if result is None else joined(result, type_)
+                if result is None:
+                    raise self.cannot(self.tree, "returns a tuple on one way and something else on another")
+        return result
+
+    def exit(self, value: Number | Tuple | None, result: Type) -> str:
+        if result is None:
+            return "  ret void"
+        if value is None:
+            return f"  ret {result_type(result)} zeroinitializer"
+
+        def write() -> Number:
+            if isinstance(result, str):
+                assert isinstance(value, Number)
+                return convert(self.code, value, result)
+            assert isinstance(value, Tuple) and result is not None
+            whole = "undef"
+            for k, (part, to) in enumerate(zip(value.parts, result, strict=True)):
+                found = convert(self.code, part, to)
+                text = f"insertvalue {result_type(result)} {whole}, {to} {found.text}, {k}"
+                whole = self.code.op("", text).text
+            return Number("", whole)
+
+        found, text = self.aside(write)
+        return "\n".join([*text, f"  ret {result_type(result)} {found.text}"])
+
+    # Where ways meet ----------------------------------------------------------------------------------------------
+
+    def leave(self, join: Join, scope: Variables) -> None:
+        self.code.lines.append("")
+        join.edges.append((len(self.code.lines) - 1, dict(scope)))
+
+    def seal(self, join: Join, to: Variables) -> None:
+        """Writes the jumps to a join, each with its variables converted to what they are from there on."""
+        for place, scope in join.edges:
+            _, text = self.aside(lambda known=scope: self.adapt(known, to))  # type: ignore[misc]
+            self.code.lines[place] = "\n".join([*text, f"  br label {join.label}"])
+
+    def adapt(self, known: Variables, to: Variables) -> Number:
+        for name, type_ in to.items():
+            before = known.get(name)
+            if before == type_ or isinstance(type_, Array) or before is None or type_ is None:
+                continue
+            pairs: Iterable[tuple[str, str, str]]
+            if isinstance(type_, str):
+                assert isinstance(before, str)
+                pairs = [(name, before, type_)]
+            else:
+                assert isinstance(before, tuple)
+                pairs = [(f"{name}.{k}", str(a), b) for k, (a, b) in enumerate(zip(before, type_, strict=True))]
+            for slot, a, b in pairs:
+                if a != b:
+                    self.store(slot, convert(self.code, self.load(slot, a), b))
+        return Number(BOOL, "true")
+
+    def meet_here(self, join: Join, scope: Variables) -> bool:
+        """Goes on where ways have met; whether none came."""
+        if not join.edges:
+            return True
+        to = together(known for _, known in join.edges)
+        self.seal(join, to)
+        self.code.begin(join.label)
+        scope.clear()
+        scope.update(to)
+        return False
+
+    # Statements ---------------------------------------------------------------------------------------------------
+
+    def block(self, statements: Sequence[ast.stmt], scope: Variables, loop: Loop | None) -> bool:
+        """Statements one after another; whether their end is never reached."""
+        return any(self.statement(statement, scope, loop) for statement in statements)
+
+    def statement(self, node: ast.stmt, scope: Variables, loop: Loop | None) -> bool:
+        match node:
+            case ast.Assign():
+                value = self.value(node.value, scope)
+                for target in node.targets:
+                    self.put(target, value, scope)
+                return False
+            case ast.AugAssign():
+                self.augment(node, scope)
+                return False
+            case ast.If():
+                return self.branch(node, scope, loop)
+            case ast.While(orelse=[]):
+                return self.repeat(node, scope)
+            case ast.For(target=ast.Name(), orelse=[], iter=ast.Call(func=ast.Name(id="range"), keywords=[])):
+                return self.count(node, scope)
+            case ast.Return():
+                found = None if node.value is None else self.value(node.value, scope)
+                if isinstance(found, Array):
+                    raise self.cannot(node, "returns a buffer")
+                self.give(found)
+                return True
+            case ast.Break() | ast.Continue() if loop is not None:
+                self.leave(loop.done if isinstance(node, ast.Break) else loop.again, scope)
+                return True
+            case ast.Expr(value=ast.Call() as call):
+                self.call(call, scope)
+                return False
+            case ast.Expr(value=ast.Compare() | ast.BoolOp() | ast.UnaryOp() as tested):  # a test, for its calls
+                self.value(tested, scope)
+                return False
+            case ast.Pass() | ast.Expr(value=ast.Constant()):
+                return False
+        raise self.cannot(node, "is no statement that can be compiled")
+
+    def put(self, target: ast.expr, value: Value, scope: Variables) -> None:
+        if isinstance(value, Array):
+            raise self.cannot(target, "would be a buffer")
+        match target:
+            case ast.Name(id=name):
+                self.assign(name, value, scope)
+            case ast.Subscript():
+                array = self.value(target.value, scope)
+                if not isinstance(array, Array) or not isinstance(value, Number):
+                    raise self.cannot(target, "is no entry of a buffer, or is given no number")
+                self.write(self.entry(array, target.slice, scope), value)
+            case ast.Tuple(elts=targets):
+                if isinstance(value, Number) and value.text == "undef":
+                    value = Tuple((value,) * len(targets))
+                if not isinstance(value, Tuple) or len(value.parts) != len(targets):
+                    raise self.cannot(target, "takes another number of values than are given")
+                for part, given in zip(targets, value.parts, strict=True):
+                    self.put(part, given, scope)
+            case _:
+                raise self.cannot(target, "cannot be assigned to")
+
+    def assign(self, name: str, value: Number | Tuple, scope: Variables) -> None:
+        if isinstance(value, Number):
+            self.store(name, value)
+        else:
+            for k, part in enumerate(value.parts):
+                self.store(f"{name}.{k}", part)
+        scope[name] = type_of(value)
+
+    def store(self, name: str, value: Number) -> None:
+        self.code.put(f"store {value.type} {value.text}, ptr {self.slot(name, value.type)}")
+
+    def write(self, address: str, value: Number) -> None:
+        self.code.put(f"store double {convert(self.code, value, FLOAT).text}, ptr {address}")
+
+    def augment(self, node: ast.AugAssign, scope: Variables) -> None:
+        if isinstance(node.target, ast.Name):
+            old = self.number(ast.Name(node.target.id, ast.Load()), scope)
+            self.assign(node.target.id, binary(self.code, node.op, old, self.number(node.value, scope)), scope)
+            return
+        array = self.value(node.target.value, scope)
+        if not isinstance(node.target, ast.Subscript) or not isinstance(array, Array):
+            raise self.cannot(node, "changes what is no entry of a buffer")
+        address = self.entry(array, node.target.slice, scope)
+        old = self.code.op(FLOAT, f"load double, ptr {address}")
+        self.write(address, binary(self.code, node.op, old, self.number(node.value, scope)))
+
+    def branch(self, node: ast.If, scope: Variables, loop: Loop | None) -> bool:
+        code = self.code
+        one, other, end = code.name("b"), code.name("b"), Join(code.name("b"))
+        self.test(node.test, one, other, scope)
+        for label, statements in ((one, node.body), (other, node.orelse)):
+            code.begin(label)
+            inner = dict(scope)
+            if not self.block(statements, inner, loop):
+                self.leave(end, inner)
+        return self.meet_here(end, scope)
+
+    def repeat(self, node: ast.While, scope: Variables) -> bool:
+        return self.turns(
+            node.body,
+            scope,
+            test=lambda inner, on, off: self.test(node.test, on, off, inner),
+            enter=lambda inner: None,
+            advance=lambda: None,
+        )
+
+    def count(self, node: ast.For, scope: Variables) -> bool:
+        code = self.code
+        assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
+        target = node.target.id
+        bounds = [self.number(a, scope) for a in node.iter.args]
+        if not 1 <= len(bounds) <= 3 or any(b.type == FLOAT for b in bounds):
+            raise self.cannot(node, "takes one to three whole numbers")
+        bounds = [convert(code, b, INT) for b in bounds]
+        start, stop = (Number(INT, "0"), bounds[0]) if len(bounds) == 1 else bounds[:2]
+        step = bounds[2] if len(bounds) == 3 else Number(INT, "1")
+        turn = f"turn {code.count}"
+        self.store(turn, start)
+
+        def test(inner: Variables, on: str, off: str) -> None:
+            k = self.load(turn, INT)
+            below = code.op(BOOL, f"icmp slt i64 {k.text}, {stop.text}")
+            if step.text.isdigit():
+                code.choose(below, on, off)
+                return
+            above = code.op(BOOL, f"icmp sgt i64 {k.text}, {stop.text}")
+            down = code.op(BOOL, f"icmp slt i64 {step.text}, 0")
+            code.choose(code.op(BOOL, f"select i1 {down.text}, i1 {above.text}, i1 {below.text}"), on, off)
+
+        def advance() -> None:
+            k = self.load(turn, INT)
+            self.store(turn, code.op(INT, f"add nsw i64 {k.text}, {step.text}"))
+
+        return self.turns(
+            node.body,
+            scope,
+            test=test,
+            enter=lambda inner: self.assign(target, self.load(turn, INT), inner),
+            advance=advance,
+            side_by_side=target == "lane",
+        )
+
+    def turns(
+        self,
+        body: Sequence[ast.stmt],
+        scope: Variables,
+        *,
+        test: Callable[[Variables, str, str], None],
+        enter: Callable[[Variables], None],
+        advance: Callable[[], None],
+        side_by_side: bool = False,
+    ) -> bool:
+        """A loop, written again until the types at its head are those that its turns leave.
+
+        Turns over `lane` are side by side: none touches entries of another, so that LLVM may do several at once.
+        """
+        code = self.code
+        mark, returns = len(code.lines), len(self.returns)
+        known = dict(scope)
+        while True:
+            del code.lines[mark:], self.returns[returns:]
+            head, first, off = Join(code.name("b")), code.name("b"), code.name("b")
+            loop = Loop(Join(code.name("b")), Join(code.name("b")))
+            self.leave(head, scope)
+            code.begin(head.label)
+            inner = dict(known)
+            test(inner, first, off)
+            code.begin(off)
+            self.leave(loop.done, known)
+            code.begin(first)
+            enter(inner)
+            if not self.block(body, inner, loop):
+                self.leave(loop.again, inner)
+            behind = together([known, *(variables for _, variables in loop.again.edges)])
+            wanted = {name: type_ for name, type_ in behind.items() if name in known or name in self.unset}
+            if wanted == known:
+                break
+            known = wanted
+        place, _ = loop.done.edges[0]
+        loop.done.edges[0] = place, behind
+        if loop.again.edges:
+            self.seal(loop.again, behind)
+            code.begin(loop.again.label)
+            advance()
+            code.go(head.label)
+            if side_by_side:
+                self.free(mark)
+        self.seal(head, known)
+        return self.meet_here(loop.done, scope)
+
+    def free(self, mark: int) -> None:
+        """Says of the loop that has just been written, from a line on, that its turns may be done in any order."""
+        notes = self.functions.notes
+        group, loop = f"!{len(notes)}", f"!{len(notes) + 1}"
+        notes += [
+            f"{group} = distinct !{{}}",
+            f"{loop} = distinct !{{{loop}, !{len(notes) + 2}}}",
+            f'!{len(notes) + 2} = !{{!"llvm.loop.parallel_accesses", {group}}}',
+        ]
+        lines = self.code.lines
+        for k in range(mark, len(lines)):
+            if MEMORY.match(lines[k]):
+                lines[k] += f", !llvm.access.group {group}"
+        lines[-1] += f", !llvm.loop {loop}"
+
+
+def type_of(value: Number | Tuple) -> str | tuple[str, ...]:
+    return value.type if isinstance(value, Number) else tuple(part.type for part in value.parts)
+
+
+def joined(one: Type | Array, other: Type | Array) -> Type | Array:
+    """What a variable is that has one type on one way and another on another; None if it cannot be read."""
+    if one == other:
+        return one
+    if isinstance(one, str) and isinstance(other, str):
+        return widest((one, other))
+    if isinstance(one, Array) or isinstance(other, Array) or one is None or other is None:
+        return None
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        return tuple(widest((a, b)) for a, b in zip(one, other, strict=True))
+    return None
+
+
+def together(scopes: Iterable[Variables]) -> Variables:
+    """The variables of several ways; one that is not set on some is read only after it has been set."""
+    out: Variables = {}
+    for scope in scopes:
+        for name, type_ in scope.items():
+            out[name] = joined(out[name], type_) if name in out else type_
+    return out

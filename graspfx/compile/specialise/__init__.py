@@ -1,0 +1,1 @@
+"""Kernels specialised for one scene."""

@@ -1,0 +1,301 @@
+"""Statements of a kernel, specialised: branches that are never taken are dropped, short loops written out."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Sequence
+
+from graspfx.compile.specialise.pruning import without_unused
+from graspfx.compile.specialise.specialise_expressions import Expressions, Kernel, Made, Scope, Specialiser, from_call
+from graspfx.compile.specialise.syntax import (
+    assigned,
+    assignment,
+    call_of,
+    calls,
+    constant,
+    leaves,
+    load,
+    loaded,
+    node_of,
+    size,
+    store,
+    tuple_of,
+)
+from graspfx.compile.specialise.values import Known, Later, Memory, Named, Several, Value, same
+
+
+class Body(Expressions):
+    """One kernel while it is specialised."""
+
+    def __init__(self, program: Specialiser, kernel: Kernel, arguments: Sequence[Value]) -> None:
+        super().__init__(program, kernel)
+        self.names = [a.arg for a in kernel.tree.args.args]
+        if len(self.names) != len(arguments):
+            raise self.cannot(self.tree, f"takes {len(self.names)} arguments, {len(arguments)} given")
+        self.arguments = arguments
+        self.returned: list[Value | None] = []
+
+    def made(self, name: str) -> Made:
+        scope: Scope = {}
+        body: list[ast.stmt] = []
+        parameters = []
+        for parameter, value in zip(self.names, self.arguments, strict=True):
+            if isinstance(value, Memory):
+                self.arrays[value.array] = None
+                scope[parameter] = value
+            elif isinstance(value, Known):
+                scope[parameter] = value
+                body.append(assignment(parameter, constant(value.value)))
+            else:
+                scope[parameter] = Later(load(parameter))
+                parameters.append(parameter)
+        statements, ended = self.block(self.tree.body, scope)
+        if not ended:
+            self.returned.append(None)
+        for taken in self.arrays.keys() & (assigned(self.tree.body) | set(parameters)):
+            raise self.cannot(
+                self.tree, f"has a number named {taken!r}, which is the name of a buffer: call that otherwise"
+            )
+        body = without_unused(body + statements)
+        lane = ["lane"] if self.program.lanes > 1 else []
+        arrays = tuple(self.arrays)
+        node = ast.FunctionDef(
+            name=name,
+            args=ast.arguments(
+                posonlyargs=[], args=[ast.arg(p) for p in (*arrays, *lane, *parameters)], kwonlyargs=[],
+                kw_defaults=[], defaults=[],
+            ),
+            body=body or [ast.Pass()],
+            decorator_list=[],
+            type_params=[],
+        )  # fmt: skip
+        return Made(name, arrays, node, self.result(), self.pure, self.called + size(body))
+
+    def result(self) -> Value | None:
+        """What is known of all that may be returned."""
+        first, *others = self.returned
+        if first is None:
+            return None
+        if isinstance(first, Several):
+            parts = [
+                part if all(isinstance(r, Several) and same(part, r.parts[k]) for r in others) else Later(load("_"))
+                for k, part in enumerate(first.parts)
+            ]
+            return Several(tuple(parts), None)
+        return first if all(same(first, r) for r in others) else Later(load("_"))
+
+    def block(self, statements: Iterable[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
+        """Statements specialised, and whether the end is never reached."""
+        out: list[ast.stmt] = []
+        for statement in statements:
+            more, ended = self.statement(statement, scope)
+            out += more
+            if ended:
+                return out, True
+        return out, False
+
+    def statement(self, node: ast.stmt, scope: Scope) -> tuple[list[ast.stmt], bool]:
+        if isinstance(node, ast.Assign):
+            first, value = node.targets[0], node.value
+            if isinstance(first, ast.Tuple) and isinstance(value, ast.IfExp):  # a choice of tuples, as a branch
+                one: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.body), node)]
+                other: list[ast.stmt] = [ast.copy_location(ast.Assign([first], value.orelse), node)]
+                return self.branch(ast.copy_location(ast.If(value.test, one, other), node), scope)
+            out = self.assign(node.targets[0], node.value, scope)
+            for target in node.targets[1:]:  # a = b = 0.0: the second takes what the first has got
+                out += self.assign(target, loaded(node.targets[0]), scope)
+            return out, False
+        if isinstance(node, ast.AnnAssign) and node.value is not None:
+            return self.assign(node.target, node.value, scope), False
+        if isinstance(node, ast.AugAssign):
+            return self.assign(node.target, ast.BinOp(loaded(node.target), node.op, node.value), scope), False
+        if isinstance(node, ast.If):
+            return self.branch(node, scope)
+        if isinstance(node, ast.For):
+            return self.loop(node, scope)
+        if isinstance(node, ast.While):
+            return self.repeat(node, scope)
+        if isinstance(node, ast.Return):
+            return self.give(node, scope), True
+        if isinstance(node, ast.Expr):
+            return self.effect(node.value, scope), False
+        if isinstance(node, ast.Break | ast.Continue):
+            return [node], True
+        if isinstance(node, ast.Pass):
+            return [], False
+        raise self.cannot(node, "is no statement of a kernel")
+
+    def assign(self, target: ast.expr, value: ast.expr, scope: Scope) -> list[ast.stmt]:
+        out: list[ast.stmt] = []
+        found: Value
+        if isinstance(value, ast.Call):
+            call, known = self.call(value, scope)
+            if isinstance(known, Known):
+                found = known
+                if call is not None:  # done for its effect: what it gives is known
+                    out.append(ast.Expr(call))
+            else:
+                found = from_call(call, known)
+        else:
+            found = self.value(value, scope)
+        if isinstance(target, ast.Name):
+            if isinstance(found, Memory | Named):
+                scope[target.id] = found
+                return out
+            scope[target.id] = found if isinstance(found, Known) else Later(load(target.id))
+            return [*out, assignment(target.id, node_of(found))]
+        if isinstance(target, ast.Subscript):
+            return [*out, ast.Assign([self.entry(target, scope, store=True)], node_of(found))]
+        if not (isinstance(target, ast.Tuple) and isinstance(found, Several | Later)):
+            raise self.cannot(target, "cannot be assigned to")
+        taken: set[str] = set()
+        for t in target.elts:
+            if isinstance(t, ast.Name):
+                taken.add(t.id)
+            elif taken & {n.id for n in ast.walk(t) if isinstance(n, ast.Name)}:
+                raise self.cannot(target, "assigns to a number and, by it, to an entry: do that one after the other")
+        to = [
+            store(t.id) if isinstance(t, ast.Name) else self.entry(self.subscript(t), scope, store=True)
+            for t in target.elts
+        ]
+        parts = found.parts if isinstance(found, Several) else (Later(load("_")),) * len(to)
+        if len(to) != len(parts):
+            raise self.cannot(target, f"takes {len(to)} values, {len(parts)} given")
+        for t, part in zip(target.elts, parts, strict=True):
+            if isinstance(t, ast.Name):
+                scope[t.id] = part if isinstance(part, Known) else Later(load(t.id))
+        return [*out, ast.Assign([tuple_of(to, store=True)], node_of(found))]
+
+    def subscript(self, node: ast.expr) -> ast.Subscript:
+        if isinstance(node, ast.Subscript):
+            return node
+        raise self.cannot(node, "cannot be assigned to")
+
+    def branch(self, node: ast.If, scope: Scope) -> tuple[list[ast.stmt], bool]:
+        test = self.test(node.test, scope)
+        if isinstance(test, Known):
+            return self.block(node.body if test.value else node.orelse, scope)
+        one, other = dict(scope), dict(scope)
+        body, ended = self.block(node.body, one)
+        otherwise, other_ended = self.block(node.orelse, other)
+        if ended != other_ended:
+            _become(scope, other if ended else one)
+        else:
+            _become(scope, {name: _joined(name, one[name], other[name]) for name in one.keys() & other.keys()})
+            for name in one.keys() ^ other.keys():  # read only where it has been assigned to
+                scope[name] = Later(load(name))
+        if not body and not otherwise:
+            return ([ast.Expr(node_of(test))] if calls(node_of(test)) else []), False
+        if not body:
+            return [ast.If(ast.UnaryOp(ast.Not(), node_of(test)), otherwise, [])], ended and other_ended
+        return [ast.If(node_of(test), body, otherwise)], ended and other_ended
+
+    def loop(self, node: ast.For, scope: Scope) -> tuple[list[ast.stmt], bool]:
+        call = node.iter
+        if isinstance(call, ast.Tuple) and not node.orelse and not leaves(node.body):
+            turns = [[ast.copy_location(ast.Assign([node.target], part), node), *node.body] for part in call.elts]
+            asked = list(ast.walk(call))
+            changed = assigned(node.body) & {part.id for part in asked if isinstance(part, ast.Name)}
+            if not changed and not any(
+                isinstance(part, ast.Subscript | ast.Call) for part in asked
+            ):  # else the tuple would not be what it was at the beginning
+                return self.block([statement for turn in turns for statement in turn], scope)
+        if not (
+            isinstance(node.target, ast.Name)
+            and not node.orelse
+            and isinstance(call, ast.Call)
+            and isinstance(call.func, ast.Name)
+            and call.func.id == "range"
+        ):
+            raise self.cannot(node, "loops over something else than a range or a tuple that stays")
+        bounds = [self.value(a, scope) for a in call.args]
+        known = [int(b.value) for b in bounds if isinstance(b, Known)]
+        if len(known) == len(bounds):
+            numbers = range(*known)
+            if not numbers:
+                return [], False
+            found = self.written_out(node, numbers, scope)
+            if found is not None:
+                return found
+        self.forget([node], scope)
+        inner = dict(scope)
+        body, _ = self.block(node.body, inner)
+        self.forget([node], scope)
+        if not body:
+            return [], False
+        turned: list[ast.stmt] = [
+            ast.For(store(node.target.id), call_of("range", [node_of(b) for b in bounds]), body, [])
+        ]
+        return turned, False
+
+    def written_out(self, node: ast.For, turns: range, scope: Scope) -> tuple[list[ast.stmt], bool] | None:
+        """The turns of a loop one after another, and whether the end is never reached; None if that is too much."""
+        assert isinstance(node.target, ast.Name)
+        most = self.program.unroll
+        if len(turns) * len(node.body) > most or leaves(node.body):
+            return None
+        inner, arrays, pure, called, returned = (
+            dict(scope),
+            dict(self.arrays),
+            self.pure,
+            self.called,
+            len(self.returned),
+        )
+        out: list[ast.stmt] = []
+        ended, written = False, 0
+        for done, turn in enumerate(turns, start=1):
+            inner[node.target.id] = Known(turn)
+            body, ended = self.block(node.body, inner)
+            out += [assignment(node.target.id, ast.Constant(turn)), *body]
+            written += size(body)
+            if (written + self.called - called) * (1 if ended else len(turns)) > most * done:
+                self.arrays, self.pure, self.called = arrays, pure, called
+                del self.returned[returned:]
+                return None
+            if ended:
+                break
+        _become(scope, inner)
+        return out, ended
+
+    def repeat(self, node: ast.While, scope: Scope) -> tuple[list[ast.stmt], bool]:
+        if node.orelse:
+            raise self.cannot(node, "has an else after its loop")
+        first = self.test(node.test, scope)
+        if isinstance(first, Known) and not first.value:
+            return [], False
+        self.forget(node.body, scope)
+        test = self.test(node.test, dict(scope))
+        body, _ = self.block(node.body, dict(scope))
+        return [ast.While(node_of(test), body or [ast.Pass()], [])], False
+
+    def forget(self, statements: Sequence[ast.stmt], scope: Scope) -> None:
+        """Nothing is known of a variable that a loop assigns to."""
+        for name in assigned(statements):
+            if isinstance(scope.get(name), Memory | Named):
+                raise self.cannot(statements[0], f"changes the buffer {name!r} in a loop")
+            scope[name] = Later(load(name))
+
+    def give(self, node: ast.Return, scope: Scope) -> list[ast.stmt]:
+        if node.value is None:
+            self.returned.append(None)
+            return [ast.Return(None)]
+        value = self.value(node.value, scope)
+        self.returned.append(value)
+        return [ast.Return(node_of(value))]
+
+    def effect(self, node: ast.expr, scope: Scope) -> list[ast.stmt]:
+        if isinstance(node, ast.Constant):
+            return []  # a docstring
+        if not isinstance(node, ast.Call):
+            raise self.cannot(node, "does nothing")
+        call, _ = self.call(node, scope)
+        return [] if call is None else [ast.Expr(call)]
+
+
+def _joined(name: str, one: Value, other: Value) -> Value:
+    return one if same(one, other) else Later(load(name))
+
+
+def _become(scope: Scope, other: Scope) -> None:
+    scope.clear()
+    scope.update(other)

@@ -1,0 +1,1 @@
+"""Programs without branches, for many of a kind side by side."""

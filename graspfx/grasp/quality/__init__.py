@@ -1,0 +1,1 @@
+"""How good a grasp is, and its internal forces by name."""

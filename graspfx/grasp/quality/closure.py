@@ -1,0 +1,242 @@
+"""Force closure: whether fingers that push within their friction can make every wrench, with a proof either way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.grasp.contact import SELECTION
+from graspfx.grasp.quality.measures import moment_length, reference_point
+from graspfx.numeric import finite
+
+if TYPE_CHECKING:
+    from graspfx.grasp.matrix import Grasp
+
+FloatArray = NDArray[np.float64]
+Limit = Literal["elliptic", "independent"]
+
+FLAT = 1e-6  # singular value of the cones' wrenches below which they leave a wrench out
+BOUNDARY = 1e-7  # equilibria whose evenly spread share is below this lie on the cones' boundary
+ROUNDS = 200
+
+
+class PushingWrenches:
+    """The wrenches of n contacts that push with f_n = 1 within their friction, moments divided by a length.
+
+    | contact | forces | source |
+    |---|---|---|
+    | frictionless | f_t = 0 | |
+    | hard | abs(f_t) <= mu f_n | Murray, Li and Sastry 1994, ch. 5 |
+    | soft, elliptic | (f_t/mu)^2 + (tau/gamma)^2 <= f_n^2 | Howe and Cutkosky 1996 |
+    | soft, independent | abs(f_t) <= mu f_n, abs(tau) <= gamma f_n | Murray, Li and Sastry 1994, ch. 5 |
+
+    Args:
+        grasp: contacts with normals; none of the model "full", for which there is no law of friction.
+        friction: mu, one or one per contact.
+        torsion: gamma [m], one or one per contact; for soft contacts in space.
+        limit: how a soft contact's two limits combine.
+        length, about: as `grasp.measures.measures`.
+    """
+
+    def __init__(
+        self,
+        grasp: Grasp,
+        friction: ArrayLike,
+        torsion: ArrayLike,
+        limit: Limit,
+        length: float | None,
+        about: ArrayLike | None,
+    ) -> None:
+        if limit not in get_args(Limit):
+            raise UnknownNameError("limit of a soft contact", str(limit), get_args(Limit))
+        models, d, n = grasp.contacts.models, grasp.dimensions, grasp.fingers
+        lawless = [name for name in models if name == SELECTION or (name == "full" and d > 1)]
+        if lawless:
+            raise InputError(
+                "model",
+                lawless[0],
+                "frictionless, hard or soft contacts",
+                f"a {lawless[0]} contact has no friction law",
+            )
+        if grasp.contacts.normals is None:
+            raise InputError("normals", None, "a normal into the object for each contact")
+        soft = np.array([name == "soft" and d == 3 for name in models])
+        rough = np.array([name != "frictionless" for name in models])
+        self.normals = grasp.contacts.normals  # (n, d)
+        self.friction = _coefficients("friction", friction, n) * rough
+        self.torsion = _coefficients("torsion", torsion, n) * soft
+        if (soft & (self.torsion == 0.0)).any():
+            raise InputError(
+                "torsion", torsion, "a positive length [m], for soft contacts", "give the torsion per newton"
+            )
+        self.elliptic, self.length = limit == "elliptic", moment_length(grasp, length)
+        arms = grasp.points - reference_point(grasp, about)
+        turns = 1 if d == 2 else d * (d - 1) // 2
+        maps = np.zeros((d + turns, n, d + 1))  # wrench of a unit force along each world axis, and of a unit torsion
+        maps[:d, :, :d] = np.eye(d)[:, None, :]
+        if d == 3:
+            maps[3:, :, :3] = np.moveaxis(np.cross(arms[:, None, :], np.eye(3)[None]), 2, 0) / self.length
+            maps[3:, :, 3] = self.normals.T / self.length
+        elif d == 2:
+            maps[2, :, 0], maps[2, :, 1] = -arms[:, 1] / self.length, arms[:, 0] / self.length
+        self.maps = maps[grasp.free]  # (w, n, d + 1)
+        self.grasp = grasp
+
+    def reach(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force there (k, n, d + 1)."""
+        d = self.normals.shape[1]
+        v = np.einsum("kw,wnc->knc", directions, self.maps)
+        normal = (v[..., :d] * self.normals).sum(axis=-1)
+        side = v[..., :d] - normal[..., None] * self.normals
+        shear = self.friction * np.sqrt((side**2).sum(axis=-1))
+        twist = self.torsion * np.abs(v[..., d])
+        if self.elliptic:
+            whole = np.hypot(shear, twist)
+            pull, turn = self.friction**2 / _safe(whole), self.torsion**2 / _safe(whole)
+        else:
+            whole = shear + twist
+            pull, turn = self.friction**2 / _safe(shear), self.torsion**2 / _safe(twist)
+        forces = np.concatenate([self.normals + pull[..., None] * side, (turn * v[..., d])[..., None]], axis=-1)
+        return normal + whole, forces
+
+    def wrenches(self, forces: FloatArray) -> FloatArray:
+        """Each contact's wrench (k, n, w) for forces (k, n, d + 1)."""
+        return np.asarray(np.einsum("wnc,knc->knw", self.maps, forces))
+
+    def components(self, forces: FloatArray) -> FloatArray:
+        """Forces (n, d + 1) as the grasp's components (m,)."""
+        contacts = self.grasp.contacts
+        own = forces[contacts.finger]
+        f = (contacts.force_axes * own[:, :-1]).sum(axis=1)
+        f[contacts.moment] = own[contacts.moment, -1]
+        return np.asarray(f)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceClosure:
+    """Whether contacts that push can make every wrench, with the proof.
+
+    Attributes:
+        closed: whether they can.
+        squeeze: if so, contact forces (m,) strictly inside their cones, with normal forces of 1 N in sum, that make no
+            wrench: the primal proof. Else None.
+        separating: if not, a wrench direction u (w,), forces before moments divided by the length, with u.w <= 0 for
+            every wrench that the contacts can make: the dual proof. Else None, also where 200 rounds prove neither.
+        share: the part of the squeeze that can be spread evenly over the cones, in (0, 1]; 0 if not closed.
+    """
+
+    closed: bool
+    squeeze: FloatArray | None
+    separating: FloatArray | None
+    share: float
+
+    def __bool__(self) -> bool:
+        return self.closed
+
+
+def force_closure(
+    grasp: Grasp,
+    friction: ArrayLike = 0.0,
+    torsion: ArrayLike = 0.0,
+    *,
+    limit: Limit = "elliptic",
+    length: float | None = None,
+    about: ArrayLike | None = None,
+) -> ForceClosure:
+    """Force closure of contacts that push: G(C) is the whole space of wrenches, C the product of the friction cones.
+
+    Equivalent: G is onto, and some f in the interior of C has G f = 0 (Murray, Li and Sastry 1994, prop. 5.3;
+    Prattichizzo and Trinkle 2016). By linear programs over wrenches g_j of forces in the cones, the first p of them
+    spread evenly over each:
+
+        max t,  sum_j a_j g_j = 0,  sum_j a_j <= 1,  a_j >= t/p for j <= p, else a_j >= 0,
+        max r,  g_j.u + r |g_j| <= 0,  |u_k| <= 1.
+
+    t > 0 proves closure by forces in the true cones. Otherwise u, the middle of the directions that separate the g_j,
+    is measured against the cones themselves, in closed form: if none of their wrenches has u.w > 0, it proves the
+    opposite; if some have, the worst join the g_j, and again (Elzinga and Moore 1975), a few times as a rule. So both
+    answers hold for second-order cones; nothing is linearised in them. A grasp within 1e-7 of the boundary counts as
+    not closed. Scale, point of reference and unit do not change the answer.
+
+    A contact with friction 0 pushes along its normal. For two contacts this is the rule that the line between them lies
+    inside both cones (Nguyen 1988), hard in the plane, soft in space.
+
+    Args:
+        grasp, friction, torsion, limit, length, about: as `PushingWrenches`.
+
+    Raises:
+        InputError: a full contact, no normals, coefficients that are negative or missing.
+    """
+    cones = PushingWrenches(grasp, friction, torsion, limit, length, about)
+    return closure_of(cones)[0]
+
+
+def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
+    """The test, and the wrenches (k, w) that it used."""
+    from scipy.optimize import linprog
+
+    w = len(cones.maps)
+    if w == 0:
+        push = np.hstack([cones.normals, np.zeros((len(cones.normals), 1))]) / len(cones.normals)
+        return ForceClosure(True, cones.components(push), None, 1.0), np.zeros((0, 0))
+    start = np.vstack([np.eye(w), -np.eye(w)])
+    forces = cones.reach(start)[1]
+    n = forces.shape[1]
+    whose = np.tile(np.arange(n), len(start))
+    generators = cones.wrenches(forces).reshape(-1, w)
+    forces = forces.reshape(-1, forces.shape[2])
+    p = len(generators)
+    U, values, _ = np.linalg.svd(generators.T)
+    if len(values) < w or values[-1] <= FLAT * values[0]:
+        return ForceClosure(False, None, U[:, -1], 0.0), generators
+
+    for _ in range(ROUNDS):
+        even = generators[:p].mean(axis=0)
+        columns = np.vstack([generators, even])
+        cost = np.zeros(len(columns))
+        cost[-1] = -1.0
+        found = linprog(cost, A_ub=np.ones((1, len(columns))), b_ub=[1.0], A_eq=columns.T, b_eq=np.zeros(w))
+        if found.status != 0:
+            raise InputError("points, normals", found.message, "contacts whose linear program can be solved")
+        x, share = np.asarray(found.x), float(np.asarray(found.x)[-1])
+        if share > BOUNDARY:
+            weights = x[:-1].copy()
+            weights[:p] += share / p
+            # less what the solver's rounding leaves of a wrench
+            weights[:p] -= np.linalg.lstsq(generators[:p].T, generators.T @ weights, rcond=None)[0]
+            total = np.zeros((n, forces.shape[1]))
+            np.add.at(total, whose, weights[:, None] * forces)
+            return ForceClosure(True, cones.components(total), None, share), generators
+        # the middle of all separating directions: a corner of them is nearly always beyond the cones' curved sides
+        slack = np.column_stack([generators, np.sqrt((generators**2).sum(axis=1))])
+        middle = linprog(
+            -np.eye(w + 1)[w], A_ub=slack, b_ub=np.zeros(len(slack)), bounds=[(-1.0, 1.0)] * w + [(0.0, None)]
+        )
+        u = np.asarray(middle.x)[:w]
+        if not u.any():
+            u = np.asarray(found.eqlin.marginals)
+        u = u / np.linalg.norm(u)
+        heights, worst = cones.reach(u[None])
+        if heights.max() <= BOUNDARY:
+            return ForceClosure(False, None, u, 0.0), generators
+        beyond = np.flatnonzero(heights[0] > 0.0)
+        generators = np.vstack([generators, cones.wrenches(worst)[0, beyond]])
+        forces = np.vstack([forces, worst[0, beyond]])
+        whose = np.append(whose, beyond)
+    return ForceClosure(False, None, None, 0.0), generators
+
+
+def _coefficients(name: str, given: ArrayLike, n: int) -> FloatArray:
+    value = finite(name, given)
+    if value.shape not in ((), (n,)) or (value < 0.0).any():
+        raise InputError(name, given, f"a number that is not negative, or {n} of them, one per contact")
+    return np.broadcast_to(value, (n,)).copy()
+
+
+def _safe(x: FloatArray) -> FloatArray:
+    """The divisor, or 1 where it is zero and so is what it divides."""
+    return np.where(x > 0.0, x, 1.0)

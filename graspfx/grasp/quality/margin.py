@@ -1,0 +1,188 @@
+"""The margin of a grasp: the largest ball of wrenches that bounded pushes can make in every direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError, UnknownNameError
+from graspfx.grasp.quality.closure import Limit, PushingWrenches, closure_of
+from graspfx.numeric import number
+
+if TYPE_CHECKING:
+    from graspfx.grasp.matrix import Grasp
+
+FloatArray = NDArray[np.float64]
+Bound = Literal["sum", "each"]
+
+BATCH = 20  # facets looked at in a round
+DESCENTS = 3  # from the nearest facets
+SHRINK = 1e-6  # relative: points moved inwards by up to this, since qhull fails on many in one plane in five dimensions
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """Bounds on epsilon, the radius of the largest ball of wrenches that the grasp can make (Ferrari and Canny 1992).
+
+    Attributes:
+        guaranteed: a radius that is reached: of the largest ball in a polytope of wrenches that the contacts can make.
+        reached: a radius that is not exceeded: the most that the contacts can do along `weakest`, exact for the cones.
+        weakest: unit direction (w,) of the wrench that is nearest to what they cannot do, forces before moments
+            divided by the length.
+        length: by which moments are divided [m].
+    """
+
+    guaranteed: float
+    reached: float
+    weakest: FloatArray
+    length: float
+
+
+def wrench_margin(
+    grasp: Grasp,
+    friction: ArrayLike = 0.0,
+    torsion: ArrayLike = 0.0,
+    *,
+    bound: Bound = "sum",
+    limit: Limit = "elliptic",
+    length: float | None = None,
+    about: ArrayLike | None = None,
+    tolerance: float = 1e-3,
+    points: int = 600,
+) -> Margin:
+    """epsilon = min over |u| = 1 of max over w in W of u.w, W the wrenches of forces in the cones with bounded f_n.
+
+    With `bound` "sum" the normal forces add up to 1 N at most, and W is the convex hull of the contacts' wrenches; with
+    "each" every one is 1 N at most, and W is their Minkowski sum (Ferrari and Canny 1992, both). What W reaches along u
+    is known in closed form for the cones themselves. So epsilon is enclosed: from below by the nearest facet of a
+    polytope of points of W (Barber, Dobkin and Huhdanpaa 1996), from above by what W reaches along that facet's normal;
+    the point that W reaches there joins the polytope, until the two agree; last, a descent on the sphere lowers the
+    upper bound to a local minimum. No linear program finds epsilon, because the minimum over the sphere is not convex.
+    A smooth W that is weak along a family of directions takes many points: then the bounds stay further apart.
+
+    A grasp without force closure has the margin 0. Unlike closure, epsilon depends on length and point of reference.
+
+    Args:
+        grasp, friction, torsion, limit, length, about: as `grasp.closure.force_closure`.
+        bound: on the normal forces.
+        tolerance: relative, at which the two bounds agree well enough.
+        points: of the polytope, at most.
+
+    Raises:
+        InputError, UnknownNameError: as `force_closure`, and for a tolerance outside (0, 1).
+    """
+    if bound not in get_args(Bound):
+        raise UnknownNameError("bound on the normal forces", str(bound), get_args(Bound))
+    tolerance = number("tolerance", tolerance, "a relative tolerance in (0, 1)", zero=False)
+    if tolerance >= 1.0:
+        raise InputError("tolerance", tolerance, "a relative tolerance in (0, 1)")
+    cones = PushingWrenches(grasp, friction, torsion, limit, length, about)
+    closure, generators = closure_of(cones)
+    w = len(cones.maps)
+    if not closure.closed or w == 0:
+        separating = np.zeros(w) if closure.separating is None else closure.separating
+        return Margin(0.0, 0.0, separating, cones.length)
+    start = np.vstack([np.eye(w), -np.eye(w)])
+    heights, wrenches = _reach(cones, start, bound)
+    best = int(heights.argmin())
+    reached, weakest = float(heights[best]), start[best]
+    if w == 1:
+        return Margin(reached, reached, weakest, cones.length)
+    guaranteed = 0.0
+    from scipy.spatial import ConvexHull
+
+    rng = np.random.default_rng(0)
+    if bound == "sum":
+        wrenches = np.vstack([wrenches, generators])
+    else:
+        own = cones.wrenches(cones.reach(start)[1]).mean(axis=0)  # (n, w)
+        around = rng.normal(size=(10 * w, w))
+        wrenches = np.vstack([wrenches, _reach(cones, np.vstack([own, -own, around]), bound)[1]])
+
+    def distinct(P: FloatArray) -> FloatArray:
+        P = np.unique(P.round(12), axis=0)
+        return P * (1.0 - SHRINK * rng.random((len(P), 1))) if w > 3 else P
+
+    hull = ConvexHull(distinct(wrenches), incremental=True)
+    while True:
+        normals, distances = hull.equations[:, :-1], -hull.equations[:, -1]
+        nearest = np.argsort(distances, kind="stable")[:BATCH]
+        guaranteed = max(guaranteed, float(distances[nearest[0]]))
+        heights, wrenches = _reach(cones, normals[nearest], bound)
+        best = int(heights.argmin())
+        if heights[best] < reached:
+            reached, weakest = float(heights[best]), normals[nearest[best]].copy()
+        beyond = heights > distances[nearest] * (1.0 + tolerance / 2)
+        if reached - guaranteed <= tolerance * reached or len(hull.points) >= points or not beyond.any():
+            break
+        hull.add_points(distinct(wrenches[beyond]))
+    hull.close()
+    for u in [weakest, *normals[nearest[:DESCENTS]]]:
+        lower, at = _descended(cones, u, bound)
+        if lower < reached:
+            reached, weakest = lower, at
+    return Margin(min(guaranteed, reached), reached, weakest, cones.length)
+
+
+def _reach(cones: PushingWrenches, directions: FloatArray, bound: Bound) -> tuple[FloatArray, FloatArray]:
+    """How far W reaches along each direction (k,), and the wrench there (k, w)."""
+    heights, forces = cones.reach(directions)
+    each = cones.wrenches(forces)  # (k, n, w)
+    if bound == "each":
+        pushing = heights > 0.0
+        return (heights * pushing).sum(axis=1), (each * pushing[..., None]).sum(axis=1)
+    k, i = np.arange(len(directions)), heights.argmax(axis=1)
+    return heights[k, i], each[k, i]
+
+
+def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple[float, FloatArray]:
+    """A local minimum on the unit sphere, min sum s with s_i >= h_i(u), one s for all contacts or one each, s >= 0."""
+    from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+    n, w = len(cones.normals), len(start)
+    owner = np.ones((n, 1)) if bound == "sum" else np.eye(n)
+    slacks = owner.shape[1]
+    cost = np.append(np.zeros(w), np.ones(slacks))
+
+    def room(x: FloatArray) -> FloatArray:
+        return np.asarray(owner @ x[w:] - cones.reach(x[None, :w])[0][0])
+
+    def room_slope(x: FloatArray) -> FloatArray:
+        return np.hstack([-cones.wrenches(cones.reach(x[None, :w])[1])[0], owner])
+
+    heights = cones.reach(start[None])[0][0]
+    s = heights.max(keepdims=True) if bound == "sum" else np.maximum(heights, 0.0)
+
+    def total(x: FloatArray) -> float:
+        return float(cost @ x)
+
+    def slope(x: FloatArray) -> FloatArray:
+        return cost
+
+    def unit(x: FloatArray) -> FloatArray:
+        return np.atleast_1d(x[:w] @ x[:w])
+
+    def unit_slope(x: FloatArray) -> FloatArray:
+        return np.append(2.0 * x[:w], np.zeros(slacks))[None]
+
+    found = minimize(
+        total,
+        np.append(start, s),
+        jac=slope,
+        method="SLSQP",
+        bounds=Bounds(np.append(np.full(w, -np.inf), np.zeros(slacks)), np.full(w + slacks, np.inf)),
+        constraints=[
+            NonlinearConstraint(room, 0.0, np.inf, jac=room_slope),
+            NonlinearConstraint(unit, 1.0, 1.0, jac=unit_slope),
+        ],
+        options={"maxiter": 100, "ftol": 1e-12},
+    )
+    u = np.asarray(found.x[:w])
+    length = float(np.linalg.norm(u))
+    if not np.isfinite(length) or length == 0.0:
+        return np.inf, start
+    u = u / length
+    return float(_reach(cones, u[None], bound)[0][0]), u

@@ -1,0 +1,1 @@
+"""How a hand means to move its fingers."""

@@ -1,0 +1,313 @@
+"""Intended motions of a hand: rest, a sine, a minimum-jerk reach, a recorded path, levels, and sums of them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path as FilePath
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.environment import require_file, to_path
+from graspfx.errors import InputError
+from graspfx.loop.tick import targets
+
+FloatArray = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+EXPECTED = "a CSV file with columns t, x[, y[, z]]"
+ROUNDING = 1e-12  # relative; of times that were meant to be the same
+
+
+class Motion(Protocol):
+    """An offset from where the hand rests, as a function of time; with d = 1 also an angle [rad] or a squeeze [m]."""
+
+    @property
+    def dimensions(self) -> int | None:
+        """d, or None for a motion that suits any."""
+        ...
+
+    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]; (1,) for a motion that suits any d."""
+        ...
+
+
+class Part(NamedTuple):
+    """One term of a motion: a kind of `loop.tick.targets` with its numbers, or a motion that is none of ours."""
+
+    kind: int
+    rows: int  # how many points or levels
+    numbers: FloatArray
+    source: Motion | None = None
+
+
+class Course(NamedTuple):
+    """A motion laid out for `targets.motion_at`."""
+
+    entries: FloatArray
+    structure: NDArray[np.intp]  # entries that never change and pick what is done
+    given: list[tuple[int, Motion]]  # where offset (d) and velocity (d) of others' motions are written
+
+    def ask(self, S: FloatArray, o: int, time: float, d: int) -> None:
+        """Write others' motions at a time into the course that stands at S[o]."""
+        for at, motion in self.given:
+            x, v = motion.at(time)
+            S[o + at : o + at + d] = x
+            S[o + at + d : o + at + 2 * d] = v
+
+
+def lay_out(parts: Sequence[Part], d: int) -> Course:
+    """The course, in d dimensions, of what is made of these parts."""
+    entries, structure, given = [np.array([float(len(parts))])], [0], []
+    at = 1
+    for kind, rows, own, source in parts:
+        numbers = own if source is None else np.zeros(2 * d)
+        if source is not None:
+            given.append((at + targets.OWN, source))
+        structure += [at + targets.KIND, at + targets.SIZE, at + targets.COUNT]
+        size = targets.OWN + len(numbers)
+        entries += [np.array([kind, size, rows], dtype=float), numbers]
+        at += size
+    return Course(np.concatenate(entries), np.array(structure, dtype=np.intp), given)
+
+
+def parts_of(motion: Motion) -> Sequence[Part]:
+    """Of ours, what they are made of; of another, or one whose `at` is another, itself."""
+    if isinstance(motion, _Parts) and type(motion).at is _Parts.at:
+        return motion.parts
+    return [Part(targets.GIVEN, 0, np.zeros(0), motion)]
+
+
+class _Parts:
+    """What our motions have in common: the parts that they are made of, and the kernel that adds these up."""
+
+    def __init__(self, dimensions: int | None, parts: Sequence[Part]) -> None:
+        self.dimensions = dimensions
+        self.parts = tuple(parts)
+        d = dimensions or 1
+        self._course = lay_out(parts, d)
+        self._block: FloatArray = np.concatenate([np.zeros(2 * d), self._course.entries])
+
+    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]."""
+        d = self.dimensions or 1
+        self._course.ask(self._block, 2 * d, time, d)
+        targets.motion_at(self._block.data, 2 * d, time, 0, d)
+        return self._block[:d].copy(), self._block[d : 2 * d].copy()
+
+
+class Rest(_Parts):
+    """No motion."""
+
+    def __init__(self) -> None:
+        super().__init__(None, [])
+
+
+class Sine(_Parts):
+    """x(t) = a s((t - begin) / ramp) sin(2 pi f (t - begin)) along one direction, zero before `begin`.
+
+    s is the minimum-jerk step, 1 throughout when `ramp` is zero: then the velocity jumps by 2 pi f a at `begin`.
+
+    Args:
+        amplitude: a [m].
+        frequency: f [Hz].
+        axis: the direction: a vector (d,) of any length above zero, or 0, 1, 2 for an axis, with `dimensions`.
+        begin: [s].
+        ramp: over which the amplitude fades in [s].
+        dimensions: d, needed when `axis` is a number.
+    """
+
+    def __init__(
+        self,
+        amplitude: float,
+        frequency: float,
+        axis: int | ArrayLike,
+        begin: float = 0.0,
+        ramp: float = 0.0,
+        *,
+        dimensions: int | None = None,
+    ) -> None:
+        a = _number("amplitude", amplitude, "a finite length [m]")
+        f = _number("frequency", frequency, "a finite frequency above zero [Hz]", above=0.0)
+        u = direction(axis, dimensions)
+        t = _number("begin", begin, "a finite time [s]")
+        fade = _number("ramp", ramp, "a finite time of zero or more [s]", least=0.0)
+        super().__init__(len(u), [Part(targets.SINE, 0, np.array([a, 2.0 * math.pi * f, t, fade, *u]))])
+
+
+class Reach(_Parts):
+    """x(t) = s((t - begin) / duration) displacement, s the minimum-jerk step; it stays there.
+
+    Args:
+        displacement: (d,) [m].
+        begin: [s].
+        duration: [s].
+    """
+
+    def __init__(self, displacement: ArrayLike, begin: float = 0.0, duration: float = 1.0) -> None:
+        x = _vector("displacement", displacement, "the finite components (d,) of a displacement [m]")
+        t = _number("begin", begin, "a finite time [s]")
+        T = _number("duration", duration, "a finite time above zero [s]", above=0.0)
+        super().__init__(len(x), [Part(targets.REACH, 0, np.array([t, T, *x]))])
+
+
+class Path(_Parts):
+    """A recorded path: cubic between its points and continuous in velocity, without overshoot; it holds its ends.
+
+    The slopes are those of F. N. Fritsch and R. E. Carlson (Monotone piecewise cubic interpolation, SIAM J. Numerical
+    Analysis 17(2), 1980) as SciPy's PchipInterpolator has them. A path that is moving at an end stops there at once.
+
+    Args:
+        times: (N,) increasing, two at least [s].
+        positions: (N, d), or (N,) for d = 1, offsets from where the hand rests [m].
+    """
+
+    def __init__(self, times: ArrayLike, positions: ArrayLike) -> None:
+        from scipy.interpolate import PchipInterpolator
+
+        t, x = floats("times", times), floats("positions", positions)
+        if x.ndim == 1:
+            x = x[:, None]
+        if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or not (np.diff(t) > 0.0).all():
+            raise InputError("times", times, "two or more finite times (N,), each later than the one before [s]")
+        if x.ndim != 2 or len(x) != len(t) or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
+            raise InputError("positions", positions, f"finite positions (N, d) or (N,), N = {len(t)} as for times [m]")
+        cubics = np.moveaxis(np.asarray(PchipInterpolator(t, x).c, dtype=float), 1, 0)  # (N - 1, 4, d)
+        super().__init__(x.shape[1], [Part(targets.PATH, len(t), np.concatenate([t, cubics.ravel(), x[-1]]))])
+
+    @classmethod
+    def read(cls, file: str | PathLike[str], folder: FilePath | None = None) -> Path:
+        """The path in a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
+
+        Args:
+            file: a relative one starts in `folder`, the current one if None.
+            folder: see there.
+
+        Raises:
+            InputError: no such file, or not such a table, with the line.
+        """
+        path = to_path("path", file, folder=folder)
+        require_file("path", str(file), path, EXPECTED)
+        try:
+            with path.open(newline="", encoding="utf-8") as lines:
+                d, table = _table(path, csv.reader(lines))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise InputError("path", str(file), EXPECTED, str(error)) from error
+        values = np.array(table, dtype=float).reshape(-1, d + 1)
+        try:
+            return cls(values[:, 0], values[:, 1:])
+        except InputError as error:
+            raise InputError(f"{path}: {error.name}", error.given, error.expected) from error
+
+
+class Levels(_Parts):
+    """From level to level by minimum-jerk steps, each held until the next begins; zero before the first. d = 1.
+
+        x(t) = x_k-1 + s((t - begin_k) / duration_k) (x_k - x_k-1)    from begin_k on
+
+    Args:
+        steps: (N, 3), each x_k, begin_k [s] and duration_k [s]; none begins before the one before it has ended. A
+            duration of zero is a jump, which has no velocity.
+    """
+
+    def __init__(self, steps: ArrayLike) -> None:
+        table = floats("steps", steps)
+        if table.ndim != 2 or table.shape[1] != 3 or len(table) < 1 or not np.isfinite(table).all():
+            raise InputError("steps", steps, "rows (N, 3) of finite numbers: a level, its beginning and duration [s]")
+        begin, duration = table[:, 1], table[:, 2]
+        if (duration < 0.0).any() or any(map(overlap, begin, duration, begin[1:])):
+            raise InputError("steps", steps, "durations of zero or more, and no step before the end of the one before")
+        table = np.concatenate([begin, duration, [0.0], table[:, 0]])
+        super().__init__(1, [Part(targets.LEVELS, len(begin), table)])
+        self.end = float(begin[-1] + duration[-1])  # [s]; from here on nothing moves
+        self.last = float(table[-1])
+
+
+def overlap(begin: float, duration: float, following: float) -> bool:
+    """Whether what begins `following` does so before this is over, by more than the rounding of 0.1 + 0.2."""
+    end = begin + duration
+    return following < end - ROUNDING * max(abs(begin), abs(end))
+
+
+class Sum(_Parts):
+    """Motions that add up.
+
+    Args:
+        motions: one at least, all of the same number of dimensions.
+    """
+
+    def __init__(self, motions: Sequence[Motion]) -> None:
+        known = {motion.dimensions for motion in motions} - {None}
+        if not motions or len(known) > 1:
+            given = [motion.dimensions for motion in motions]
+            raise InputError("motions", given, "one motion at least, all of the same number of dimensions")
+        dimensions = known.pop() if known else None
+        super().__init__(dimensions, [part for motion in motions for part in parts_of(motion)])
+
+
+def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:
+    """The unit vector (d,) along a vector of any length, or along the axis 0, 1 or 2 of `dimensions`."""
+    if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
+        if dimensions is None:
+            raise InputError("axis", axis, "a vector (d,)", "or give `dimensions` with the number of an axis")
+        if not 0 <= axis < dimensions:
+            raise InputError("axis", axis, f"a number from 0 to {dimensions - 1}, or a vector ({dimensions},)")
+        u = np.zeros(dimensions)
+        u[axis] = 1.0
+        return u
+    u = _vector("axis", axis, "the finite components (d,) of a direction")
+    if dimensions is not None and len(u) != dimensions:
+        raise InputError("axis", axis, f"a vector of {dimensions} components")
+    largest = np.abs(u).max()
+    if largest == 0.0:
+        raise InputError("axis", axis, "a direction, not the zero vector")
+    u /= largest  # first, so that squares neither overflow nor vanish
+    u /= math.hypot(*u)
+    return u
+
+
+def floats(name: str, value: ArrayLike) -> FloatArray:
+    """An array of floats from what a caller gave, or InputError."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(name, value, "an array of numbers") from error
+
+
+def _table(path: FilePath, rows: Any) -> tuple[int, list[list[float]]]:
+    """The dimensions of a CSV reader's columns, and its rows."""
+    names = [name.strip() for name in next(rows, [])]
+    d = len(names) - 1
+    if not 1 <= d <= 3 or names != ["t", *AXES[:d]]:
+        raise InputError(f"{path}:1", ",".join(names), "the column names t,x or t,x,y or t,x,y,z")
+    return d, [_row(f"{path}:{rows.line_num}", row, d + 1) for row in rows if row]
+
+
+def _row(place: str, row: list[str], count: int) -> list[float]:
+    expected = f"{count} finite numbers"
+    try:
+        values = [float(cell) for cell in row]
+    except ValueError as error:
+        raise InputError(place, ",".join(row), expected) from error
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise InputError(place, ",".join(row), expected)
+    return values
+
+
+def _vector(name: str, value: ArrayLike, expected: str) -> FloatArray:
+    x = floats(name, value)
+    if x.ndim != 1 or not 1 <= len(x) <= 3 or not np.isfinite(x).all():
+        raise InputError(name, value, expected)
+    return x
+
+
+def _number(name: str, value: float, expected: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise InputError(name, value, expected)
+    if not math.isfinite(value) or value <= above or value < least:
+        raise InputError(name, value, expected)
+    return float(value)

@@ -1,0 +1,96 @@
+"""Layout, header and outcome of a recording as attributes, and back: the same ones in a part and in HDF5."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.layout import Layout
+
+FORMAT = 2  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
+NAMES = ("fingers", "objects", "finger_objects", "absent")  # of a layout's fields that are tuples
+
+
+def description(layout: Layout, header: Header) -> dict[str, str | float]:
+    """Describe a recording before its first row."""
+    attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
+    for key, value in asdict(header).items():
+        attributes[key] = value if isinstance(value, str | float) else _json(value)
+    attributes["layout"] = _json(asdict(layout))
+    return attributes
+
+
+def conclusion(outcome: Outcome) -> dict[str, str | float]:
+    """Describe how a run went, its faults apart."""
+    return {
+        "wall_time": math.nan if outcome.wall_time is None else float(outcome.wall_time),
+        "complete": int(outcome.complete),
+        "engine": outcome.engine,
+        "fade_shortfall": float(outcome.fade_shortfall),
+        "fade_needed": float(outcome.fade_needed),
+        "blended": int(outcome.blended),
+    }
+
+
+def format_of(attributes: Mapping[str, Any]) -> int:
+    """Read the number of a recording's format, which this reader knows.
+
+    Raises:
+        ValueError: no recording, or one of a later GraspFX.
+    """
+    match = re.fullmatch(r"graspfx recording (\d{1,9})", str(attributes.get("format")))
+    if match is None:
+        raise ValueError("it is not a GraspFX recording")
+    number = int(match[1])
+    if not 1 <= number <= FORMAT:
+        raise ValueError(f"its format is {number}, and this GraspFX reads formats 1 to {FORMAT}: it is a later one's")
+    return number
+
+
+def layout_of(attributes: Mapping[str, Any]) -> Layout:
+    """Read the layout."""
+    fields: dict[str, Any] = json.loads(attributes["layout"])
+    for key in NAMES:
+        fields[key] = tuple(fields.get(key, ()))
+    return Layout(**fields)
+
+
+def header_of(attributes: Mapping[str, Any]) -> Header:
+    """Read the header; a field that came later than the recording has its default."""
+    fields = {key: attributes[key] for key in Header.__dataclass_fields__ if key in attributes}
+    for key in ("scene_table", "overrides", "versions", "machine", "frames"):
+        fields[key] = json.loads(fields.get(key, "{}"))
+    fields["period"] = float(fields["period"])
+    if not 0.0 < fields["period"] < math.inf:
+        raise ValueError(f"a period of {fields['period']} s")
+    return Header(**fields)
+
+
+def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Outcome:
+    """Read the outcome; what is not there came later than the recording."""
+    wall_time = float(attributes["wall_time"])
+    engine = attributes.get("engine", "")
+    return Outcome(
+        faults=tuple(faults),
+        wall_time=None if math.isnan(wall_time) else wall_time,
+        complete=bool(int(attributes["complete"])),
+        fade_shortfall=float(attributes.get("fade_shortfall", 0.0)),
+        fade_needed=float(attributes.get("fade_needed", 0.0)),
+        blended=int(attributes.get("blended", 0)),
+        engine=engine if isinstance(engine, str) else bytes(engine).decode(),
+    )
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)

@@ -1,0 +1,107 @@
+"""The reader of recordings: HDF5 of every format there was, and the part of a run that goes on or was killed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import RecordingError
+from graspfx.loop.recording.attributes import FORMAT, format_of, header_of, layout_of, outcome_of
+from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.journal import Content, is_journal, read_journal
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.places import recording_file
+from graspfx.loop.recording.seal import has_digest
+
+FloatArray = NDArray[np.float64]
+
+SEALS = 2  # the first format whose files end in a digest
+SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
+# what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
+UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
+
+
+def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome]:
+    """Read rows, layout, header and outcome of a recording; of a run that was killed, as far as it was written.
+
+    Args:
+        path: of the file, of its part, or of the folder in which it is recording.h5; a part is read where there is no
+            recording beside it.
+
+    Raises:
+        RecordingError: there is no such file, no recording in it, or its bytes were changed.
+    """
+    place = recording_file(path)
+    if not place.is_file():
+        raise RecordingError(f"{place}: there is no such file")
+    try:
+        return read_journal(place) if is_journal(place) else _read_hdf5(place)
+    except UNREADABLE as error:
+        raise RecordingError(f"{place}: cannot be read as a recording; {_line(error)}") from error
+
+
+def _read_hdf5(place: Path) -> Content:
+    whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
+    with _opened(place) as file:
+        number = format_of(file.attrs)
+        if number >= SEALS and not whole:
+            raise ValueError("it was changed since it was written: its digest is gone")
+        layout = _drop_columns(layout_of(file.attrs), file, number)
+        return Content(_rows(file, layout), layout, header_of(file.attrs), _outcome(file))
+
+
+def _opened(place: Path) -> Any:
+    """The file as it is; one of format 1 still marked open, by a run that was killed, as its single writer left it."""
+    try:
+        return h5py.File(place, "r")
+    except OSError:
+        if not _left_open(place):
+            raise
+        return h5py.File(place, "r", libver="latest", swmr=True)
+
+
+def _left_open(place: Path) -> bool:
+    """Whether a writer has the file open, or never closed it, and nothing of it was cut off since.
+
+    From the HDF5 superblock, version 3. On a file that was cut short, a reader beside a writer waits for ever for what
+    is missing: such a file must not get there.
+    """
+    with place.open("rb") as file:
+        head = file.read(SUPERBLOCK)
+    if len(head) < SUPERBLOCK or head[VERSION] != 3 or not head[FLAGS]:
+        return False
+    return place.stat().st_size >= int.from_bytes(head[END], "little")
+
+
+def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
+    """Leave columns out of a layout that came later than the file's format."""
+    if number == FORMAT:
+        return layout
+    later = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
+    return replace(layout, absent=(*layout.absent, *later)) if later else layout
+
+
+def _outcome(file: Any) -> Outcome:
+    ticks, messages = file["faults/tick"][:], file["faults/message"][:]
+    faults = [RunFault(int(tick), text.decode(errors="ignore")) for tick, text in zip(ticks, messages, strict=False)]
+    return outcome_of(file.attrs, faults)
+
+
+def _rows(file: Any, layout: Layout) -> FloatArray:
+    count = len(file["time"])
+    rows = np.empty((count, layout.width))
+    for column in layout.columns.values():
+        rows[:, column.where] = file[column.name][:count].reshape(count, math.prod(column.shape))
+    return rows
+
+
+def _line(error: Exception) -> str:
+    """What HDF5 says, on one line."""
+    return " ".join(str(error).split())

@@ -1,0 +1,1 @@
+"""Signs in a recording that a grasp loses its stability."""

@@ -1,0 +1,101 @@
+"""One grasp of a recording: an object and its fingers, as rows of displacements, and what hands mean to do with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.loop.drive import Drive, drive
+from graspfx.loop.recording.growth.mode import mode_name
+from graspfx.loop.recording.layout import WIDTHS
+
+if TYPE_CHECKING:
+    from graspfx.loop.recording.record import Recording
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class GraspView:
+    """What is looked at for one object.
+
+    Attributes:
+        name: of the object.
+        fingers: theirs.
+        rows: how many count: up to a fault.
+    """
+
+    recording: Recording
+    name: str
+    number: int
+    fingers: NDArray[np.intp]
+    rows: int
+
+    def displacement(self, first: int, stop: int) -> FloatArray:
+        """e = p - c of the fingers that touch, zero of the others, (r, n d) [m]."""
+        e = self._position(first, stop) - self.recording.contact_position[first:stop, self.fingers]
+        e *= self.recording.touching[first:stop, self.fingers, None]
+        return e.reshape(len(e), -1)
+
+    def arms(self, first: int, stop: int) -> FloatArray:
+        """Of the fingers about the object, mean (n, d) [m]."""
+        centre = self.recording.objects[self.name].position[first:stop, None]
+        return np.asarray((self._position(first, stop) - centre).mean(axis=0))
+
+    def touching(self, first: int, stop: int) -> NDArray[np.bool_]:
+        """Who touches most of the time, (n,)."""
+        return np.asarray(self.recording.touching[first:stop, self.fingers].mean(axis=0) > 0.5)
+
+    def depth(self, first: int, stop: int) -> float:
+        """The largest of the fingers' mean displacements [m]."""
+        mean = self.displacement(first, stop).mean(axis=0).reshape(len(self.fingers), -1)
+        return float(np.linalg.norm(mean, axis=1).max())
+
+    def noise(self, first: int, stop: int) -> float:
+        """Of the measured positions, RMS [m]; zero where nothing is known of it."""
+        true, report = self.recording.true_position, self.recording.finger_position
+        if true is None:
+            return 0.0
+        return float(np.sqrt(((report - true)[first:stop, self.fingers] ** 2).mean()))
+
+    def drive(self) -> Drive:
+        """What hands mean to do with it."""
+        header = self.recording.header
+        centre = self.recording.objects[self.name].position[0]
+        return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
+
+    def mode(self, swing: NDArray[np.complex128], first: int, stop: int) -> str:
+        """The name of a swing (n d,) in these rows."""
+        layout, table = self.recording.layout, self.recording.header.scene_table
+        things = table.get("object") or [{}]
+        free = (things[self.number] if self.number < len(things) else {}).get("free")
+        width = WIDTHS[layout.dimensions]
+        coupling = table.get("coupling") or {}
+        gains = [(coupling.get(part) or {}).get("stiffness", 0.0) for part in ("external", "internal")]
+        plain = all(isinstance(each, int | float) and each > 0.0 for each in gains)
+        return mode_name(
+            swing.reshape(len(self.fingers), -1),
+            self.arms(first, stop),
+            free or [True] * width,
+            self.touching(first, stop),
+            [layout.fingers[i] for i in self.fingers],
+            (float(gains[0]), float(gains[1])) if plain else (1.0, 1.0),
+        )
+
+    def _position(self, first: int, stop: int) -> FloatArray:
+        true = self.recording.true_position
+        return (self.recording.finger_position if true is None else true)[first:stop, self.fingers]
+
+
+def grasps(recording: Recording) -> Iterator[GraspView]:
+    """Each object with its fingers, up to a fault."""
+    layout = recording.layout
+    rows = min([len(recording), *(fault.tick for fault in recording.faults)])
+    for number, name in enumerate(layout.objects):
+        fingers = np.flatnonzero(np.array(layout.finger_objects) == number)
+        if fingers.size and rows:
+            yield GraspView(recording, name, number, fingers, rows)

@@ -1,0 +1,133 @@
+"""The recorder of a run: rows taken tick by tick into blocks, which leave for the sinks between ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.record import Recording
+
+FloatArray = NDArray[np.float64]
+
+LARGEST_BLOCK = 1024  # rows
+
+
+class Sink(Protocol):
+    """Where full blocks of rows go."""
+
+    def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
+        """Rows (r, width), and the faults since the last write."""
+
+    def close(self, outcome: Outcome) -> None: ...
+
+
+class Recorder:
+    """Takes rows into blocks allocated beforehand; full blocks leave between ticks.
+
+    `space()` tells where the next rows go; once they are written `take(count)` keeps them, and `drain()` hands a full
+    block to the sinks and does nothing otherwise. Used as a context manager it closes the sinks also when the run
+    breaks off.
+
+    Args:
+        layout: the columns of a row.
+        header: of the recording.
+        sinks: where blocks go besides memory.
+        block: rows in a block; about one second of the run if not given.
+        keep: the rows in memory too, for `finish` to make a recording of them; else only the sinks have them.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        header: Header,
+        sinks: Sequence[Sink] = (),
+        block: int | None = None,
+        *,
+        keep: bool = True,
+    ) -> None:
+        self.layout, self.header = layout, header
+        self.faults: list[RunFault] = []
+        self._sinks = tuple(sinks)
+        self._size = block or max(1, min(LARGEST_BLOCK, round(1.0 / header.period)))
+        self._keep = keep
+        self._kept: list[FloatArray] = []
+        self._full: list[FloatArray] = []  # on their way to the sinks
+        self._told = 0
+        self._open()
+        self._outcome: Outcome | None = None
+
+    def space(self) -> tuple[FloatArray, int, int]:
+        """A block of rows (r, width), the first that is free and how many are; one at least."""
+        if self.used == self._size:
+            self._turn()
+        return self._block, self.used, self._size - self.used
+
+    def take(self, count: int) -> None:
+        """Keep that many rows more of the block."""
+        self.used += count
+
+    def fault(self, k: int, message: str) -> None:
+        self.faults.append(RunFault(k, message))
+
+    def drain(self) -> None:
+        """Hands what is full to the sinks; call it between ticks."""
+        if self.used == self._size:
+            self._turn()
+        while self._full:
+            block = self._full.pop(0)
+            if self._keep:
+                self._kept.append(block)
+            self._write(block)
+
+    def finish(
+        self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
+    ) -> Recording:
+        """Writes what is left, closes the sinks and gives the recording of the rows that were kept.
+
+        Args:
+            wall_time: that the run took [s].
+            complete: False for a run that broke off.
+            engine: that ran the ticks.
+            coupling: what the objects' couplings tell, as `Outcome` has it.
+        """
+        self.drain()
+        rest = self._block[: self.used]
+        self._kept += [rest] if self._keep else []
+        self._outcome = Outcome(tuple(self.faults), wall_time, complete, engine=engine, **coupling)
+        try:
+            if self.used or len(self.faults) > self._told:
+                self._write(rest)
+        finally:
+            for sink in self._sinks:
+                sink.close(self._outcome)
+        rows = np.concatenate([np.empty((0, self.layout.width)), *self._kept])
+        return Recording(rows, self.layout, self.header, self._outcome)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._outcome is None:
+            self.finish(complete=False)
+
+    def _open(self) -> None:
+        self._block = np.zeros((self._size, self.layout.width))
+        self.used = 0
+
+    def _turn(self) -> None:
+        self._full.append(self._block)
+        self._open()
+
+    def _write(self, rows: FloatArray) -> None:
+        faults = self.faults[self._told :]
+        self._told = len(self.faults)
+        for sink in self._sinks:
+            sink.write(rows, faults)

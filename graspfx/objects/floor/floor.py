@@ -1,0 +1,195 @@
+"""A native body on fixed planes: floors and walls that it rests on, slides and rolls on, with Coulomb friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from graspfx.cones.cone import contact_frame
+from graspfx.errors import GraspFXError, InputError
+from graspfx.objects import integrators as at
+from graspfx.objects.body import FloatArray, NativeBody
+from graspfx.objects.floor import rest
+from graspfx.objects.floor.lowest import BALL, ELLIPSOID, FEATURE, NOTCH, RIM, SIDES, lowest
+from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.surfaces.closed_form import proxy
+
+FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
+SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
+
+
+def advance(S: Any, o: int, F: Any, T: float) -> int:
+    """One step of the body on its planes; 1 if their forces did not settle, and then it has not moved."""
+    return 1 if rest.step_on_planes(S, o, F, T) < 0 else 0
+
+
+def expect(S: Any, o: int, F: Any, T: float) -> None:
+    """The implicit integrator's motion without a wrench of the fingers, the planes' last forces held."""
+    at.predict(S, o, T)
+    if F[rest.TOUCHING] != 0.0:
+        rest.predict_on_planes(S, o, F, T)
+
+
+class FloorBody(NativeBody):
+    """A rigid body that meets half-spaces and planes; its contact law is in `objects.floor.rest`.
+
+    The damper is b = 2 sqrt(k m), at least critical for every motion of the body, so that nothing bounces.
+
+    Args:
+        member: block and shape.
+        obstacles: half-spaces and planes; a plane holds the body on the side where its centre is now.
+        meeting: friction and stiffness.
+
+    Raises:
+        InputError: an obstacle that is neither, a shape without end, or a restitution.
+    """
+
+    stepping = staticmethod(advance)
+    predicting = staticmethod(expect)
+    structure = (rest.PLANES, rest.FEATURES)
+    buffer: FloatArray
+
+    def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
+        super().__init__(member.state)
+        if meeting.restitution != 0.0:
+            raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", "use bullet")
+        points = features(member.shape, self.dimensions)
+        planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
+        F = self.buffer = np.zeros(rest.size(len(planes), len(points)))
+        self._F: Any = memoryview(F)
+        mass = float(self.state[at.MASS])
+        F[rest.PLANES], F[rest.FEATURES] = len(planes), len(points)
+        F[rest.STIFFNESS], F[rest.FRICTION] = meeting.stiffness, meeting.friction
+        F[rest.DAMPING] = 2.0 * math.sqrt(meeting.stiffness * mass)
+        F[rest.REACH] = reach(points)
+        first, rows, _, _ = rest.offsets(self._F)
+        for p, (normal, distance) in enumerate(planes):
+            o = first + p * rest.PLANE
+            F[o : o + 3] = normal
+            contact_frame(self._F, o, max(self.dimensions, 2), o)
+            F[o + 9] = distance
+        F[rows : rows + points.size] = points.ravel()
+
+    @property
+    def contact_wrench(self) -> FloatArray:
+        """Force and moment of all planes on the body in the last sample, world axes, (6,) [N, N m]."""
+        return self.buffer[rest.WRENCH : rest.WRENCH + 6]
+
+    @property
+    def touching(self) -> int:
+        """Contact points that bore a force in the last sample."""
+        return int(self.buffer[rest.TOUCHING])
+
+    @property
+    def associated(self) -> int:
+        """Samples so far in which no answer of Coulomb's law was found: slipping then also lifts."""
+        return int(self.buffer[rest.OTHER_LAW])
+
+    def step(self, T: float) -> None:
+        """Advance by T [s] under the wrench in the block and the planes' forces, all held.
+
+        Raises:
+            GraspFXError: the contact forces did not settle.
+        """
+        code = advance(self._S, 0, self._F, T)
+        if code:
+            raise GraspFXError(self.fault_text(code))
+
+    def fault_text(self, code: int) -> str:
+        return "the contact forces between the object and its obstacles did not settle"
+
+    def free_motion(self, T: float) -> None:
+        """Fill the NEXT and COMPLIANCE entries over T [s], the last sample's contact forces held.
+
+        Raises:
+            InputError: for another integrator than "implicit", whose step they would not describe.
+        """
+        super().free_motion(T)
+        expect(self._S, 0, self._F, T)
+
+
+def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:
+    """The unit normal towards the body and the plane's distance from the origin along it.
+
+    Raises:
+        InputError: the obstacle is neither a half-space nor a plane.
+    """
+    kind = getattr(obstacle.shape, "kind", None)
+    if kind not in FLAT_KINDS:
+        raise InputError(
+            f"obstacle {obstacle.name}", obstacle.shape, "a half-space or a plane for native objects", "use bullet"
+        )
+    normal = obstacle.rotation @ np.array(obstacle.shape.parameters)
+    if kind == proxy.PLANE and normal @ (seen_from - obstacle.position) < 0.0:
+        normal = -normal
+    return normal, float(normal @ obstacle.position)
+
+
+def features(shape: Any, d: int) -> FloatArray:
+    """What of a shape can touch a plane, (features, FEATURE): as `lowest` takes them.
+
+    A box has its corners, a sphere itself, a capsule its two ends, a cylinder its two rims with eight fixed points each
+    to stand on, an ellipsoid itself, a mesh the corners of its convex hull.
+
+    Raises:
+        InputError: a shape without end.
+    """
+    return np.array(list(_features(shape, d)), dtype=float).reshape(-1, FEATURE)
+
+
+def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
+    if hasattr(shape, "vertices"):
+        for x, y, z in hull_points(shape.vertices):
+            yield BALL, x, y, z, 0.0
+        return
+    a, b, c = shape.parameters
+    if shape.kind in FLAT_KINDS:
+        raise InputError("shape", shape, "one that has an end", "lock every freedom of a floor, or make it an obstacle")
+    if shape.kind == proxy.SPHERE:
+        yield BALL, 0.0, 0.0, 0.0, a
+    elif shape.kind == proxy.BOX:
+        for x in (-a, a):
+            for y in (-b, b) if d > 1 else (0.0,):
+                for z in (-c, c) if d > 2 else (0.0,):
+                    yield BALL, x, y, z, 0.0
+    elif shape.kind == proxy.CAPSULE:
+        for end in (-b, b):
+            yield (BALL, end, 0.0, 0.0, a) if d == 2 else (BALL, 0.0, 0.0, end, a)
+    elif shape.kind == proxy.CYLINDER:
+        for end in (-b, b):
+            yield RIM, 0.0, 0.0, end, a
+            for side in range(SIDES):
+                angle = 2.0 * math.pi * side / SIDES
+                yield NOTCH, a * math.cos(angle), a * math.sin(angle), end, 0.0
+    else:
+        yield ELLIPSOID, a, b, c, 0.0
+
+
+def hull_points(vertices: FloatArray) -> FloatArray:
+    """The vertices that lie on the convex hull, (h, 3); of a flat sheet, on its hull in the plane."""
+    from scipy.spatial import ConvexHull
+
+    _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)
+    seen = vertices @ axes[:2].T if widths[2] <= SHEET * widths[0] else vertices
+    points: FloatArray = vertices[np.sort(ConvexHull(seen).vertices)]
+    return points
+
+
+def reach(points: FloatArray) -> float:
+    """From the centre to the farthest point of any feature [m]."""
+    kinds, places = points[:, 0], np.linalg.norm(points[:, 1:4], axis=1)
+    far = np.where(kinds == BALL, places + points[:, 4], places)
+    far = np.where(kinds == RIM, np.hypot(points[:, 3], points[:, 4]), far)
+    return float(np.where(kinds == ELLIPSOID, points[:, 1:4].max(axis=1), far).max())
+
+
+def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> float:
+    """Height of the body's lowest point over a half-space or plane [m]; negative where it is inside."""
+    normal, distance = plane_of(obstacle, state[at.POSITION : at.POSITION + 3])
+    points = features(shape, d)
+    found = [lowest(state, 0, points.ravel(), f * FEATURE, *normal.tolist()) for f in range(len(points))]
+    height = float(normal @ state[at.POSITION : at.POSITION + 3]) - distance
+    return height + min(float(normal @ arm) for bears, *arm in found if bears)

@@ -1,1 +1,0 @@
-"""What the tables of a scene describe, made: shapes, bodies, hands, devices, the servo."""

@@ -1,0 +1,1 @@
+"""Pictures of one instant, painted in three dimensions."""

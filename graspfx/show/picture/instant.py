@@ -1,0 +1,246 @@
+"""What is where at one instant of a recording: surfaces in the world, fingertips, contact points and forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import GraspFXError, InputError, shown
+from graspfx.show.picture.surfaces import Surface, surface
+
+if TYPE_CHECKING:
+    from graspfx.loop.recording.record import Recording
+
+FloatArray = NDArray[np.float64]
+
+ENDLESS = ("plane", "half-space")
+PATCH = 1.15  # of an endless plane, as a share of the extent
+LEAST = 1e-3  # [m]: extent of a scene whose points coincide
+DOT = 0.03  # radius at which an object without a shape is drawn, as a share of the extent
+APART = 0.14  # from finger to finger across the line, where no shape keeps them apart, as a share of the extent
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An object or an obstacle, its surface where it is.
+
+    Attributes:
+        name: in the scene.
+        surface: in the world; one without end is a piece of it.
+        fixed: an obstacle, or an object that cannot move.
+        endless: a plane or half-space.
+        path: of its centre so far (k, d) [m].
+    """
+
+    name: str
+    surface: Surface
+    fixed: bool
+    endless: bool
+    path: FloatArray
+
+
+@dataclass(frozen=True)
+class Instant:
+    """One instant, ready to be drawn.
+
+    Attributes:
+        dimensions: 2 or 3; what happens on a line is put into the plane.
+        on_a_line: it was.
+        time: [s].
+        extent: size of all that is drawn, arrows and endless surfaces apart [m].
+        middle: (d,) of that [m].
+        things: objects and obstacles.
+        names: of the fingers.
+        tips: (n, d) fingertips [m].
+        radii: (n,) of the balls that they are, zero for points [m].
+        contacts: (n, d) where forces act [m].
+        forces: (n, d) on the object [N].
+        touching: (n,).
+        paths: of the fingertips so far (k, n, d) [m].
+        title: of the scene.
+        notes: what could not be drawn, and why.
+    """
+
+    dimensions: int
+    on_a_line: bool
+    time: float
+    extent: float
+    middle: FloatArray
+    things: Sequence[Thing]
+    names: Sequence[str]
+    tips: FloatArray
+    radii: FloatArray
+    contacts: FloatArray
+    forces: FloatArray
+    touching: NDArray[np.bool_]
+    paths: FloatArray
+    title: str
+    notes: tuple[str, ...]
+
+
+def instant(recording: Recording, time: float | None = None, folder: Path | None = None) -> Instant:
+    """What a recording holds at a time.
+
+    Args:
+        recording: with at least one tick.
+        time: [s]; by default where most fingers touch and the sum of their forces is largest, or the end.
+        folder: where paths of meshes start; the scene's own folder if not given.
+
+    Raises:
+        InputError: no ticks, or a time outside the recording.
+    """
+    k = _tick(recording, time)
+    d = max(recording.layout.dimensions, 2)
+    folder = folder or Path(recording.header.scene_folder)
+    notes: list[str] = []
+    tips = _lifted(_tips(recording), d)  # (N, n, d)
+    finite = np.isfinite(tips[k]).all(axis=1)
+    if not finite.all():
+        notes.append("fingers that are nowhere are left out")
+    radii = np.array(_radii(recording))
+    table = recording.header.scene_table
+    described = [each for each in _described(recording, table, k, d, notes) if np.isfinite(each[2]).all()]
+    bounded = [
+        thing
+        for each in described
+        if each[1] and each[1].get("kind") not in ENDLESS
+        for thing in _things(*each, d, LEAST, folder, notes)
+    ]
+    points = [each[2][None] for each in described if not each[1]]
+    corners = np.concatenate([*(thing.surface.vertices for thing in bounded), *points, tips[k][finite]])
+    ends = np.array([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else np.zeros((2, d))
+    extent = max(float(np.linalg.norm(ends[1] - ends[0])), LEAST)
+    middle = ends.mean(axis=0)
+    dot = {"kind": "sphere", "radius": DOT * extent}
+    bounded += [
+        thing
+        for each in described
+        if not each[1]
+        for thing in _things(each[0], dot, *each[2:], d, extent, folder, notes)
+    ]
+    endless = [
+        _centred(thing, middle, d)
+        for each in described
+        if each[1] and each[1].get("kind") in ENDLESS
+        for thing in _things(*each, d, PATCH * extent, folder, notes)
+    ]
+    forces = _lifted(recording.finger_force, d)[k]
+    attached = recording.gap is None
+    if recording.layout.dimensions == 1 and attached:
+        n = tips.shape[1]
+        tips = tips + APART * extent * (0.5 * (n - 1) - np.arange(n))[:, None] * np.array([0.0, 1.0])
+    contacts = tips[k] if attached else _lifted(recording.contact_position, d)[k]
+    moments = recording.finger_moment
+    if moments is not None and np.abs(moments[k]).max(initial=0.0) > 0.0:
+        notes.append("moments of fingers are not drawn")
+    return Instant(
+        dimensions=d, on_a_line=recording.layout.dimensions == 1, time=float(recording.time[k]),
+        extent=extent, middle=middle, things=[*endless, *bounded],
+        names=[name for name, one in zip(recording.layout.fingers, finite, strict=True) if one],
+        tips=tips[k][finite], radii=radii[finite], contacts=contacts[finite],
+        forces=np.nan_to_num(forces[finite], posinf=0.0, neginf=0.0), touching=recording.touching[k][finite],
+        paths=tips[: k + 1][:, finite],
+        title=recording.header.title or Path(recording.header.scene).stem, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _tick(recording: Recording, time: float | None) -> int:
+    N = len(recording)
+    if not N:
+        raise InputError("recording", N, "one with at least one tick")
+    if time is None:
+        total = np.nan_to_num(np.linalg.norm(recording.finger_force, axis=2).sum(axis=1), posinf=0.0)
+        if not total.any():
+            return N - 1
+        many = recording.touching.sum(axis=1)
+        return int(np.where(many == many[total > 0.0].max(), total, -1.0).argmax())
+    k = round(time / recording.period) if np.isfinite(time) else -1
+    if not 0 <= k < N:
+        raise InputError("time", time, f"a time from 0 to {recording.time[-1]:g} s, which the recording holds")
+    return k
+
+
+def _tips(recording: Recording) -> FloatArray:
+    true = recording.true_position
+    return recording.finger_position if true is None else true
+
+
+def _radii(recording: Recording) -> list[float]:
+    tables = recording.header.scene_table.get("finger", ())
+    found = [float(each.get("radius") or 0.0) for each in tables if isinstance(each, Mapping)]
+    n = len(recording.layout.fingers)
+    return found if len(found) == n else [0.0] * n
+
+
+def _lifted(values: FloatArray, d: int) -> FloatArray:
+    """Vectors on a line as vectors in the plane."""
+    missing = d - values.shape[-1]
+    return np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1) if missing else values
+
+
+Described = tuple[str, Mapping[str, Any], FloatArray, Any, bool, FloatArray]  # name, shape, x, q, fixed, path
+
+
+def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, notes: list[str]) -> Iterator[Described]:
+    objects = table.get("object", ())
+    by_name = {
+        each.get("name", "object"): each
+        for each in (objects if isinstance(objects, list | tuple) else [objects])
+        if isinstance(each, Mapping)
+    }
+    for name, motion in recording.objects.items():
+        own = by_name.get(name, {})
+        shape = own.get("shape") or {}
+        free = own.get("free")
+        fixed = free is not None and not any(free)
+        x, q = _pose(recording, name)
+        path = _lifted(motion.position, d)[: k + 1]
+        yield name, shape, _lifted(x, d)[k], None if q is None else q[k], fixed, path
+    obstacles = table.get("obstacle", ())
+    for i, each in enumerate(obstacles if isinstance(obstacles, list | tuple) else [obstacles]):
+        name = each.get("name", f"obstacle{i}") if isinstance(each, Mapping) else f"obstacle{i}"
+        if not isinstance(each, Mapping) or not isinstance(each.get("shape"), Mapping):
+            notes.append(f"{name} has no shape that could be drawn")
+            continue
+        x = _lifted(np.asarray(each.get("position") or np.zeros(d), dtype=float), d)
+        yield name, each["shape"], x, each.get("orientation"), True, x[None, :]
+
+
+def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
+    """Of the frame in which the scene describes a shape, over time; a recording may know it from its centre of mass."""
+    known = getattr(recording, "described_pose", None)
+    if known is not None:
+        position, orientation = known(name)
+        return position, orientation
+    motion = recording.objects[name]
+    return motion.position, motion.orientation
+
+
+def _things(
+    name: str, shape: Mapping[str, Any], x: FloatArray, q: Any, fixed: bool, path: FloatArray,
+    d: int, extent: float, folder: Path | None, notes: list[str],
+) -> Iterator[Thing]:  # fmt: skip
+    try:
+        made = surface(shape, d, extent, folder).placed(x, q)
+    except GraspFXError as error:
+        notes.append(f"{name} is not drawn: {shown(str(error), 300)}")
+        return
+    yield Thing(name, made, fixed, shape.get("kind") in ENDLESS, path)
+
+
+def _centred(thing: Thing, middle: FloatArray, d: int) -> Thing:
+    """A piece of an endless surface, moved along it to where it is nearest to the middle."""
+    v = thing.surface.vertices
+    if d == 3:
+        along = np.array([v[1] - v[0], v[3] - v[0]])
+        offset = middle - v.mean(axis=0)
+    else:
+        along = np.array([v[1] - v[0]])
+        offset = middle - 0.5 * (v[0] + v[1])
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return replace(thing, surface=Surface(v + along.T @ (along @ offset), thing.surface.faces))

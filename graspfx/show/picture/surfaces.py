@@ -1,0 +1,272 @@
+"""The surface of a shape as triangles in space, or its outline in the plane, from the table that describes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+POLE = 1e-12  # of a radius: what is nearer to the axis is a point
+TURN = 96  # facets of a full circle
+GRID = 14  # cells along the edge of a box: small ones, so that a painter sorts them rightly
+LINE = 0.3  # half the height at which what lies on a line is drawn, as a share of its width
+HALVINGS = 12
+BAND = 0.08  # depth of the ground that is drawn under a half-space, as a share of the picture
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles in the frame of their shape, or in the plane one polygon.
+
+    Attributes:
+        vertices: (v, 3) in space, the corners (v, 2) of an outline in the plane [m].
+        faces: (f, 3), counter-clockwise seen from outside; empty in the plane.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+
+    def placed(self, position: ArrayLike, orientation: ArrayLike | None) -> Surface:
+        """The surface in the world: turned by a quaternion x, y, z, w or an angle, then moved."""
+        x = np.zeros(self.vertices.shape[1])
+        x[: np.size(position)] = position  # a position on a line is one along x
+        return Surface(self.vertices @ rotation(orientation, len(x)).T + x, self.faces)
+
+
+def rotation(orientation: ArrayLike | None, dimensions: int) -> FloatArray:
+    """The matrix (d, d) of a quaternion x, y, z, w, of an angle [rad], or of no turn."""
+    if orientation is None:
+        return np.eye(dimensions)
+    if dimensions == 2:
+        c, s = float(np.cos(orientation)), float(np.sin(orientation))
+        return np.array([[c, -s], [s, c]])
+    q = np.asarray(orientation, dtype=float)
+    x, y, z, w = q / np.linalg.norm(q)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Path | None = None) -> Surface:
+    """What a shape's table describes.
+
+    Args:
+        shape: the table: `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
+        dimensions: d; what is on a line is drawn in the plane.
+        extent: how large a part of an endless plane is [m].
+        folder: where the path of a mesh starts.
+
+    Raises:
+        InputError: a kind that cannot be drawn, or a table that lacks something.
+    """
+    kind = shape.get("kind", "mesh" if "mesh" in shape or "vertices" in shape else None)
+    if kind == "mesh" and dimensions == 3:
+        return _mesh(shape, folder)
+    makers = SOLIDS if dimensions == 3 else OUTLINES
+    if kind not in makers:
+        raise InputError("shape", kind, f"one that can be drawn: {', '.join([*makers, 'mesh'])}")
+    try:
+        return makers[kind](shape, extent)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError("shape", dict(shape), f"a {kind} that can be drawn", str(error)) from error
+
+
+def ball(radius: float, turn: int = 24) -> Surface:
+    """A sphere about the origin."""
+    return _revolved(*_arc(radius, 0.0, pi, turn // 2), turn)
+
+
+def arrow(tail: FloatArray, tip: FloatArray, radius: float) -> Surface:
+    """A round arrow: a shaft of this radius, and a head that is at most half of it."""
+    along = tip - tail
+    length = float(np.linalg.norm(along))
+    head = min(6.0 * radius, 0.5 * length)
+    steps = max(2, int((length - head) / (2.0 * radius)))
+    z = np.concatenate([[0.0], np.linspace(0.0, length - head, steps), np.linspace(length - head, length, 4)])
+    r = np.concatenate([[0.0], np.full(steps, radius), 2.4 * radius * np.linspace(1.0, 0.0, 4)])
+    made = _revolved(r[::-1], z[::-1], 12)
+    w = along / length
+    u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
+    u /= np.linalg.norm(u)
+    return Surface(made.vertices @ np.array([u, np.cross(w, u), w]) + tail, made.faces)
+
+
+def finer(made: Surface, longest: float) -> Surface:
+    """The surface with its triangles halved across their longest sides, until those are short enough."""
+    corners = made.vertices[made.faces]  # (f, 3, 3)
+    for _ in range(HALVINGS):
+        sides = np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2)
+        large = sides.max(axis=1) > longest
+        if not large.any():
+            break
+        k, f = sides[large].argmax(axis=1), np.arange(int(large.sum()))
+        a, b, c = (corners[large][f, (k + i) % 3] for i in range(3))
+        middle = 0.5 * (a + b)
+        halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
+        corners = np.concatenate([corners[~large], *halves])
+    return Surface(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+# In space ------------------------------------------------------------------------------------------------------------
+
+
+def _arc(radius: float, begin: float, end: float, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Radii and heights of an arc, angles from the pole."""
+    angle = np.linspace(begin, end, steps + 1)
+    r = radius * np.sin(angle)
+    return np.where(r > POLE * radius, r, 0.0), radius * np.cos(angle)
+
+
+def _revolved(r: FloatArray, z: FloatArray, turn: int = TURN) -> Surface:
+    """A profile turned about z, from the top to the bottom of what it encloses."""
+    angle = 2.0 * pi * np.arange(turn) / turn
+    rings = np.stack(
+        [np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), np.repeat(z[:, None], turn, axis=1)], axis=2
+    )
+    i, j = np.arange(turn), (np.arange(turn) + 1) % turn
+    faces = []
+    for k in range(len(r) - 1):
+        low, high = (k + 1) * turn, k * turn
+        if r[k + 1] > 0.0:
+            faces.append(np.column_stack([high + i, low + i, low + j]))
+        if r[k] > 0.0:
+            faces.append(np.column_stack([high + i, low + j, high + j]))
+    return Surface(rings.reshape(-1, 3), np.concatenate(faces))
+
+
+def _box(shape: Mapping[str, Any], _: float) -> Surface:
+    half = 0.5 * np.array(shape["size"], dtype=float)
+    steps = np.linspace(-1.0, 1.0, GRID + 1)
+    u, v = (each.ravel() for each in np.meshgrid(steps, steps, indexing="ij"))
+    k = np.arange(GRID * (GRID + 1)).reshape(GRID, GRID + 1)[:, :GRID].ravel()
+    quads = np.concatenate([
+        np.column_stack([k, k + GRID + 1, k + GRID + 2]), np.column_stack([k, k + GRID + 2, k + 1])
+    ])  # fmt: skip
+    vertices: list[FloatArray] = []
+    faces: list[IntArray] = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            corner = np.empty((len(u), 3))
+            corner[:, axis], corner[:, (axis + 1) % 3], corner[:, (axis + 2) % 3] = side, u, v
+            faces.append((quads if side > 0.0 else quads[:, ::-1]) + sum(len(each) for each in vertices))
+            vertices.append(corner)
+    return Surface(np.concatenate(vertices) * half, np.concatenate(faces))
+
+
+def _sphere(shape: Mapping[str, Any], _: float) -> Surface:
+    return ball(float(shape["radius"]), TURN)
+
+
+def _ellipsoid(shape: Mapping[str, Any], _: float) -> Surface:
+    unit = ball(1.0, TURN)
+    return Surface(unit.vertices * np.array(shape["semi_axes"], dtype=float), unit.faces)
+
+
+def _capsule(shape: Mapping[str, Any], _: float) -> Surface:
+    radius, half = float(shape["radius"]), 0.5 * float(shape["length"])
+    (r, z), (low_r, low_z) = (_arc(radius, *ends, TURN // 4) for ends in ((0.0, 0.5 * pi), (0.5 * pi, pi)))
+    wall = np.linspace(half, -half, _steps(2.0 * half, radius))[1:-1]
+    heights = np.concatenate([z + half, wall, low_z - half])
+    return _revolved(np.concatenate([r, np.full(len(wall), radius), low_r]), heights)
+
+
+def _cylinder(shape: Mapping[str, Any], _: float) -> Surface:
+    radius, half = float(shape["radius"]), 0.5 * float(shape["length"])
+    cap = np.linspace(0.0, radius, TURN // 6)
+    wall = np.linspace(half, -half, _steps(2.0 * half, radius))[1:-1]
+    r = np.concatenate([cap, np.full(len(wall), radius), cap[::-1]])
+    return _revolved(r, np.concatenate([np.full(len(cap), half), wall, np.full(len(cap), -half)]))
+
+
+def _steps(length: float, radius: float) -> int:
+    """Of a wall, so that its cells are about square."""
+    return 2 + min(GRID * 4, int(length / (2.0 * pi * radius / TURN)))
+
+
+def _patch(shape: Mapping[str, Any], extent: float) -> Surface:
+    """A square of an endless plane."""
+    w = np.array(shape["normal"], dtype=float)
+    w /= np.linalg.norm(w)
+    u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
+    u /= np.linalg.norm(u)
+    corners = 0.5 * extent * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ np.array([u, np.cross(w, u)])
+    return Surface(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def _mesh(shape: Mapping[str, Any], folder: Path | None) -> Surface:
+    from graspfx.surfaces.triangles.mesh import load_mesh, make_mesh
+
+    settings = {"scale": shape.get("scale", 1.0), "shell": bool(shape.get("shell", False))}
+    if shape.get("mesh") is None:
+        made = make_mesh(shape["vertices"], shape["faces"], **settings)
+    else:
+        made = load_mesh((folder or Path()) / str(shape["mesh"]), **settings)
+    return Surface(np.asarray(made.vertices), np.asarray(made.faces))
+
+
+# In the plane, and on a line -----------------------------------------------------------------------------------------
+
+
+def _ellipse(a: float, b: float) -> Surface:
+    angle = np.linspace(0.0, 2.0 * pi, 2 * TURN, endpoint=False)
+    return _outline(np.column_stack([a * np.cos(angle), b * np.sin(angle)]))
+
+
+def _outline(corners: ArrayLike) -> Surface:
+    return Surface(np.asarray(corners, dtype=float), np.empty((0, 3), dtype=np.int64))
+
+
+def _rectangle(shape: Mapping[str, Any], _: float) -> Surface:
+    size = [*map(float, shape["size"])]
+    a, b = 0.5 * size[0], 0.5 * size[1] if len(size) > 1 else LINE * size[0]
+    return _outline([[-a, -b], [a, -b], [a, b], [-a, b]])
+
+
+def _stadium(shape: Mapping[str, Any], _: float) -> Surface:
+    radius, half = float(shape["radius"]), 0.5 * float(shape["length"])
+    angle = np.linspace(-0.5 * pi, 0.5 * pi, TURN)
+    right = np.column_stack([half + radius * np.cos(angle), radius * np.sin(angle)])
+    return _outline(np.concatenate([right, -right]))
+
+
+def _ground(shape: Mapping[str, Any], extent: float) -> Surface:
+    """A strip of what lies below a plane; of a sheet, its line."""
+    w = np.zeros(2)
+    w[: len(shape["normal"])] = shape["normal"]
+    w /= np.linalg.norm(w)
+    u = np.array([-w[1], w[0]])
+    depth = (0.0 if shape["kind"] == "plane" else BAND) * extent
+    a = 0.5 * extent * u
+    return _outline([a, -a, -a - depth * w, a - depth * w])
+
+
+Maker = Callable[[Mapping[str, Any], float], Surface]
+SOLIDS: dict[str, Maker] = {
+    "box": _box,
+    "sphere": _sphere,
+    "capsule": _capsule,
+    "cylinder": _cylinder,
+    "ellipsoid": _ellipsoid,
+    "plane": _patch,
+    "half-space": _patch,
+}
+OUTLINES: dict[str, Maker] = {
+    "box": _rectangle,
+    "sphere": lambda shape, _: _ellipse(float(shape["radius"]), float(shape["radius"])),
+    "capsule": _stadium,
+    "ellipsoid": lambda shape, _: _ellipse(*map(float, shape["semi_axes"])),
+    "plane": _ground,
+    "half-space": _ground,
+}

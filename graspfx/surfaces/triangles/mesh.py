@@ -1,0 +1,295 @@
+"""Triangle meshes: read, checked, repaired where that is safe, weighed, and laid out for the contact kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike, fspath
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspfx.errors import InputError
+from graspfx.numeric import finite, number, real
+from graspfx.surfaces.closed_form import proxy
+from graspfx.surfaces.closed_form.shape import Contacts
+from graspfx.surfaces.triangles.ball import STATE, ball_contact
+from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES, load_trimesh, read_mesh_file
+from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_edges
+from graspfx.surfaces.triangles.walk import REACH, mesh_contact
+from graspfx.surfaces.triangles.winding import wound
+
+SMALLEST, LARGEST = 1e-3, 10.0  # sizes beyond which a unit is more likely wrong than right [m]
+FLAT = 1e-13  # a triangle whose height is below this, relative to the mesh, has no normal
+SAME_POINT = 1e-6  # relative distance at which the corners of a mesh that does not close are taken for one
+ROUNDS = 100  # of cutting at triangles without area; what then is left of them leaves the surface open
+LEAST_VOLUME = 1e-15  # relative to the cube of the largest side; flatter is rounding
+SHARP = 1e-9  # relative rounding of the moments of a body that is all in a plane or on a line
+ALIGNED = 1e-9  # products of inertia below this, relative to the moments, leave the axes of the file
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass of a mesh and how it is spread, in the frame of the mesh.
+
+    Attributes:
+        mass: [kg].
+        centre: (3,) the centre of mass [m].
+        inertia: (3, 3) about the centre [kg m^2].
+        moments: (3,) principal moments [kg m^2].
+        axes: (3, 3) principal axes as columns, right-handed; those of the file where its products of inertia vanish.
+    """
+
+    mass: float
+    centre: FloatArray
+    inertia: FloatArray
+    moments: FloatArray
+    axes: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface of triangles, sound for contact: `make_mesh` and `load_mesh` see to that.
+
+    Attributes:
+        vertices: (v, 3) [m].
+        faces: (f, 3) counter-clockwise seen from outside.
+        shell: the surface need not close; it is touched from its front only.
+        notes: what was repaired and what looks wrong, a sentence each.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    shell: bool = False
+    notes: tuple[str, ...] = ()
+    kind: ClassVar[int] = proxy.MESH
+    endless: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[float, float, float]:
+        """None: all that there is to know of a mesh is in `data`."""
+        return 0.0, 0.0, 0.0
+
+    def dimensions_ok(self, d: int) -> bool:
+        """A mesh is in space."""
+        return d == 3
+
+    @cached_property
+    def data(self) -> FloatArray:
+        """What `walk.mesh_contact` reads, one flat array."""
+        return flatten(self.vertices, self.faces, closed=not self.shell)
+
+    def contact(self, points: ArrayLike, state: FloatArray | None = None, *, radius: float = 0.0) -> Contacts:
+        """Contact points of fingers at `points` (n, 3), in the mesh's frame; `state` (n, STATE) is theirs from before.
+
+        `state` is brought up to date. Without it every finger is new and its contact point is the nearest one. Of balls
+        of that `radius` [m] the points are their centres.
+        """
+        p = finite("points", points, "finite positions of shape (n, 3)", largest=np.inf)
+        if p.ndim != 2 or p.shape[1] != 3:
+            raise InputError("points", points, "finite positions of shape (n, 3)")
+        S = new_fingers(len(p)) if state is None else state
+        if getattr(S, "shape", None) != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
+            raise InputError("state", state, f"what new_fingers({len(p)}) gives")
+        radius = number("radius", radius, "a finite length, zero or more [m]")
+        M, row = memoryview(self.data), memoryview(S.reshape(-1))
+        if radius > 0.0:
+            each = [ball_contact(M, 0, row, i * STATE, radius, *p[i].tolist()) for i in range(len(p))]
+        else:
+            each = [mesh_contact(M, 0, row, i * STATE, *p[i].tolist()) for i in range(len(p))]
+        found = np.array(each).reshape(-1, 7)
+        return Contacts(S[:, 1].astype(np.intp), found[:, :3], found[:, 3:6], found[:, 6])
+
+    def mass_properties(self, *, mass: float | None = None, density: float | None = None) -> MassProperties:
+        """Of the solid, from its mass [kg] or its density [kg/m^3]; of a shell, from the mass spread over its surface.
+
+        Raises:
+            InputError: neither or both are given, or the density of a shell; a surface without an inside, or one that
+                crosses itself so that its moments are no body's.
+            MissingPackageError: trimesh is not installed.
+        """
+        given = mass if mass is not None else density
+        name = "mass" if mass is not None else "density"
+        if given is None or (mass is not None and density is not None):
+            raise InputError("mass", (mass, density), "either a mass or a density")
+        given = number(name, given, "finite and above zero", zero=False)
+        if self.shell and density is not None:
+            raise InputError("density", density, "the mass of a shell", "a surface has no volume to take it times")
+        middle = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
+        size = float(np.ptp(self.vertices, axis=0).max())
+        unit = (self.vertices - middle) / size  # trimesh compares with numbers that are not lengths
+        if self.shell:
+            volume, centre, inertia = _surface_properties(unit[self.faces])
+        else:
+            whole = load_trimesh().Trimesh(vertices=unit, faces=self.faces, process=False).mass_properties
+            volume, centre, inertia = float(whole["volume"]), np.asarray(whole["center_mass"]), whole["inertia"]
+        if not volume > LEAST_VOLUME:
+            what = f"a surface around {volume * size**3:.3g} m^3"
+            raise InputError("mesh", what, "a surface with an inside", "it is flat, or crosses itself: repair the file")
+        weight = given if mass is not None else given * volume * size**3
+        inertia = np.asarray(inertia, dtype=np.float64) * (weight / volume * size**2)
+        moments, axes = _principal(0.5 * (inertia + inertia.T))
+        if not 2.0 * moments.max() <= (1.0 + SHARP) * moments.sum() or not moments.min() > 0.0:
+            what = f"principal moments of {moments[0]:.3g}, {moments[1]:.3g} and {moments[2]:.3g} kg m^2"
+            do = "the surface crosses itself, so that parts of it count as less than nothing: repair the file"
+            raise InputError("mesh", what, "moments of a body: above zero, none more than the others' sum", do)
+        return MassProperties(float(weight), middle + size * centre, inertia, moments, axes)
+
+    def seen_from(self, centre: FloatArray, axes: FloatArray) -> Mesh:
+        """The mesh in a frame at `centre` (3,) with `axes` (3, 3) as columns: that of its body, say."""
+        return replace(self, vertices=np.ascontiguousarray((self.vertices - centre) @ axes))
+
+
+def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
+    """States (count, STATE) of fingers that have not been near a mesh yet."""
+    state = np.zeros((count, STATE))
+    state[:, REACH] = reach
+    return state
+
+
+def load_mesh(
+    path: str | PathLike[str],
+    *,
+    scale: float = 1.0,
+    shell: bool = False,
+    most_bytes: int = MOST_BYTES,
+    most_triangles: int = MOST_TRIANGLES,
+) -> Mesh:
+    """A mesh from an STL, OBJ, PLY, OFF or GLB file, times `scale` (0.001 for a file in millimetres).
+
+    Only positions and triangles are read: no materials, and no other file that the file names.
+
+    Raises:
+        InputError: the file cannot be read, is larger than `most_bytes` or `most_triangles`, or what is in it is no
+            sound surface.
+    """
+    vertices, faces = read_mesh_file(path, most_bytes, most_triangles)
+    return make_mesh(vertices, faces, scale=scale, shell=shell, name=fspath(path).replace("\\", "/").rpartition("/")[2])
+
+
+def make_mesh(
+    vertices: ArrayLike, faces: ArrayLike, *, scale: float = 1.0, shell: bool = False, name: str = "mesh"
+) -> Mesh:
+    """A mesh from vertices (v, 3) and triangles (f, 3), times `scale`: checked, and repaired where that is safe.
+
+    Equal vertices become one; triangles without area are left out, those across from a corner in the middle of their
+    side are cut there; triangles that face the wrong way are turned over. Every repair is in `notes`.
+
+    Raises:
+        InputError: not finite, no triangles, more than two triangles at an edge, or open and not a shell.
+    """
+    scale = number("scale", scale, "finite and above zero", zero=False)
+    v = real(name, vertices, "finite coordinates")
+    corners = finite("faces", faces, "whole numbers of vertices")
+    if v.ndim != 2 or v.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
+        raise InputError(
+            name, f"{v.shape} vertices, {corners.shape} faces", "a surface of triangles: (v, 3) and (f, 3)"
+        )
+    if (corners % 1.0).any() or corners.min() < 0 or corners.max() >= len(v):
+        raise InputError("faces", corners, f"whole numbers of vertices, 0 to {len(v) - 1}")
+    f = corners.astype(np.intp)
+    v[f] = scale * finite(name, v[f], "finite coordinates")
+    size = float(np.ptp(v[f].reshape(-1, 3), axis=0).max())
+    if not size > 0.0:
+        raise InputError(name, "all vertices at one point", "a surface with an extent")
+
+    notes = []
+    apart, given = (v, f), len(f)
+    v, f, dropped, cut = _joined(*apart, 0.0, size)
+    if not shell and _open_edges(f):
+        v, f, dropped, cut = _joined(*apart, SAME_POINT * size, size)
+        notes.append(f"vertices closer than {SAME_POINT * size:.1g} m were joined, so that the surface may close")
+    if not len(f):
+        raise InputError(name, "triangles without area only", "a surface of triangles")
+    if dropped:
+        notes.append(f"{dropped} of {given} triangles had no area and were dropped")
+    if cut:
+        notes.append(f"{cut} triangles were cut at a corner in the middle of their side")
+    crowded = half_edges(f)[2]
+    if not shell and (crowded or _open_edges(f)):
+        fault = f"{_open_edges(f)} open edges, {crowded} with more than two triangles"
+        raise InputError(name, fault, "a watertight surface", "close it, or set shell = true to touch its front only")
+    f, turned = wound(v, f, closed=not shell)
+    if turned == len(f):
+        notes.append("the triangles faced inwards and were all turned over")
+    elif turned:
+        notes.append(f"{turned} of {len(f)} triangles faced the wrong way and were turned over")
+    size = float(np.ptp(v, axis=0).max())
+    if not SMALLEST <= size <= LARGEST:
+        notes.append(f"the largest side is {size:.3g} m: check the unit, and scale (0.001 for millimetres)")
+    return Mesh(v, f, shell, tuple(notes))
+
+
+def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[FloatArray, IntArray, int, int]:
+    """Vertices in use, each once (within `distance`), triangles with an area, how many had none, how many were cut."""
+    used, index = np.unique(f, return_inverse=True)
+    points = v[used] + 0.0  # minus zero is zero
+    keys = np.round(points / distance) if distance else points
+    _, first, label = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    f = label.reshape(-1)[index].reshape(-1, 3)
+    whole = (f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])
+    f, flat, cut = _without_area(points[first], f[whole], FLAT * size)
+    used, index = np.unique(f, return_inverse=True)
+    return points[first][used], index.reshape(-1, 3), int((~whole).sum()) + flat, cut
+
+
+def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, int, int]:
+    """Leaves out triangles with their corners in line, cutting the neighbour on the long side at the middle one."""
+    f = f.copy()
+    dropped = cut = 0
+    for _ in range(ROUNDS):
+        sides = np.linalg.norm(v[f[:, [1, 2, 0]]] - v[f], axis=2)
+        doubled = np.linalg.norm(np.cross(v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]]), axis=1)
+        flat = doubled <= height * sides.max(axis=1)
+        if not flat.any():
+            break
+        neighbours = half_edges(f)[0]
+        gone = np.zeros(len(f), dtype=bool)
+        busy = np.zeros(len(f), dtype=bool)
+        added = []
+        for k in np.flatnonzero(flat).tolist():
+            long = int(sides[k].argmax())
+            other, side = divmod(int(neighbours[k, long]), 3)
+            if busy[k] or (other >= 0 and (busy[other] or (flat[other] and other > k))):
+                continue  # in the next round
+            gone[k] = busy[k] = True
+            dropped += 1
+            if other >= 0:
+                a, b, c = f[other, side], f[other, (side + 1) % 3], f[other, (side + 2) % 3]
+                middle = f[k, (long + 2) % 3]
+                gone[other] = busy[other] = True
+                added += [(a, middle, c), (middle, b, c)]
+                cut += 1
+        f = np.vstack([f[~gone], np.array(added, dtype=np.intp).reshape(-1, 3)])
+        twice = (f[:, 0] == f[:, 1]) | (f[:, 1] == f[:, 2]) | (f[:, 2] == f[:, 0])
+        dropped += int(twice.sum())
+        f = f[~twice]
+    return f, dropped, cut
+
+
+def _open_edges(f: IntArray) -> int:
+    """Sides of triangles that lie at no other, or at more than one."""
+    return int((half_edges(f)[0] < 0).sum()) if len(f) else 0
+
+
+def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
+    products = np.abs(inertia - np.diag(np.diag(inertia))).max()
+    if products <= ALIGNED * np.diag(inertia).max():
+        return np.diag(inertia).copy(), np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)
+    for k in (0, 1):  # the sign that leaves each axis nearest to one of the file's
+        axes[:, k] *= np.sign(axes[np.abs(axes[:, k]).argmax(), k])
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    return moments, axes
+
+
+def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Area, centre and inertia about it (unit mass per area) of triangles (f, 3, 3)."""
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = float(areas.sum())
+    centre = areas @ corners.sum(axis=1) / (3.0 * area)
+    x = corners - centre
+    x = np.concatenate([x, x.sum(axis=1, keepdims=True)], axis=1)  # integral of x x' = A/12 (aa' + bb' + cc' + ss')
+    second = np.einsum("f,fki,fkj->ij", areas / 12.0, x, x)
+    return area, centre, np.trace(second) * np.eye(3) - second

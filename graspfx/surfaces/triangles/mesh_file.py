@@ -1,0 +1,90 @@
+"""Mesh files as corners and triangles: STL, OBJ, PLY, OFF or GLB, up to a size, and no file that they name."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from importlib import import_module
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from graspfx.environment import require_file, to_path
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.surfaces.triangles.tree import FloatArray, IntArray
+
+MOST_BYTES = 100_000_000
+MOST_TRIANGLES = 500_000
+ENDINGS = (".glb", ".obj", ".off", ".ply", ".stl")
+GEOMETRY = re.compile(rb"^[ \t]*(?:v|f)[ \t].*$", re.MULTILINE)  # what an OBJ has besides names files or costs time
+LONGEST = 200  # letters of another's error
+
+
+def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: int) -> tuple[FloatArray, IntArray]:
+    """Read vertices (v, 3) and triangles (f, 3) as they stand in a file; what is no triangle is left out.
+
+    Raises:
+        InputError: no such file, another ending, more bytes or triangles than are taken, or a content that is damaged.
+        MissingPackageError: trimesh is not installed.
+    """
+    file = to_path("mesh", path)
+    require_file("mesh", str(path), file, do="paths are relative to the scene's file")
+    kind = file.suffix.lower()
+    if kind not in ENDINGS:
+        raise InputError("mesh", str(path), f"a file that ends in {', '.join(ENDINGS)}", "convert it to one of these")
+    try:
+        with file.open("rb") as content:
+            data = content.read(most_bytes + 1)
+    except OSError as error:
+        raise InputError("mesh", str(path), "a file that can be read", error.strerror or "") from error
+    if len(data) > most_bytes:
+        raise InputError("mesh", str(path), f"a file of at most {most_bytes} bytes", "raise most_bytes if it is meant")
+    trimesh = load_trimesh()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of arithmetic on what may be no numbers, which are refused below
+            vertices, faces, count = _surface(trimesh, kind[1:], data, most_triangles)
+    except Exception as error:  # a damaged file makes its reader raise anything at all
+        what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
+        raise InputError("mesh", str(path), f"a sound {kind[1:]} file", f"trimesh cannot read it: {what}") from error
+    if count > most_triangles:
+        fault = f"{count} triangles, more than the {most_triangles} of most_triangles"
+        raise InputError("mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise it if it is meant")
+    fault = "it has no triangles" if not len(faces) else ""
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        fault = f"a triangle has vertices that are not there: there are {len(vertices)}"
+    if fault:
+        raise InputError("mesh", str(path), f"a sound {kind[1:]} file", fault)
+    return vertices, faces
+
+
+def load_trimesh() -> Any:
+    """Import trimesh.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        return import_module("trimesh")
+    except ImportError as error:
+        raise MissingPackageError("trimesh", "a shape from a mesh", "pip install trimesh") from error
+
+
+def _surface(trimesh: Any, kind: str, data: bytes, most: int) -> tuple[FloatArray, IntArray, int]:
+    """The surface in a file's bytes, and how many triangles it has; empty where there are more than are taken."""
+    if kind == "obj":
+        data = b"\n".join(GEOMETRY.findall(data))
+    is_text = kind in ("obj", "off") or (kind == "stl" and data.lstrip()[:5] == b"solid" and b"\0" not in data[:84])
+    content = io.StringIO(data.decode(errors="replace")) if is_text else io.BytesIO(data)
+    scene = trimesh.load_scene(
+        content, file_type="stl_ascii" if is_text and kind == "stl" else kind, resolver=None, process=False,
+        skip_materials=True,
+    )  # fmt: skip
+    graph = scene.graph
+    count = sum(len(scene.geometry[graph[node][1]].faces) for node in graph.nodes_geometry)
+    if count > most:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.intp), count
+    surface = scene.to_mesh()
+    return np.array(surface.vertices, dtype=np.float64), np.array(surface.faces, dtype=np.intp), count

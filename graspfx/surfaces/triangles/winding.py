@@ -1,0 +1,94 @@
+"""Which way the triangles of a surface face: the same way within each piece, outwards, and inwards around a cavity."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
+from graspfx.surfaces.triangles.tree import FloatArray, IntArray, half_edges
+
+MOST_PIECES = 2000
+MOST_WORK = 50_000_000  # solid angles: a few seconds
+
+
+def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int]:
+    """Faces (f, 3) that are wound consistently, and outwards if the surface is closed; and how many were turned over.
+
+    A piece within another is a cavity and faces inwards. An open piece keeps the side that most of its triangles have.
+
+    Raises:
+        InputError: more pieces, or pieces within one another, than can be looked at.
+    """
+    across, same, _ = half_edges(faces)
+    pieces, turned = _agree(across // 3, same & (across >= 0))
+    count = int(pieces.max()) + 1
+    if closed:
+        corners = vertices[np.where(turned[:, None], faces[:, ::-1], faces)]
+        volume = np.bincount(pieces, _volumes(corners), minlength=count)
+        wrong = (volume < 0.0) != _cavities(corners, pieces, count)
+    else:
+        wrong = 2 * np.bincount(pieces, turned, minlength=count) > np.bincount(pieces, minlength=count)
+    turned = turned ^ wrong[pieces]
+    return np.where(turned[:, None], faces[:, ::-1], faces), int(turned.sum())
+
+
+def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Pieces connected over edges, numbered (f,), and the triangles to turn over for each to agree with its first."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+    n = len(across)
+    face, side = np.nonzero(across >= 0)
+    graph = coo_array((np.ones(len(face), dtype=np.int8), (face, across[face, side])), shape=(n, n)).tocsr()
+    count, pieces = connected_components(graph, directed=False)
+    if count > MOST_PIECES:
+        raise InputError("mesh", f"{count} pieces", f"at most {MOST_PIECES} pieces that are not connected")
+    turned = np.zeros(n, dtype=bool)
+    for piece in np.unique(pieces[same.any(axis=1)]):
+        order, before = breadth_first_order(graph, int(np.flatnonzero(pieces == piece)[0]), directed=False)
+        neighbours, sames = across[order].tolist(), same[order].tolist()
+        for k in range(1, len(order)):
+            to = before[order[k]]
+            turned[order[k]] = turned[to] ^ sames[k][neighbours[k].index(to)]
+    return pieces.astype(np.intp), turned
+
+
+def _volumes(corners: FloatArray) -> FloatArray:
+    """Six times the volumes between the triangles and their mean, signed (f,)."""
+    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
+    volumes: FloatArray = (a * np.cross(b, c)).sum(axis=1)
+    return volumes
+
+
+def _cavities(corners: FloatArray, pieces: IntArray, count: int) -> NDArray[np.bool_]:
+    """Which pieces have an odd number of others around them, by the solid angle of each seen from a point of theirs."""
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, pieces, corners.min(axis=1))
+    np.maximum.at(high, pieces, corners.max(axis=1))
+    first = np.unique(pieces, return_index=True)[1]
+    cavity = np.zeros(count, dtype=bool)
+    order = np.argsort(pieces, kind="stable")
+    ends = np.cumsum(np.bincount(pieces, minlength=count))
+    work = 0
+    for piece, point in enumerate(corners[first, 0]):
+        around = ((low <= point) & (point <= high)).all(axis=1)
+        around[piece] = False
+        if not around.any():
+            continue
+        faces = np.concatenate([order[ends[k - 1] if k else 0 : ends[k]] for k in np.flatnonzero(around)])
+        work += len(faces)
+        if work > MOST_WORK:
+            raise InputError("mesh", f"{count} pieces", "fewer pieces within one another", "leave out what is inside")
+        turns = np.bincount(pieces[faces], _turns(corners[faces] - point), minlength=count)
+        cavity[piece] = (np.abs(turns) > 0.5).sum() % 2
+    return cavity
+
+
+def _turns(corners: FloatArray) -> FloatArray:
+    """Solid angles of triangles (f, 3, 3) seen from the origin, over 4 pi (van Oosterom and Strackee, 1983)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    la, lb, lc = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), np.linalg.norm(c, axis=1)
+    below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    angles: FloatArray = np.arctan2((a * np.cross(b, c)).sum(axis=1), below) / (2.0 * np.pi)
+    return angles

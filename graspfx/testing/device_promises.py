@@ -1,0 +1,393 @@
+"""Conformance of devices: checks of the protocol as far as it can be seen, and a report of what cannot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import DeviceError, InputError
+from graspfx.loop.device import Device, Features, LimitedDevice, SimulatedDevice
+from graspfx.loop.hand import Hand
+from graspfx.loop.plant import Plant
+from graspfx.testing.conformance import (
+    ALONE,
+    ALWAYS,
+    HARDWARE,
+    NO_LIMIT,
+    NOT_NEWTONS,
+    SIMULATED,
+    BlindSpot,
+    DeviceReport,
+)
+from graspfx.testing.promise import Promise, Promises
+
+FloatArray = NDArray[np.float64]
+
+TICKS = 20
+PULL = 1e-3  # how far a hand pulls a simulated finger [m]
+ROUNDING = 1e-9  # [m], and relative
+
+
+def check_device(
+    device: Device | Callable[[], Device],
+    *,
+    period: float = 0.005,
+    force: float = 0.1,
+    start: ArrayLike | None = None,
+) -> DeviceReport:
+    """Check what can be seen of the promises of `graspfx.loop.device`; ConformanceError at the first broken one.
+
+    Of every device it sees: features told before it is opened, what is not known None; positions and velocities of the
+    right shape, finite, in arrays of its own; time that does not run back; forces taken, those that are not finite
+    refused with DeviceError; stop, close twice, context manager. What its actuators do and what its numbers mean it
+    does not see: hardware that never limits its force, keeps it after `stop`, and reports millimetres passes.
+
+    Of a simulated device, moved by a plant of its own, it sees besides: every finger gets its own force and goes its
+    way; the force limit holds, if one is told; no force is left after one that is not finite, after stop and after
+    close; it stands still alone and follows a hand; two runs are the same to the bit. With a factory, two of its
+    devices in one process: they do not know each other.
+
+    The report lists both: what was checked, and what is not visible. `print` shows it.
+
+    Args:
+        device: not yet open; or a function without arguments that makes one. It is closed afterwards.
+        period: [s].
+        force: the largest force that real hardware is given [N].
+        start: where the fingers of a simulated device are put, (k, d) or (d,) [m]; by default the middle of its
+            workspace, or zero.
+    """
+    promises = Promises("device")
+    if hasattr(device, "open") and not isinstance(device, type):
+        bench = _check_one(cast("Device", device), promises, period, force, start)
+    elif callable(device):
+        bench = _check_one(device(), promises, period, force, start)
+        _check_two(device(), device(), promises, period, force, start)
+    else:
+        raise InputError("device", device, "a device, or a function that makes one")
+    return DeviceReport(tuple(promises.texts), tuple(_blind_spots(bench, factory=not hasattr(device, "open"))))
+
+
+def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
+    if bench.plant is None:
+        yield from HARDWARE
+    else:
+        yield from SIMULATED
+        if bench.features.peak_force is None:
+            yield NO_LIMIT
+        if not bench.newtons:
+            yield NOT_NEWTONS
+    if not factory:
+        yield ALONE
+    yield from ALWAYS
+
+
+class _Bench:
+    """A device on the bench, alone; a simulated one with its plant, placed and ready to be moved."""
+
+    def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
+        self.device, self.promises, self.period = device, promises, period
+        self.features = _features(device, promises)
+        self.shape = self.features.fingers, self.features.dimensions
+        self.start = _start(self.features, start)
+        self.plant: Plant | None = None
+        self.newtons = True  # whether efforts are forces, as far as is known
+        if isinstance(device, SimulatedDevice):
+            with promises(
+                "a simulated device shows `plant(devices)`, which moves its fingertips from where they are placed"
+            ):
+                self.plant = type(device).plant([device])
+                self.plant.place(self.start)
+
+    @property
+    def effort(self) -> FloatArray:
+        return np.array(cast("SimulatedDevice", self.device).effort, dtype=float)
+
+    def hand(self, stiffness: float = 0.0, damping: float = 0.0, pull: float = 0.0) -> Hand:
+        return Hand(self.start + pull, stiffness, damping)
+
+    def tick(self, forces: FloatArray, hand: Hand | None = None) -> None:
+        self.device.read()
+        self.device.write(forces)
+        if self.plant is not None:
+            self.plant.advance(self.effort, hand or self.hand(), self.period)
+
+    def held(self, forces: FloatArray) -> FloatArray:
+        """What the actuators hold once these forces have come through the delay."""
+        for _ in range((self.features.delay or 0) + 1):
+            self.device.write(forces)
+        return self.effort
+
+    def push(self, size: float, finger: int | None = None) -> FloatArray:
+        """Forces of this size along the first axis, on one finger or on all."""
+        f = np.zeros(self.shape)
+        f[slice(None) if finger is None else finger, 0] = size
+        return f
+
+
+def _check_one(device: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> _Bench:
+    bench = _Bench(device, promises, period, start)
+    if bench.features.peak_force is not None:
+        force = min(force, 0.5 * bench.features.peak_force)
+    with bench.promises("`with device` gives the device itself") as promise:
+        promise.holds(device.__enter__() is device, "another object")
+    kept = False
+    try:
+        with bench.promises("`open(period)` makes it ready"):
+            device.open(period)
+        _check_reading(bench)
+        _check_ticks(bench)
+        if bench.plant is not None:
+            _check_efforts(bench, force)
+            _check_motion(bench, force)
+        _check_stop(bench, force)
+        _check_not_finite(bench, force)
+        _check_close(bench)
+        kept = True
+    finally:
+        if not kept:
+            with suppress(Exception):  # the promise broken first is the one to tell
+                device.close()
+    return bench
+
+
+def _features(device: Device, promises: Promises) -> Features:
+    with promises("features are told before `open`, and what is not known is None, never zero") as promise:
+        features = device.features
+        k, d = features.fingers, features.dimensions
+        promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, which is no count of channels")
+        promise.holds(_whole(d) and 1 <= d <= 3, f"dimensions = {d!r}, which is not 1, 2 or 3")
+        for name in ("continuous_force", "peak_force", "stiffness", "mass", "resolution"):
+            value = getattr(features, name)
+            promise.holds(value is None or (math.isfinite(value) and value > 0.0), f"{name} = {value!r}")
+        for name in ("damping", "friction"):
+            value = getattr(features, name)
+            promise.holds(value is None or (math.isfinite(value) and value >= 0.0), f"{name} = {value!r}")
+        delay = features.delay
+        promise.holds(
+            delay is None or (_whole(delay) and delay >= 0), f"delay = {delay!r}, which is no count of samples"
+        )
+        if features.continuous_force is not None and features.peak_force is not None:
+            found = f"continuous_force {features.continuous_force} N above peak_force {features.peak_force} N"
+            promise.holds(features.continuous_force <= features.peak_force, found)
+        if features.workspace is not None:
+            lower, upper = (np.asarray(corner, dtype=float) for corner in features.workspace)
+            promise.holds(
+                lower.shape == upper.shape == (d,) and np.isfinite((lower, upper)).all() and (lower < upper).all(),
+                f"workspace = {features.workspace!r}, which is no pair of a lower and a higher corner ({d},)",
+            )
+    return features
+
+
+def _check_reading(bench: _Bench) -> None:
+    with bench.promises("`read` gives positions and velocities (fingers, dimensions), finite, and a time") as promise:
+        reading: Any = bench.device.read()
+        promise.holds(isinstance(reading, tuple) and len(reading) == 3, f"{reading!r}, which are no three things")
+        for name, value in zip(("positions", "velocities"), reading[:2], strict=True):
+            promise.holds(isinstance(value, np.ndarray), f"{name} in a {type(value).__name__}, not in an array")
+            promise.holds(value.shape == bench.shape, f"{name} of shape {value.shape}, not {bench.shape}")
+            promise.holds(value.dtype == np.float64, f"{name} of type {value.dtype}, not float64")
+            promise.holds(np.isfinite(value).all(), f"{name} that are not finite")
+        time: Any = reading[2]
+        promise.holds(isinstance(time, float) and math.isfinite(time), f"the time {time!r}")
+    with bench.promises("positions and velocities are arrays of the device's own") as promise:
+        promise.holds(not np.shares_memory(reading[0], reading[1]), "one array for both")
+        if bench.plant is not None:
+            true = bench.plant.position, bench.plant.velocity
+            shared = any(np.shares_memory(ours, its) for ours in reading[:2] for its in true)
+            promise.holds(not shared, "the plant's true motion, which a caller could write to")
+
+    if isinstance(bench.device, LimitedDevice):
+        with Promise("`largest_force` is a force above zero for each finger, where it was read last") as promise:
+            largest = np.asarray(bench.device.largest_force, dtype=float)
+            promise.holds(largest.shape == bench.shape[:1], f"of shape {largest.shape}, not {bench.shape[:1]}")
+            promise.holds((largest > 0.0).all(), f"{largest.tolist()} N")
+
+
+def _check_ticks(bench: _Bench) -> None:
+    with bench.promises("`read` and `write` once a period; time does not run back") as promise:
+        last = -math.inf
+        for _ in range(TICKS):
+            bench.tick(np.zeros(bench.shape))
+            p, v, time = bench.device.read()
+            promise.holds(np.isfinite(p).all() and np.isfinite(v).all(), "positions or velocities that are not finite")
+            promise.holds(time >= last, f"the time {time} s after {last} s")
+            last = time
+    if bench.plant is not None:
+        with bench.promises("the time of a simulated device is the count of ticks times the period") as promise:
+            bench.plant.place(bench.start)
+            for k in range(TICKS):
+                time = bench.device.read()[2]
+                promise.holds(abs(time - k * bench.period) <= ROUNDING * bench.period, f"{time} s at tick {k}")
+                bench.tick(np.zeros(bench.shape))
+
+
+def _check_efforts(bench: _Bench, force: float) -> None:
+    k, limit = bench.features.fingers, bench.features.peak_force
+    with bench.promises("zero force is no effort, and a force is one") as promise:
+        promise.holds(not bench.held(np.zeros(bench.shape)).any(), "an effort with zero force written")
+        effort = bench.held(bench.push(force))
+        promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, not {bench.shape}")
+        promise.holds(effort.any(axis=1).all(), f"no effort on a finger that is given {force} N")
+        bench.newtons = np.allclose(effort, bench.push(force), rtol=ROUNDING, atol=0.0)
+    with bench.promises("each finger gets its own force, also when the forces add up to zero") as promise:
+        for i in range(k):
+            effort = bench.held(bench.push(force, i))
+            others = np.delete(effort, i, axis=0)
+            promise.holds(
+                effort[i].any() and not others.any(), f"efforts {effort.tolist()} for a force on finger {i} alone"
+            )
+        if k > 1:
+            squeeze = bench.push(force, 0) + bench.push(-force, 1)
+            effort = bench.held(squeeze)
+            promise.holds(effort[0].any() and effort[1].any(), "no effort for a symmetric squeeze")
+    if limit is not None:
+        with bench.promises("the force limit is applied here, last") as promise:
+            effort, more = bench.held(bench.push(10.0 * limit)), bench.held(bench.push(100.0 * limit))
+            found = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
+            promise.holds(np.allclose(effort, more, rtol=ROUNDING, atol=0.0), found)
+            norm = float(np.linalg.norm(effort, axis=1).max())
+            promise.holds(
+                not bench.newtons or norm <= limit * (1.0 + ROUNDING), f"{norm} N, and the limit is {limit} N"
+            )
+    bench.device.stop()
+
+
+def _check_motion(bench: _Bench, force: float) -> None:
+    plant = cast("Plant", bench.plant)
+    with bench.promises("the plant starts where it is placed, at rest, and keeps its arrays") as promise:
+        position, velocity = plant.position, plant.velocity
+        promise.holds(position.shape == velocity.shape == bench.shape, f"shape {position.shape}, not {bench.shape}")
+        bench.tick(bench.push(force))
+        plant.place(bench.start)
+        promise.holds(plant.position is position and plant.velocity is velocity, "other arrays than before")
+        away = float(np.abs(position - bench.start).max())
+        promise.holds(away <= ROUNDING and not velocity.any(), f"{away} m away, or moving")
+    with bench.promises("positions are read to the resolution that is told") as promise:
+        error = float(np.abs(bench.device.read()[0] - plant.position).max())
+        promise.holds(error <= 2.0 * (bench.features.resolution or 0.0) + ROUNDING, f"{error} m off")
+    with bench.promises("with no force and no hand it stands still") as promise:
+        _run(bench, TICKS, np.zeros(bench.shape))
+        away = float(np.abs(plant.position - bench.start).max())
+        promise.holds(away <= ROUNDING, f"it moved by {away} m")
+    with bench.promises("a force moves its own finger, in its direction") as promise:
+        for i in range(bench.features.fingers):
+            _run(bench, TICKS + (bench.features.delay or 0), bench.push(force, i))
+            moved = plant.position - bench.start
+            promise.holds(moved[i, 0] > 0.0, f"finger {i} moved by {moved[i, 0]} m under {force} N")
+            away = float(np.abs(np.delete(moved, i, axis=0)).max(initial=0.0))
+            promise.holds(away <= ROUNDING, f"others than finger {i} moved, by {away} m")
+    with bench.promises("a hand pulls the fingertips to where it means them to be") as promise:
+        _run(bench, round(1.0 / bench.period), np.zeros(bench.shape), bench.hand(50.0, 5.0, PULL))
+        left = float(np.abs(plant.position - bench.start - PULL).max())
+        promise.holds(left < 0.5 * PULL, f"{left} m of {PULL} m are left after a second with 50 N/m and 5 N s/m")
+    with bench.promises("two runs are the same to the bit") as promise:
+        runs = [_run(bench, TICKS, bench.push(force), bench.hand(50.0, 1.0, PULL)) for _ in range(2)]
+        promise.holds(np.array_equal(runs[0], runs[1]), "another motion in the second run")
+
+
+def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None) -> FloatArray:
+    """Place and open, then move under these forces; everything that was read, and the true end."""
+    plant, rows = cast("Plant", bench.plant), []
+    bench.device.close()
+    plant.place(bench.start)
+    bench.device.open(bench.period)
+    hand = hand or bench.hand()
+    for _ in range(ticks):
+        bench.tick(forces, hand)
+        p, v, _ = bench.device.read()
+        rows.append((p.copy(), v.copy()))
+    return np.concatenate([np.ravel(rows), plant.position.ravel(), plant.velocity.ravel()])
+
+
+def _check_not_finite(bench: _Bench, force: float) -> None:
+    seen = "is displayed as zero and raises" if bench.plant is not None else "raises"
+    with bench.promises(f"a force that is not finite {seen} DeviceError") as promise:
+        for bad in (math.nan, math.inf, -math.inf):
+            for i in range(bench.features.fingers):
+                _refused(bench.device, bench.push(force))  # something to be kept, unless a fault keeps the device shut
+                forces = bench.push(force)
+                forces[i, -1] = bad
+                for _ in range((bench.features.delay or 0) + 1):
+                    promise.holds(_refused(bench.device, forces), f"{bad} on finger {i} was taken")
+                if bench.plant is not None:
+                    promise.holds(not bench.effort[i].any(), f"the effort {bench.effort[i].tolist()} after {bad}")
+                bench.device.stop()
+
+
+def _refused(device: Device, forces: FloatArray) -> bool:
+    try:
+        device.write(forces)
+    except DeviceError:
+        return True
+    return False
+
+
+def _check_stop(bench: _Bench, force: float) -> None:
+    seen = "is zero force, now, and may be" if bench.plant is not None else "returns, also when it is"
+    with bench.promises(f"`stop` {seen} called again") as promise:
+        bench.device.write(bench.push(force))
+        for _ in range(2):
+            bench.device.stop()
+            promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
+
+
+def _check_close(bench: _Bench) -> None:
+    seen = "leaves no force, and returns when" if bench.plant is not None else "returns, also when"
+    with bench.promises(f"`close` {seen} it is called again") as promise:
+        bench.device.close()
+        promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
+        bench.device.close()
+    with bench.promises("leaving `with device` lets errors pass") as promise:
+        error = DeviceError("an error inside `with`")
+        promise.holds(not bench.device.__exit__(DeviceError, error, None), "the error was swallowed")  # type: ignore[func-returns-value]
+
+
+def _check_two(a: Device, b: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> None:
+    simulated = isinstance(a, SimulatedDevice)
+    seen = "do not know each other" if simulated else "share no arrays, and one reads when the other is closed"
+    with promises(f"two devices of a kind in one process {seen}") as promise:
+        promise.holds(a is not b, "the factory gave one device twice")
+        one, two = _Bench(a, promises, period, start), _Bench(b, promises, period, start)
+        try:
+            a.open(period)
+            b.open(period)
+            arrays = a.read()[:2], b.read()[:2]
+            shared = any(np.shares_memory(x, y) for x in arrays[0] for y in arrays[1])
+            promise.holds(not shared, "arrays that both of them read into")
+            if one.plant is not None and two.plant is not None:
+                _check_two_moving(promise, one, two, force)
+            a.close()
+            two.tick(np.zeros(two.shape))
+            promise.holds(np.isfinite(b.read()[0]).all(), "nothing to be read from one after the other was closed")
+        finally:
+            a.close()
+            b.close()
+
+
+def _check_two_moving(promise: Promise, one: _Bench, two: _Bench, force: float) -> None:
+    if one.features.peak_force is not None:
+        force = min(force, 0.5 * one.features.peak_force)
+    promise.holds(one.held(one.push(force)).any() and not two.effort.any(), "a force on one is an effort of the other")
+    _run(one, TICKS, one.push(force))
+    away = float(np.abs(cast("Plant", two.plant).position - two.start).max())
+    promise.holds(away <= ROUNDING, f"a force on one moved the other by {away} m")
+
+
+def _start(features: Features, start: ArrayLike | None) -> FloatArray:
+    shape = features.fingers, features.dimensions
+    if start is None:
+        middle = 0.0 if features.workspace is None else 0.5 * (features.workspace[0] + features.workspace[1])
+        return np.array(np.broadcast_to(middle, shape))
+    at = np.array(start, dtype=float)
+    if at.shape not in (shape, shape[1:]) or not np.isfinite(at).all():
+        raise InputError("start", start, f"finite positions {shape}, or one for all fingers {shape[1:]} [m]")
+    return np.array(np.broadcast_to(at, shape))
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)

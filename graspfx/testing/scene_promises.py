@@ -1,0 +1,287 @@
+"""What every scene promises: it runs without a fault, repeats to the bit, and makes no energy of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from os import PathLike
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import InputError
+from graspfx.testing.energy_bound import accounts
+from graspfx.testing.promise import Promise
+
+if TYPE_CHECKING:
+    from graspfx.loop.device import Device
+    from graspfx.loop.recording.layout import Layout
+    from graspfx.loop.recording.record import ObjectMotion, Recording
+    from graspfx.loop.recording.recorder import Recorder
+    from graspfx.loop.servo import Servo
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+Number = tuple[str | Callable[["Recording"], Any], Any, float]
+
+ROUNDING = 64.0 * np.finfo(float).eps  # of a sum over fingers, relative to its terms
+TOGETHER = 300  # ticks that two servos run in turns
+SHOWN = 20  # numbers in a message
+SMALL_SHARE = 1e-3  # of the largest energy in the ledger
+
+
+def check_scene(
+    scene: Scene | str | PathLike[str] | Callable[[], Scene],
+    *,
+    duration: float | None = None,
+    energy: float | None = SMALL_SHARE,
+    number: Number | Sequence[Number] = (),
+) -> Recording:
+    """Check that a scene of simulated devices keeps its promises; ConformanceError at the first broken one.
+
+    It loads, says its plan and runs without a fault; everything recorded is finite; two runs are the same to the bit;
+    the wrench on each object is the sum of its fingers' forces, and of their moments about its centre, to rounding;
+    devices are told the negative of the force on the object, and the energy that is recorded for them is that force
+    times the way of the fingertip; two servos of the scene built at once share no memory and, run in turns, do what
+    one does alone; energy is bounded; and the numbers that are pinned come out.
+
+    **Energy bounded**: at every tick,
+
+        A <= S_0 + W + H          what the coupling gives to the objects, it had,
+        E <= E_0 + A + U + J      and what the objects have, they were given,
+
+    each but for a share `energy` of its largest term so far. A is the work of the wrenches on the objects,
+    sum f_v'(dx, turn); S_0 = sum 1/2 k |e_0|^2 what the coupling may hold at the start; W what the fingers put in,
+    sum f'dp; E the objects' kinetic energy; U the work of gravity, m g'(x - x_0). H and J are what holding forces for a
+    sample may make: a spring whose force lags behind its length, sum over samples of 1/2 k |de|^2, and the explicit
+    integrator, and it alone, of 1/2 m |dv|^2 + 1/2 I |dw|^2; a loop that is not stable lives on them. k is the largest
+    gain of the coupling and I the largest moment of inertia; e = p - c; d is the difference from one tick to the next;
+    f, p, c are those of the recording. What the coupling keeps and what viscosity takes are not subtracted.
+
+    Args:
+        scene: one, or the name or path of one, or a function that makes it.
+        duration: instead of the scene's own [s].
+        energy: the share by which a bound may be exceeded, where the projector or the set of touching fingers changes
+            or a turn is integrated; None for a scene whose coupling is known to create energy, as literal gain matrices
+            and the reaction at the contact point do.
+        number: (name, expected, tolerance), or several of them: a key of `Recording.summary`, or a function of the
+            recording; arrays are compared entry by entry.
+
+    Returns:
+        The recording.
+    """
+    with _promise("it loads, and says its plan"):
+        from graspfx.certificate.plan import plan
+
+        made = _scene(scene)
+        list(plan(made))
+    with _promise("it runs without a fault"):
+        from graspfx.build.run import run
+
+        recording = run(made, duration)
+    _check_recording(made, recording)
+    _check_wrench(made, recording)
+    with _promise("two runs are the same to the bit") as promise:
+        promise.holds(np.array_equal(recording.rows, run(made, duration).rows), "other rows in the second run")
+    _check_together(made, recording)
+    if energy is not None:
+        _check_energy(made, recording, energy)
+    numbers = [cast("Number", number)] if _is_one(number) else cast("Sequence[Number]", number)
+    for name, expected, tolerance in numbers:
+        _check_number(recording, name, expected, tolerance)
+    return recording
+
+
+def _promise(text: str) -> Promise:
+    return Promise(text, "scene")
+
+
+def _scene(given: Scene | str | PathLike[str] | Callable[[], Scene]) -> Scene:
+    from graspfx.scene.load import load
+    from graspfx.scene.model import Scene
+
+    if isinstance(given, Scene):
+        return given
+    if isinstance(given, str | PathLike):
+        return load(given)
+    make: Any = given
+    made: Any = make() if callable(make) else make
+    if not isinstance(made, Scene):
+        raise InputError("scene", made, "a scene, the name or path of one, or a function that makes one")
+    return made
+
+
+def _check_recording(scene: Scene, recording: Recording) -> None:
+    with _promise("nothing goes wrong in a run") as promise:
+        promise.holds(not recording.faults, f"{', '.join(map(str, recording.faults))}")
+        promise.holds(recording.outcome.complete, "a run that broke off")
+    with _promise("everything that is recorded is finite") as promise:
+        for name in recording.layout.columns:
+            good = np.isfinite(recording.array(name)).reshape(len(recording), -1).all(axis=1)
+            promise.holds(good.all(), f"{name} is not from tick {int(np.argmin(good))} on")
+    with _promise("its devices are simulated: another run is the same run") as promise:
+        promise.holds(recording.true_position is not None, "a device without a plant")
+    with _promise("energy at a device is its force, minus that on the object, times its fingertip's way") as promise:
+        true = cast("FloatArray", recording.true_position)
+        work = -(recording.finger_force[:-1] * np.diff(true, axis=0)).sum(axis=2)
+        told = np.diff(recording.device_energy, axis=0)
+        scale = np.abs(work).sum() + np.abs(recording.device_energy).max(initial=0.0)
+        off = float(np.abs(told - work).max(initial=0.0))
+        promise.holds(off <= ROUNDING * max(scale, np.finfo(float).tiny), f"{off} J of difference in a sample")
+
+
+def _check_wrench(scene: Scene, recording: Recording) -> None:
+    """f_v = G f (eq. 2), with moments about each object's centre from where the reaction acts."""
+    at_contact = scene.coupling.reaction == "contact"
+    with _promise(
+        "the wrench on an object is the sum of its fingers' forces and of their moments about its centre"
+    ) as promise:
+        d = scene.dimensions
+        places = recording.contact_position if at_contact else recording.finger_position
+        moments = recording.finger_moment
+        for number, (name, motion) in enumerate(recording.objects.items()):
+            own = [i for i, thing in enumerate(recording.layout.finger_objects) if thing == number]
+            f, r = recording.finger_force[:, own], places[:, own] - motion.position[:, None, :]
+            total = f.sum(axis=1)
+            scale = np.abs(f).sum()
+            off = float(np.abs(motion.wrench[:, :d] - total).max(initial=0.0))
+            promise.holds(off <= ROUNDING * scale, f"{off} N of difference on {name}")
+            if d == 1:
+                continue
+            turn = np.cross(r, f) if d == 3 else (r[..., 0] * f[..., 1] - r[..., 1] * f[..., 0])[..., None]
+            if moments is not None:
+                turn = turn + (moments[:, own] if d == 3 else moments[:, own, -1:])
+                scale += np.abs(moments[:, own]).sum()
+            reach = 1.0 + np.abs(places).max(initial=0.0) + np.abs(motion.position).max(initial=0.0)
+            off = np.abs(motion.wrench[:, d:] - turn.sum(axis=1)).max(axis=1)
+            allowed = ROUNDING * scale * reach + _ahead(scene, number, motion) * np.linalg.norm(total, axis=1)
+            k = int(np.argmax(off - allowed))
+            promise.holds(off[k] <= allowed[k], f"{off[k]} N m of difference on {name} at tick {k}")
+
+
+def _ahead(scene: Scene, number: int, motion: ObjectMotion) -> FloatArray:
+    """How far from the recorded centre moments may refer, (N,) [m]: implicit, to where it would move freely, v T."""
+    table = scene.object[number]
+    if table.dynamics != "native" or table.integrator != "implicit":
+        return np.zeros(len(motion.position))
+    g = 0.0 if scene.gravity is None else float(np.linalg.norm(scene.gravity))
+    return np.asarray(scene.period * (np.linalg.norm(motion.velocity, axis=1) + g * scene.period))
+
+
+def _check_energy(scene: Scene, recording: Recording, share: float) -> None:
+    from graspfx.build.build import build
+
+    with build(scene) as servo:
+        coupling, objects = accounts(scene, recording, [held.grasped.body_state for held in servo.objects])
+    for account, text in (
+        (coupling, "energy is bounded: the coupling gives no more than the fingers put in"),
+        (objects, "energy is bounded: the objects gain no more than the coupling and gravity give"),
+    ):
+        with _promise(text) as promise:
+            over = account.gained - account.had - share * account.scale
+            k = int(np.argmax(over))
+            promise.holds(
+                over[k] <= 0.0,
+                f"{account.gained[k]:.6g} J at {recording.time[k]:g} s, of {account.had[k]:.6g} J to be had; "
+                f"{share:g} of {account.scale[k]:.3g} J are allowed for",
+            )
+
+
+class _Told:
+    """A device, and what it was told."""
+
+    def __init__(self, device: Device) -> None:
+        self.device, self.forces = device, [np.zeros((0, 0))]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.device, name)
+
+    def write(self, forces: FloatArray) -> None:
+        self.forces[0] = forces.copy()
+        self.device.write(forces)
+
+
+def _check_together(scene: Scene, recording: Recording) -> None:
+    """Two servos at once, tick by tick in turns, the devices of both overheard."""
+    from graspfx.build.build import build
+    from graspfx.loop.parts import Station
+    from graspfx.loop.recording.header import Header
+    from graspfx.loop.recording.recorder import Recorder
+
+    ticks = min(len(recording), TOGETHER)
+    with ExitStack() as stack:
+        with _promise("two servos of a scene can be built at once"):
+            pair = [stack.enter_context(build(scene)) for _ in range(2)]
+        with _promise("two servos of a scene share no memory") as promise:
+            for a in _arrays(pair[0]):
+                for b in _arrays(pair[1]):
+                    promise.holds(not np.shares_memory(a, b), "an array that both of them write to")
+        overheard = []
+        for servo in pair:
+            told = [_Told(station.device) for station in servo.stations]
+            servo.stations = [
+                Station(cast("Device", each), station.fingers)
+                for each, station in zip(told, servo.stations, strict=True)
+            ]
+            overheard.append(told)
+        recorders: list[Recorder] = [Recorder(servo.layout, Header(scene.period)) for servo in pair]
+        with _promise("devices are told minus the force on the object") as promise:
+            for _ in range(ticks):
+                for servo, recorder, told in zip(pair, recorders, overheard, strict=True):
+                    servo.tick(recorder)
+                    recorder.drain()
+                    force = _forces(servo.layout, servo.row)
+                    for each, station in zip(told, servo.stations, strict=True):
+                        used = station.fingers >= 0
+                        same = np.array_equal(each.forces[0][used], -force[station.fingers[used]])
+                        promise.holds(same, f"{each.forces[0][used].tolist()} for {force.tolist()} on the object")
+        with _promise("two servos run in turns do what one does alone") as promise:
+            for recorder in recorders:
+                rows = recorder.finish().rows
+                promise.holds(np.array_equal(rows, recording.rows[:ticks]), "other rows than in a run of its own")
+
+
+def _forces(layout: Layout, row: FloatArray) -> FloatArray:
+    column = layout.columns["finger_force"]
+    return row[column.where].reshape(column.shape)
+
+
+def _arrays(servo: Servo) -> Iterator[FloatArray]:
+    yield servo.row
+    for held in servo.objects:
+        yield held.grasped.block
+    for station in servo.stations:
+        yield from station.device.read()[:2]
+    for moved in servo.moved:
+        yield moved.plant.position
+        yield moved.plant.velocity
+
+
+def _is_one(number: Any) -> bool:
+    return len(number) == 3 and (isinstance(number[0], str) or callable(number[0]))
+
+
+def _check_number(
+    recording: Recording, name: str | Callable[[Recording], Any], expected: Any, tolerance: float
+) -> None:
+    label = name if isinstance(name, str) else getattr(name, "__name__", "a number")
+    with _promise(f"{label} is {expected}, within {tolerance:g}") as promise:
+        if isinstance(name, str):
+            summary = recording.summary()
+            if name not in summary:
+                raise InputError("number", name, f"a key of the summary: {', '.join(summary)}")
+            found = summary[name]
+        else:
+            found = name(recording)
+        promise.holds(found is not None, "None")
+        off = np.abs(np.asarray(found, dtype=float) - np.asarray(expected, dtype=float))
+        promise.holds((off <= tolerance).all(), _worst(np.asarray(found), off))
+
+
+def _worst(found: FloatArray, off: FloatArray) -> str:
+    """What was found; of many numbers, the one that is farthest off and its place."""
+    if found.size <= SHOWN or found.shape != off.shape:
+        return f"{found.tolist()}"
+    place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
+    return f"{found[place]} at {[int(i) for i in place]}, the farthest of {found.size}"
