@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.bench.brute_force import brute_force, winding_number
 from graspfx.compile.machine import compiled
-from graspfx.surfaces.closed_form.proxy import BOX, closest
+from graspfx.surfaces.closed_form.proxy import BOX
 from graspfx.surfaces.triangles import tree, walk
 from graspfx.surfaces.triangles.tree import flatten
 from graspfx.surfaces.triangles.walk import FREE, HELD, LAST, MODE, NEW, REACH, SAFE, STATE, mesh_contact
@@ -26,6 +26,7 @@ from tests.support.meshes import (
     shifted,
     surface_point,
 )
+from graspfx.surfaces.closed_form.proxy import closest
 
 FloatArray = NDArray[np.float64]
 TICK = 0.001  # [s]
@@ -41,6 +42,8 @@ class Finger:
         self.m, self.o = m, o
         whole = shifted(M, m)
         self._kernel = kernel or mesh_contact
+        self._M: Any
+        self._S: Any
         self._M, self._S = (whole, self.state) if kernel else (memoryview(whole), memoryview(self.state))
 
     def to(self, p: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -110,9 +113,10 @@ def test_a_box_as_a_mesh_is_the_box() -> None:
     finger, face = Finger(flatten(*plate(0.05, 0.04, 0.02), closed=True)), -1
     p, before = np.array([0.04, 0.01, 0.0]), np.zeros(3)
     free = held = 0
+    nearest: Any = closest
     for _ in range(2000):
         p = np.clip(p + rng.normal(size=3) * 0.0008 - 0.01 * p, -0.04, 0.04)
-        face, *rest = closest(BOX, 3, *half, *p.tolist(), face, *before.tolist())
+        face, *rest = nearest(BOX, 3, *half, *p.tolist(), face, *before.tolist())
         c, n, gap = finger.to(p)
         if (np.abs(p) > half).any():
             if finger.mode == FREE and rest[6] > 0:
