@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from graspfx.compile import cache, records
 from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
+from graspfx.compile.lower.store import Lowering, Store
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
 from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, outer
@@ -230,3 +234,21 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
 
     with pytest.raises(InputError, match=r"Bad\.name"):
         size_of(Bad)
+
+
+def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
+    function: Any = written(everything)
+    text, callees, _ = lowered_text(function)
+    names = {alias: (callee.__module__, callee.__qualname__) for alias, callee in callees.items()}
+    code = compile(text, "test", "exec")
+    first = Store("lowered-test")
+    first.add(function, Lowering(text, code, names, (__file__,)))
+    assert first.find(function) is None  # no source of ours: the key would not know of a change
+    first.add(function, Lowering(text, code, names, (records.__file__,)))
+    first.save()
+    content = cache.load("lowered-test")
+    assert content is not None
+    again = Store("lowered-test", json.loads(content)).find(function)
+    assert again is not None
+    assert (again.text, again.code, again.callees, again.files) == (text, code, names, (records.__file__,))

@@ -9,7 +9,7 @@ import pytest
 
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.grasp.contact import contacts
-from graspfx.grasp.matrix import Grasp
+from graspfx.grasp.grasp import Grasp
 from tests.support.optional import require
 
 POINTS = {1: [[-0.02], [0.02]], 2: [[-0.02, 0.0], [0.02, 0.0]], 3: [[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]}

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspfx.bench.brute_force import brute_force
-from graspfx.surfaces.closed_form.proxy import BOX
+from graspfx.bench.oracles.brute_force import brute_force
+from graspfx.surfaces.closed_form.proxy import BOX, closest_to_ball
 from graspfx.surfaces.triangles import ball, walk
 from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.mesh import Mesh, make_mesh, new_fingers
 from graspfx.surfaces.triangles.tree import flatten
 from tests.support.meshes import SHAPES, ell, flat, plate, sheet
-from graspfx.surfaces.closed_form.proxy import closest_to_ball
 
 FloatArray = np.ndarray
 R = 0.004  # radius of the balls [m]

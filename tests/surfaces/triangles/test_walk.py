@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspfx.bench.brute_force import brute_force, winding_number
+from graspfx.bench.oracles.brute_force import brute_force, winding_number
 from graspfx.compile.machine import compiled
-from graspfx.surfaces.closed_form.proxy import BOX
+from graspfx.surfaces.closed_form.proxy import BOX, closest
 from graspfx.surfaces.triangles import tree, walk
 from graspfx.surfaces.triangles.tree import flatten
 from graspfx.surfaces.triangles.walk import FREE, HELD, LAST, MODE, NEW, REACH, SAFE, STATE, mesh_contact
@@ -26,7 +26,6 @@ from tests.support.meshes import (
     shifted,
     surface_point,
 )
-from graspfx.surfaces.closed_form.proxy import closest
 
 FloatArray = NDArray[np.float64]
 TICK = 0.001  # [s]
