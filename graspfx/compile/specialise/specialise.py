@@ -76,7 +76,10 @@ class Program:
             self._made[key] = None
             self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
-            self._made[key] = self._make(kernel, arguments, f"{function.__name__}_{len(self._made)}")
+            made = self._make(kernel, arguments, f"{function.__name__}_{len(self._made)}")
+            written = getattr(function, "__written__", function).__code__
+            vars(made.node)["origin"] = (written.co_filename, written.co_firstlineno)
+            self._made[key] = made
         found = self._made.get(key)
         if found is None:
             place = f"{code.co_filename}:{code.co_firstlineno}"
@@ -97,6 +100,10 @@ class Program:
     def source(self) -> str:
         """The program as Python."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
+        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in self.definitions())])
+
+    def definitions(self) -> list[ast.FunctionDef]:
+        """The functions that the program needs, each before those that call it."""
         called = {self.functions[-1].name}
         kept = []
         for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
@@ -104,4 +111,4 @@ class Program:
                 kept.append(node)
                 called.update(n.id for n in nodes([node]) if isinstance(n, ast.Name))
                 place(node)
-        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in reversed(kept))])
+        return kept[::-1]

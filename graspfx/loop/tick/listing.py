@@ -1,0 +1,120 @@
+"""The program of a tick as a person reads it: entries by name, and beside each part the line that it comes from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import graspfx
+from graspfx.compile.program import specialised
+from graspfx.compile.specialise.listing import Listing, listings
+from graspfx.compile.unfold.lines import Line
+from graspfx.loop.parts import Parts
+from graspfx.loop.tick.engine import texts
+from graspfx.loop.tick.names import Names, columns
+from graspfx.loop.tick.script import Script, Tick
+from graspfx.loop.tick.text import lines_of
+
+WIDTH = 88  # at which the lines of sources stand
+ENTRY = re.compile(r"\b([A-Za-z]+\d+)\b(?:\[(\d+)\])?")
+ROW = re.compile(r"\brows\[row(?: \+ (\d+))?\]")
+
+
+def listing(parts: Parts) -> list[str]:
+    """List the specialised program of a tick: first what runs it from top to bottom, then the kernels that it calls.
+
+    A function that serves several memories of a kind says `device.position`, one that serves a single one
+    `device[0].position`. Entries that nothing declares stay numbers.
+    """
+    tick = Tick(Script())
+    begin, end = lines_of(parts, tick)
+    tick.begin += [line.text for line in begin]
+    tick.end += [line.text for line in end]
+    script = tick.script
+    names, row = Names(parts, script), columns(parts.layout)
+    out: list[str] = []
+    for name, text in texts(tick).items():
+        program = specialised(text, script.kernels, [*script.arrays, "rows"], script.frozen)
+        halves = {"run": [None, None, *begin, *end], "begin": [None, *begin], "end": [None, *end]}
+        functions = listings(program)
+        served = _served(functions)
+        for each in functions:
+            many = {memory for memory, those in served[each.name].items() if len(those) > 1}
+            out += [*_function(each, halves[name] if each.name == name else [], names, row, many), ""]
+    return out[:-1]
+
+
+def _function(
+    each: Listing, sources: Sequence[Line | None], names: Names, row: Mapping[int, str], many: Container[str]
+) -> Iterator[str]:
+    """The lines of one function, those of the tick under the name of the stage that wrote them.
+
+    Args:
+        each: the function.
+        sources: of the lines of the text that it was made from, if it is the tick's.
+        names: of memories and entries.
+        row: names of a row's numbers.
+        many: parameters that stand for several memories.
+    """
+
+    def shown(match: re.Match[str]) -> str:
+        array, entry = match.groups()
+        if array not in names.memories:
+            return match.group()
+        if entry is not None:
+            return (names.shared if array in many else names.entry)(array, int(entry))
+        memory = names.memories[array]
+        return memory.partition("[")[0] if array in many else memory
+
+    def readable(text: str) -> str:
+        return ROW.sub(lambda m: row[int(m.group(1) or 0)], ENTRY.sub(shown, text))
+
+    head = f"def {each.name}({', '.join(each.parameters)}):"
+    yield _beside(readable(head), "" if each.origin is None else _place(*each.origin))
+    stage, before = "", 0
+    for text, origin in each.lines:
+        file, line = origin or ("", 0)
+        if file.startswith("<"):  # a text, of which the tick knows its lines' sources
+            source = sources[line - 1] if line <= len(sources) else None
+            line = 0 if source is None else source.origin.line
+            if source is not None and source.origin.stage != stage:
+                stage = source.origin.stage
+                yield f"{text[: len(text) - len(text.lstrip())]}# {stage}, {_file(source.origin.file)}"
+        yield _beside(readable(text), f"line {line}" if line not in (0, before) else "")
+        before = line
+
+
+def _served(program: Sequence[Listing]) -> dict[str, dict[str, set[str]]]:
+    """The memories that each array parameter of each function stands for, from the first caller on."""
+    functions = {each.name: each for each in program}
+    served: dict[str, dict[str, set[str]]] = {each.name: {name: set() for name in each.parameters} for each in program}
+    left = [(program[0].name, tuple((name, frozenset([name])) for name in program[0].parameters))]
+    while left:
+        name, given = left.pop()
+        mine = served[name]
+        if all(memories <= mine[parameter] for parameter, memories in given):
+            continue
+        for parameter, memories in given:
+            mine[parameter] |= memories
+        for callee, arguments in functions[name].calls:
+            pairs = zip(functions[callee].parameters, arguments, strict=False)
+            left.append((callee, tuple((parameter, frozenset(mine.get(a, ()))) for parameter, a in pairs)))
+    return served
+
+
+def _beside(text: str, source: str) -> str:
+    return f"{text:<{WIDTH}}  # {source}" if source else text
+
+
+def _place(file: str, line: int) -> str:
+    return f"{_file(file)}:{line}"
+
+
+def _file(file: str) -> str:
+    """A file as it stands in the source tree, or in full if it is not ours."""
+    for root in graspfx.__path__:
+        folder = Path(root).parent if Path(root).name == "graspfx" else Path(root)
+        if Path(file).is_relative_to(folder):
+            return Path(file).relative_to(folder).as_posix()
+    return file
