@@ -17,7 +17,7 @@ from graspfx.loop.tick import memory
 from graspfx.loop.tick.script import Script
 
 FloatArray = NDArray[np.float64]
-Named = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name
+Named = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
 AXES = "xyz"
 
 
@@ -34,7 +34,7 @@ class Names:
         self._objects = {arrays[id(held.grasped.block)]: held for held in parts.objects}
         servo = next(iter(script.arrays.values()))
         self._known = {
-            (arrays[id(array)], entry): name
+            (arrays[id(array)], entry): f"{self.memories[arrays[id(array)]]}{name}" if name[0] == "." else name
             for array, entry, name in (*_servo(parts, servo), *_devices(parts), *_plants(parts), *_hands(parts))
             if id(array) in arrays
         }
@@ -64,7 +64,7 @@ class Names:
 
 def columns(layout: Layout) -> Mapping[int, str]:
     """Name each number of a recorded row."""
-    names = {}
+    names: dict[int, str] = {}
     for column in layout.columns.values():
         by_finger = column.dimensions[:1] == ("finger",)
         ends = _components(column.shape[by_finger:])
@@ -102,37 +102,33 @@ def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
 
 def _devices(parts: Parts) -> Iterator[Named]:
     d = parts.layout.dimensions
-    for i, station in enumerate(parts.stations):
+    for station in parts.stations:
         if isinstance(station.device, FusedDevice):
             state, ports, k = station.device.state, station.device.ports, len(station.fingers)
-            yield from _vectors(state, ports.sensed, f"device[{i}].sensed", 1, len(station.device.sensed))
+            yield from _vectors(state, ports.sensed, ".sensed", 1, len(station.device.sensed))
             for quantity in ("position", "velocity", "command", "effort"):
-                yield from _vectors(state, getattr(ports, quantity), f"device[{i}].{quantity}", k, d)
+                yield from _vectors(state, getattr(ports, quantity), f".{quantity}", k, d)
 
 
 def _plants(parts: Parts) -> Iterator[Named]:
     d = parts.layout.dimensions
-    for j, m in enumerate(parts.moved):
+    for m in parts.moved:
         if isinstance(m.plant, FusedPlant):
             state, ports, n = m.plant.state, m.plant.ports, len(m.fingers)
             for quantity in ("effort", "position", "velocity"):
-                yield from _vectors(state, getattr(ports, quantity), f"plant[{j}].{quantity}", n, d)
+                yield from _vectors(state, getattr(ports, quantity), f".{quantity}", n, d)
             for quantity, first in (("middle", ports.middle), ("end", ports.end)):
                 if first is not None:
-                    yield from _vectors(state, first, f"plant[{j}].{quantity}.position", n, d)
-                    yield from _vectors(state, first + n * d, f"plant[{j}].{quantity}.velocity", n, d)
+                    yield from _vectors(state, first, f".{quantity}.position", n, d)
+                    yield from _vectors(state, first + n * d, f".{quantity}.velocity", n, d)
 
 
 def _hands(parts: Parts) -> Iterator[Named]:
-    numbers: dict[int, int] = {}
     for m in parts.moved:
         if isinstance(m.hand, FusedHand):
-            state, ports, n = m.hand.state, m.hand.ports, len(m.fingers)
-            j = numbers.setdefault(id(state), len(numbers))
             for quantity in ("position", "velocity"):
-                yield from _vectors(
-                    state, getattr(ports, quantity), f"hand[{j}].{quantity}", n, parts.layout.dimensions
-                )
+                first = getattr(m.hand.ports, quantity)
+                yield from _vectors(m.hand.state, first, f".{quantity}", len(m.fingers), parts.layout.dimensions)
 
 
 def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[Named]:
