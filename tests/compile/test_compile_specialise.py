@@ -13,7 +13,7 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.compile.native import compiled, interpreted
 from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Known, Later, Memory
+from graspfx.compile.specialise.values import Dynamic, Memory, Static
 from graspfx.coupling import block as at
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
@@ -140,9 +140,9 @@ def itself(S: memoryview, o: int) -> None:
 
 def test_an_entry_that_never_changes_is_not_to_be_written() -> None:
     program = Program({("MEM", 5): 1.0})
-    program.add(writes, [Memory("MEM", 0), Known(3)])
+    program.add(writes, [Memory("MEM", 0), Static(3)])
     with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+.*never to change"):
-        program.add(writes, [Memory("MEM", 0), Known(4)])
+        program.add(writes, [Memory("MEM", 0), Static(4)])
 
 
 def turns_over_entries(S: memoryview, o: int) -> None:
@@ -161,14 +161,14 @@ def looks_back(S: memoryview, o: int) -> None:
 @pytest.mark.parametrize("kernel", [lists, itself, shadows, turns_over_entries, moves_on, looks_back])
 def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: object) -> None:
     with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+"):
-        Program({}).add(kernel, [Memory("MEM", 0), Known(0)])  # type: ignore[arg-type]
+        Program({}).add(kernel, [Memory("MEM", 0), Static(0)])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("unroll", [1, 4])
 @pytest.mark.parametrize("x", [0.0, -0.0, 3.0])
 def test_folding_changes_no_value_and_drops_no_effect(x: float, unroll: int) -> None:
     program = Program({}, unroll)
-    program.add(edges, [Memory("MEM", 0), Known(1), Known(1), Known(0.0)])
+    program.add(edges, [Memory("MEM", 0), Static(1), Static(1), Static(0.0)])
     source = program.source()
     A = np.arange(16.0) / 8.0
     A[2] = x
@@ -182,7 +182,7 @@ def test_folding_changes_no_value_and_drops_no_effect(x: float, unroll: int) -> 
 
 def test_what_is_asked_for_its_effect_is_asked() -> None:
     program = Program({})
-    program.add(asks_for_effect, [Memory("MEM", 0), Known(0)])
+    program.add(asks_for_effect, [Memory("MEM", 0), Static(0)])
     A, B = np.zeros(3), np.zeros(3)
     asks_for_effect(memoryview(A), 0)
     interpreted(program.source()).bind(B).brief()
@@ -192,8 +192,8 @@ def test_what_is_asked_for_its_effect_is_asked() -> None:
 @pytest.mark.parametrize("kind", [0, 1, 2])
 def test_what_is_known_leaves_no_trace(kind: int) -> None:
     program = Program({("MEM", 10): float(kind)}, unroll=4)
-    made = program.add(chooses, [Memory("MEM", 10), Known(0)])
-    assert isinstance(made.result, Known) and made.result.value == kind
+    made = program.add(chooses, [Memory("MEM", 10), Static(0)])
+    assert isinstance(made.result, Static) and made.result.value == kind
     source = program.source()
     assert ("sqrt" in source, "-1.5" in source, "for" in source) == (kind == 1, kind == 2, False)
     A = np.arange(16.0) / 4.0
@@ -217,7 +217,7 @@ def runs_over(S: memoryview, o: int, n: int) -> float:
 @pytest.mark.parametrize(("most", "loops"), [(7, 1), (8, 0)])
 def test_a_loop_is_written_out_if_that_is_little(most: int, loops: int) -> None:
     program = Program({}, unroll=most)
-    program.add(runs_over, [Memory("MEM", 0), Known(0), Known(4)])
+    program.add(runs_over, [Memory("MEM", 0), Static(0), Static(4)])
     assert program.source().count("for ") == loops
 
 
@@ -235,7 +235,7 @@ def run(k):
 """
     program = Program(frozen)
     names = {name: Memory(name, 0) for name in "ABCDEF"}
-    program.add_text(text, {**names, "two": two_buffers}, [Later(ast.Name("k", ast.Load()))])
+    program.add_text(text, {**names, "two": two_buffers}, [Dynamic(ast.Name("k", ast.Load()))])
     source = program.source()
     assert source.count("def two_buffers") == 5
     blocks = {name: np.array([frozen.get((name, 0), 0.5), 7.0]) for name in "ABCDEF"}

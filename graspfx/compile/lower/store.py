@@ -63,9 +63,9 @@ class Store:
 @cache
 def store() -> Store:
     """Open the cache of this version of the sources, under this Python."""
-    seen = hashlib.sha256(repr((sys.version, marshal.version, _stamps())).encode())
-    key = f"lowered-{seen.hexdigest()}"
-    content = disk.stored(key)
+    digest = hashlib.sha256(repr((sys.version, marshal.version, _stamps())).encode())
+    key = f"lowered-{digest.hexdigest()}"
+    content = disk.load(key)
     return Store(key, json.loads(content) if content is not None else {})
 
 
@@ -75,7 +75,7 @@ def _name(function: FunctionType) -> str:
 
 @cache
 def _folders() -> tuple[str, ...]:
-    """The package, and in a checkout the shelves beside it."""
+    """List the package's folder and, in a checkout, the shelves beside it."""
     return tuple(str(Path(place)) for place in sys.modules[__name__.partition(".")[0]].__path__)
 
 
@@ -85,7 +85,7 @@ def _is_own(file: str) -> bool:
 
 
 def _stamps() -> list[tuple[str, int, int]]:
-    """Time and size of every source, as Python judges its own bytecode."""
+    """List time and size of every source, as Python judges its own bytecode."""
     package, *beside = _folders()
     stamps = []
     for root in (package, *(os.path.join(place, "devices") for place in beside)):  # noqa: PTH118 (hundreds of files)

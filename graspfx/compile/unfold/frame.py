@@ -11,20 +11,20 @@ from typing import Any
 
 from graspfx.compile.records import Floats, Record
 from graspfx.compile.unfold.choice import UNBOUND, Choice
-from graspfx.compile.unfold.dynamic import (
+from graspfx.compile.unfold.expression import (
     AND,
     ATOM,
     COMPARISON,
     NOT,
     OR,
-    Dynamic,
+    Expression,
     NotUnfoldable,
-    joined,
+    join,
     number,
     operand,
 )
 from graspfx.compile.unfold.lines import Origin, Writer, is_memory
-from graspfx.compile.unfold.stage import FRAME, rewritten
+from graspfx.compile.unfold.stage import FRAME, rewrite
 
 ARITHMETIC = (abs, min, max, int, float)  # of Python, that a program may call
 OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
@@ -77,14 +77,14 @@ class Frame:
     # Statements ---------------------------------------------------------------------------------------------------
 
     def assign(self, name: str, value: Any) -> Any:
-        if not isinstance(value, Dynamic):
+        if not isinstance(value, Expression):
             return value
         to = self.own(name)
         self.writer.write(f"{to} = {value.text}", self.here())
-        return Dynamic(to)
+        return Expression(to)
 
     def augment(self, name: str, value: Any, sign: str, by: Any) -> Any:
-        if isinstance(value, Dynamic) and value.text == self.variables.get(name):
+        if isinstance(value, Expression) and value.text == self.variables.get(name):
             self.writer.write(f"{value.text} {sign}= {number(by).text}", self.here())
             return value
         return self.assign(name, OPERATIONS[sign](value, by))
@@ -96,13 +96,13 @@ class Frame:
         self.writer.write(f"{self.entry(owner, index)} {sign}= {number(by).text}", self.here())
 
     def do(self, value: Any) -> None:
-        if isinstance(value, Dynamic):
+        if isinstance(value, Expression):
             if not value.calls:
                 raise NotUnfoldable(value, "a call: a number alone does nothing")
             self.writer.write(value.text, self.here())
 
     def turns(self, parts: Any) -> Iterable[Any]:
-        if is_memory(parts) or isinstance(parts, Dynamic):
+        if is_memory(parts) or isinstance(parts, Expression):
             raise NotUnfoldable(parts, "parts to go through, no numbers of the program")
         return parts  # type: ignore[no-any-return] # Python says if it cannot be gone through
 
@@ -116,20 +116,20 @@ class Frame:
     # Expressions --------------------------------------------------------------------------------------------------
 
     def item(self, owner: Any, index: Any) -> Any:
-        if is_memory(owner) or isinstance(owner, Dynamic):
-            return owner[index] if isinstance(index, slice) else Dynamic(self.entry(owner, index))
-        if isinstance(index, Dynamic):
+        if is_memory(owner) or isinstance(owner, Expression):
+            return owner[index] if isinstance(index, slice) else Expression(self.entry(owner, index))
+        if isinstance(index, Expression):
             raise NotUnfoldable(index, f"an index into {type(owner).__qualname__} that the parts settle")
         return owner[index]
 
     def entry(self, owner: Any, index: Any) -> str:
         """Write an entry of a memory."""
-        if isinstance(owner, Dynamic):
+        if isinstance(owner, Expression):
             return f"{operand(owner, ATOM)}[{number(index).text}]"
         if not is_memory(owner):
             raise NotUnfoldable(owner, "a float64 array, or one of the program")
         name, first = self.writer.place(owner)
-        if isinstance(index, Dynamic):
+        if isinstance(index, Expression):
             return f"{name}[{(index + first if first else index).text}]"
         k = operator.index(index)
         if not -len(owner) <= k < len(owner):
@@ -137,9 +137,9 @@ class Frame:
         return f"{name}[{first + k % len(owner)}]"
 
     def negate(self, value: Any) -> Any:
-        if not isinstance(value, Dynamic):
+        if not isinstance(value, Expression):
             return not value
-        return Dynamic(f"not {operand(value, NOT)}", NOT, value.calls)
+        return Expression(f"not {operand(value, NOT)}", NOT, value.calls)
 
     def both(self, *parts: Callable[[], Any]) -> Any:
         return self._logic("and", AND, parts)
@@ -152,14 +152,14 @@ class Frame:
         whole: Any = None
         for part in parts:
             value = part()
-            if isinstance(value, Dynamic):
-                whole = joined(whole, sign, value, level) if isinstance(whole, Dynamic) else value
+            if isinstance(value, Expression):
+                whole = join(whole, sign, value, level) if isinstance(whole, Expression) else value
                 continue
             settles = bool(value) is (sign == "or")
-            if not isinstance(whole, Dynamic):
+            if not isinstance(whole, Expression):
                 whole = value
             elif settles or whole.level != COMPARISON:  # a comparison is as true with what does not settle it
-                whole = joined(whole, sign, bool(value), level)
+                whole = join(whole, sign, bool(value), level)
             if settles:
                 break
         return whole
@@ -184,25 +184,25 @@ class Frame:
         writer = self.writer
         if isinstance(function, FunctionType):
             text = ", ".join([writer.argument(a) for a in arguments])
-            return Dynamic(f"{writer.names.kernel(function)}({text})", calls=True)
+            return Expression(f"{writer.names.kernel(function)}({text})", calls=True)
         name = getattr(function, "__name__", "")
         of_mathematics = getattr(math, name, None) is function
         if not of_mathematics and function not in ARITHMETIC:
             raise NotUnfoldable(function, "a kernel, a stage, or a function of mathematics for numbers of the program")
         text = ", ".join([number(a).text for a in arguments])
         calls = any(number(a).calls for a in arguments)
-        return Dynamic(f"math.{name}({text})" if of_mathematics else f"{name}({text})", calls=calls)
+        return Expression(f"math.{name}({text})" if of_mathematics else f"{name}({text})", calls=calls)
 
     def _stage(self, function: FunctionType, arguments: Iterable[Any], named: dict[str, Any]) -> Any:
         origin = self.here() if self.depth else None
         inside = Frame(self.writer, self.taken | set(self.variables.values()), self.depth + 1, origin)
         values = [inside.parameter(k, v) for k, v in zip(function.__code__.co_varnames, arguments, strict=False)]
-        return rewritten(function)(inside, *values, **{k: inside.parameter(k, v) for k, v in named.items()})
+        return rewrite(function)(inside, *values, **{k: inside.parameter(k, v) for k, v in named.items()})
 
     def parameter(self, name: str, value: Any) -> Any:
         """Hand over an argument: a number as it is now, for what it is computed from may change in the stage."""
-        return self.assign(name, value) if isinstance(value, Dynamic) and not value.text.isidentifier() else value
+        return self.assign(name, value) if isinstance(value, Expression) and not value.text.isidentifier() else value
 
 
 def _is_of_program(value: Any) -> bool:
-    return is_memory(value) or isinstance(value, Dynamic | Record | Floats)
+    return is_memory(value) or isinstance(value, Expression | Record | Floats)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.records import Floats, Record
-from graspfx.compile.unfold.dynamic import NotUnfoldable, number
+from graspfx.compile.unfold.expression import NotUnfoldable, number
 
 FloatArray = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ class Place(TypedDict):
     end_col_offset: int
 
 
-def rewritten_code(function: FunctionType) -> CodeType:
+def rewrite_code(function: FunctionType) -> CodeType:
     """A module with a function of a frame and a stage's arguments, which has the stage's name, file and lines.
 
     Raises:

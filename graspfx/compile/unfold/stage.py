@@ -23,7 +23,7 @@ def stage(function: Stage) -> Stage:
 
 
 @cache
-def rewritten(function: FunctionType) -> Callable[..., Any]:
+def rewrite(function: FunctionType) -> Callable[..., Any]:
     """Give the function of a frame and a stage's arguments that writes the stage down (`rewriter`).
 
     Raises:
@@ -37,9 +37,9 @@ def rewritten(function: FunctionType) -> Callable[..., Any]:
         raise InputError(f"{file}:{line}", function.__qualname__, expected, "it has changed since: start anew")
     known = store().find(function)
     if known is None:
-        from graspfx.compile.unfold.rewriter import rewritten_code  # only for a stage that is not in the cache
+        from graspfx.compile.unfold.rewriter import rewrite_code  # only for a stage that is not in the cache
 
-        known = Lowering("", rewritten_code(function), {}, (file,))
+        known = Lowering("", rewrite_code(function), {}, (file,))
         store().add(function, known)
     names: dict[str, Any] = {}
     exec(known.code, function.__globals__, names)

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import graspfx
-from graspfx.compile.program import specialised
+from graspfx.compile.program import specialise
 from graspfx.compile.specialise.listing import Listing, listings
 from graspfx.compile.unfold.lines import Line
 from graspfx.loop.parts import Parts
@@ -35,10 +35,10 @@ def listing(parts: Parts) -> list[str]:
     names, row = Names(parts, script), columns(parts.layout)
     out: list[str] = []
     for name, text in texts(tick).items():
-        program = specialised(text, script.kernels, [*script.arrays, "rows"], script.frozen)
+        program = specialise(text, script.kernels, [*script.arrays, "rows"], script.frozen)
         halves = {"run": [None, None, *begin, *end], "begin": [None, *begin], "end": [None, *end]}
         functions = listings(program)
-        served = _served(functions)
+        served = _memories_of(functions)
         for each in functions:
             many = {memory for memory, those in served[each.name].items() if len(those) > 1}
             out += [*_function(each, halves[name] if each.name == name else [], names, row, many), ""]
@@ -85,7 +85,7 @@ def _function(
         before = line
 
 
-def _served(program: Sequence[Listing]) -> dict[str, dict[str, set[str]]]:
+def _memories_of(program: Sequence[Listing]) -> dict[str, dict[str, set[str]]]:
     """The memories that each array parameter of each function stands for, from the first caller on."""
     functions = {each.name: each for each in program}
     served: dict[str, dict[str, set[str]]] = {each.name: {name: set() for name in each.parameters} for each in program}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.records import name_of
-from graspfx.coupling.state import GraspState
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.device import FusedDevice
 from graspfx.loop.parts import Parts
 from graspfx.loop.plant import FusedHand, FusedPlant

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
-from graspfx.coupling.state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port

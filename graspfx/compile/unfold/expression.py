@@ -18,7 +18,7 @@ class NotUnfoldable(Exception):
         self.found, self.expected, self.do = found, expected, do
 
 
-class Dynamic:
+class Expression:
     """The text of an expression.
 
     Attributes:
@@ -34,56 +34,56 @@ class Dynamic:
     def __init__(self, text: str, level: int = ATOM, calls: bool = False) -> None:
         self.text, self.level, self.calls = text, level, calls
 
-    def __add__(self, other: object) -> Dynamic:
-        return joined(self, "+", other, SUM)
+    def __add__(self, other: object) -> Expression:
+        return join(self, "+", other, SUM)
 
-    def __radd__(self, other: object) -> Dynamic:
-        return joined(other, "+", self, SUM)
+    def __radd__(self, other: object) -> Expression:
+        return join(other, "+", self, SUM)
 
-    def __sub__(self, other: object) -> Dynamic:
-        return joined(self, "-", other, SUM)
+    def __sub__(self, other: object) -> Expression:
+        return join(self, "-", other, SUM)
 
-    def __rsub__(self, other: object) -> Dynamic:
-        return joined(other, "-", self, SUM)
+    def __rsub__(self, other: object) -> Expression:
+        return join(other, "-", self, SUM)
 
-    def __mul__(self, other: object) -> Dynamic:
-        return joined(self, "*", other, PRODUCT)
+    def __mul__(self, other: object) -> Expression:
+        return join(self, "*", other, PRODUCT)
 
-    def __rmul__(self, other: object) -> Dynamic:
-        return joined(other, "*", self, PRODUCT)
+    def __rmul__(self, other: object) -> Expression:
+        return join(other, "*", self, PRODUCT)
 
-    def __truediv__(self, other: object) -> Dynamic:
-        return joined(self, "/", other, PRODUCT)
+    def __truediv__(self, other: object) -> Expression:
+        return join(self, "/", other, PRODUCT)
 
-    def __rtruediv__(self, other: object) -> Dynamic:
-        return joined(other, "/", self, PRODUCT)
+    def __rtruediv__(self, other: object) -> Expression:
+        return join(other, "/", self, PRODUCT)
 
-    def __floordiv__(self, other: object) -> Dynamic:
-        return joined(self, "//", other, PRODUCT)
+    def __floordiv__(self, other: object) -> Expression:
+        return join(self, "//", other, PRODUCT)
 
-    def __mod__(self, other: object) -> Dynamic:
-        return joined(self, "%", other, PRODUCT)
+    def __mod__(self, other: object) -> Expression:
+        return join(self, "%", other, PRODUCT)
 
-    def __neg__(self) -> Dynamic:
-        return Dynamic(f"-{operand(self, SIGN)}", SIGN, self.calls)
+    def __neg__(self) -> Expression:
+        return Expression(f"-{operand(self, SIGN)}", SIGN, self.calls)
 
-    def __lt__(self, other: object) -> Dynamic:
-        return compared(self, "<", other)
+    def __lt__(self, other: object) -> Expression:
+        return compare(self, "<", other)
 
-    def __le__(self, other: object) -> Dynamic:
-        return compared(self, "<=", other)
+    def __le__(self, other: object) -> Expression:
+        return compare(self, "<=", other)
 
-    def __gt__(self, other: object) -> Dynamic:
-        return compared(self, ">", other)
+    def __gt__(self, other: object) -> Expression:
+        return compare(self, ">", other)
 
-    def __ge__(self, other: object) -> Dynamic:
-        return compared(self, ">=", other)
+    def __ge__(self, other: object) -> Expression:
+        return compare(self, ">=", other)
 
-    def __eq__(self, other: object) -> Dynamic:  # type: ignore[override]
-        return compared(self, "==", other)
+    def __eq__(self, other: object) -> Expression:  # type: ignore[override]
+        return compare(self, "==", other)
 
-    def __ne__(self, other: object) -> Dynamic:  # type: ignore[override]
-        return compared(self, "!=", other)
+    def __ne__(self, other: object) -> Expression:  # type: ignore[override]
+        return compare(self, "!=", other)
 
     def __bool__(self) -> NoReturn:
         raise NotUnfoldable(self, "a choice that the parts settle", "put this one into an `if`")
@@ -95,24 +95,24 @@ class Dynamic:
         return self.text
 
 
-def literal(value: object) -> Dynamic:
+def literal(value: object) -> Expression:
     """A number that is known already.
 
     Raises:
         NotUnfoldable: it is none, or not finite.
     """
     if isinstance(value, bool | np.bool_):
-        return Dynamic(repr(bool(value)))
+        return Expression(repr(bool(value)))
     if isinstance(value, int | np.integer):
-        return Dynamic(repr(int(value)), SIGN if value < 0 else ATOM)
+        return Expression(repr(int(value)), SIGN if value < 0 else ATOM)
     if isinstance(value, float | np.floating) and math.isfinite(value):
-        return Dynamic(repr(float(value)), SIGN if math.copysign(1.0, value) < 0.0 else ATOM)
+        return Expression(repr(float(value)), SIGN if math.copysign(1.0, value) < 0.0 else ATOM)
     raise NotUnfoldable(value, "a finite number, or one of the program")
 
 
-def number(value: Any) -> Dynamic:
+def number(value: Any) -> Expression:
     """An operand as an expression."""
-    return value if isinstance(value, Dynamic) else literal(value)
+    return value if isinstance(value, Expression) else literal(value)
 
 
 def operand(value: object, level: int) -> str:
@@ -121,13 +121,13 @@ def operand(value: object, level: int) -> str:
     return expression.text if expression.level >= level else f"({expression.text})"
 
 
-def joined(left: object, sign: str, right: object, level: int) -> Dynamic:
+def join(left: object, sign: str, right: object, level: int) -> Expression:
     """Two operands with a sign between them, the left one first as Python has it."""
     calls = number(left).calls or number(right).calls
-    return Dynamic(f"{operand(left, level)} {sign} {operand(right, level + 1)}", level, calls)
+    return Expression(f"{operand(left, level)} {sign} {operand(right, level + 1)}", level, calls)
 
 
-def compared(left: object, sign: str, right: object) -> Dynamic:
+def compare(left: object, sign: str, right: object) -> Expression:
     """A comparison of two operands."""
     calls = number(left).calls or number(right).calls
-    return Dynamic(f"{operand(left, SUM)} {sign} {operand(right, SUM)}", COMPARISON, calls)
+    return Expression(f"{operand(left, SUM)} {sign} {operand(right, SUM)}", COMPARISON, calls)
