@@ -49,7 +49,7 @@ def execute(chosen: Namespace) -> int:
 def _tick(scene: Scene) -> list[str]:
     """The program that a run of the scene would run, line by line."""
     from graspfx.build.build import build
-    from graspfx.loop.tick.listing import listing
+    from graspfx.loop.tick.tick_listing import listing
 
     with build(scene, live=False) as servo:
         return listing(servo.parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NoReturn
 
 from graspfx.compile.unfold.expression import Expression, NotUnfoldable
-from graspfx.compile.unfold.lines import Line, Origin, Writer
+from graspfx.compile.unfold.writer import Line, Origin, Writer
 
 
 class Nothing:

@@ -23,8 +23,9 @@ from graspfx.compile.unfold.expression import (
     number,
     operand,
 )
-from graspfx.compile.unfold.lines import Origin, Writer, is_memory
-from graspfx.compile.unfold.stage import FRAME, rewrite
+from graspfx.compile.unfold.rewrite import rewrite
+from graspfx.compile.unfold.stage import FRAME
+from graspfx.compile.unfold.writer import Origin, Writer, is_memory
 
 ARITHMETIC = (abs, min, max, int, float)  # of Python, that a program may call
 OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {

@@ -17,8 +17,9 @@ from types import FunctionType
 
 from graspfx.compile.unfold.expression import Expression, NotUnfoldable
 from graspfx.compile.unfold.frame import Frame
-from graspfx.compile.unfold.lines import Line, Names, Writer
-from graspfx.compile.unfold.stage import FRAME, rewrite
+from graspfx.compile.unfold.rewrite import rewrite
+from graspfx.compile.unfold.stage import FRAME
+from graspfx.compile.unfold.writer import Line, Names, Writer
 from graspfx.errors import InputError
 
 

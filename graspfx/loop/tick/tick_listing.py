@@ -9,7 +9,7 @@ from pathlib import Path
 import graspfx
 from graspfx.compile.program import specialise
 from graspfx.compile.specialise.listing import Listing, listings
-from graspfx.compile.unfold.lines import Line
+from graspfx.compile.unfold.writer import Line
 from graspfx.loop.parts import Parts
 from graspfx.loop.tick.engine import texts
 from graspfx.loop.tick.names import Names, columns
