@@ -20,6 +20,9 @@ class Nothing:
     def __getattr__(self, name: str) -> NoReturn:
         self.__bool__()
 
+    def __index__(self) -> NoReturn:
+        self.__bool__()
+
     def __eq__(self, other: object) -> NoReturn:
         self.__bool__()
 

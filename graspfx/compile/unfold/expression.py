@@ -15,7 +15,7 @@ class NotUnfoldable(Exception):
 
     def __init__(self, found: object, expected: str, do: str = "") -> None:
         super().__init__(found, expected, do)
-        self.found, self.expected, self.do = found, expected, do
+        self.found, self.expected, self.do = found if isinstance(found, str) else repr(found), expected, do
 
 
 class Expression:

@@ -81,7 +81,8 @@ class Frame:
         if not isinstance(value, Expression):
             return value
         to = self.own(name)
-        self.writer.write(f"{to} = {value.text}", self.here())
+        if value.text != to:  # as that of a stage which has ended may be
+            self.writer.write(f"{to} = {value.text}", self.here())
         return Expression(to)
 
     def augment(self, name: str, value: Any, sign: str, by: Any) -> Any:

@@ -14,7 +14,7 @@ from graspfx.loop.parts import Parts
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.tick import memory
-from graspfx.loop.tick.script import Script
+from graspfx.loop.tick.script import Script, Tick
 
 FloatArray = NDArray[np.float64]
 Named = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
@@ -28,14 +28,14 @@ class Names:
         memories: names of arrays, such as `object[0]`.
     """
 
-    def __init__(self, parts: Parts, script: Script) -> None:
-        self.memories = _memories(script)
+    def __init__(self, parts: Parts, tick: Tick) -> None:
+        script, self.memories = tick.script, _memories(tick.script)
         arrays = {id(array): name for name, array in script.arrays.items()}
         self._objects = {arrays[id(held.grasped.block)]: held for held in parts.objects}
-        servo = next(iter(script.arrays.values()))
+        named = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
         self._known = {
             (arrays[id(array)], entry): f"{self.memories[arrays[id(array)]]}{name}" if name[0] == "." else name
-            for array, entry, name in (*_servo(parts, servo), *_devices(parts), *_plants(parts), *_hands(parts))
+            for array, entry, name in named
             if id(array) in arrays
         }
 
@@ -108,6 +108,17 @@ def _devices(parts: Parts) -> Iterator[Named]:
             yield from _vectors(state, ports.sensed, ".sensed", 1, len(station.device.sensed))
             for quantity in ("position", "velocity", "command", "effort"):
                 yield from _vectors(state, getattr(ports, quantity), f".{quantity}", k, d)
+
+
+def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
+    d = parts.layout.dimensions
+    for port in tick.ports:
+        k = len(port.position)
+        yield port.memory, 0, ".readable"
+        for i, quantity in enumerate(("position", "velocity", "command")):
+            yield from _vectors(port.memory, 1 + i * k * d, f".{quantity}", k, d)
+        if port.limit is not None:
+            yield from _vectors(port.memory, 1 + 3 * k * d, ".limit", k, 1)
 
 
 def _plants(parts: Parts) -> Iterator[Named]:

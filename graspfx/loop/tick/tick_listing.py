@@ -32,7 +32,7 @@ def listing(parts: Parts) -> list[str]:
     tick.begin += [line.text for line in begin]
     tick.end += [line.text for line in end]
     script = tick.script
-    names, row = Names(parts, script), columns(parts.layout)
+    names, row = Names(parts, tick), columns(parts.layout)
     out: list[str] = []
     for name, text in texts(tick).items():
         program = specialise(text, script.kernels, [*script.arrays, "rows"], script.frozen)
