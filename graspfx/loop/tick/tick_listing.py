@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import graspfx
@@ -18,6 +19,7 @@ from graspfx.loop.tick.text import lines_of
 
 WIDTH = 88  # at which the lines of sources stand
 ENTRY = re.compile(r"\b([A-Za-z]+\d+)\b(?:\[(\d+)\])?")
+CALL = re.compile(r"\b(\w+)(?=\()")
 ROW = re.compile(r"\brows\[row(?: \+ (\d+))?\]")
 
 
@@ -38,40 +40,58 @@ def listing(parts: Parts) -> list[str]:
         program = specialise(text, script.kernels, [*script.arrays, "rows"], script.frozen)
         halves = {"run": [None, None, *begin, *end], "begin": [None, *begin], "end": [None, *end]}
         functions = listings(program)
-        served = _memories_of(functions)
+        words, memories = _Words(names, row, _function_names(functions)), _memories_of(functions)
         for each in functions:
-            many = {memory for memory, those in served[each.name].items() if len(those) > 1}
-            out += [*_function(each, halves[name] if each.name == name else [], names, row, many), ""]
+            shared = {parameter for parameter, several in memories[each.name].items() if len(several) > 1}
+            out += [*_function(each, halves[name] if each.name == name else [], words, shared), ""]
     return out[:-1]
 
 
-def _function(
-    each: Listing, sources: Sequence[Line | None], names: Names, row: Mapping[int, str], many: Container[str]
-) -> Iterator[str]:
+@dataclass(frozen=True)
+class _Words:
+    """The names that stand in a listing for those of a program."""
+
+    names: Names
+    row: Mapping[int, str]  # numbers of a recorded row
+    functions: Mapping[str, str]
+
+    def text(self, line: str, shared: Container[str]) -> str:
+        """Name what a line names, in a function of which some parameters stand for several memories."""
+
+        def memory(match: re.Match[str]) -> str:
+            array, entry = match.groups()
+            if array not in self.names.memories:
+                return match.group()
+            if entry is not None:
+                return (self.names.shared if array in shared else self.names.entry)(array, int(entry))
+            name = self.names.memories[array]
+            return name.partition("[")[0] if array in shared else name
+
+        line = CALL.sub(lambda match: self.functions.get(match.group(1), match.group(1)), ENTRY.sub(memory, line))
+        return ROW.sub(lambda match: self.row[int(match.group(1) or 0)], line)
+
+
+def _function_names(program: Sequence[Listing]) -> dict[str, str]:
+    """The kernels' own names, with a number where a kernel was specialised several times."""
+    own = {each.name: each.name if each.origin is None else each.name.rpartition("_")[0] for each in program}
+    names: dict[str, str] = {}
+    for name in own.values():
+        alike = [each for each, other in own.items() if other == name]
+        names |= {each: name if len(alike) == 1 else f"{name}_{k}" for k, each in enumerate(alike, start=1)}
+    return names
+
+
+def _function(each: Listing, sources: Sequence[Line | None], words: _Words, shared: Container[str]) -> Iterator[str]:
     """The lines of one function, those of the tick under the name of the stage that wrote them.
 
     Args:
         each: the function.
         sources: of the lines of the text that it was made from, if it is the tick's.
-        names: of memories and entries.
-        row: names of a row's numbers.
-        many: parameters that stand for several memories.
+        words: of the listing.
+        shared: parameters that stand for several memories.
     """
-
-    def shown(match: re.Match[str]) -> str:
-        array, entry = match.groups()
-        if array not in names.memories:
-            return match.group()
-        if entry is not None:
-            return (names.shared if array in many else names.entry)(array, int(entry))
-        memory = names.memories[array]
-        return memory.partition("[")[0] if array in many else memory
-
-    def readable(text: str) -> str:
-        return ROW.sub(lambda m: row[int(m.group(1) or 0)], ENTRY.sub(shown, text))
-
     head = f"def {each.name}({', '.join(each.parameters)}):"
-    yield _beside(readable(head), "" if each.origin is None else _place(*each.origin))
+    yield _beside(words.text(head, shared), "" if each.origin is None else _place(*each.origin))
     stage, before = "", 0
     for text, origin in each.lines:
         file, line = origin or ("", 0)
@@ -81,7 +101,7 @@ def _function(
             if source is not None and source.origin.stage != stage:
                 stage = source.origin.stage
                 yield f"{text[: len(text) - len(text.lstrip())]}# {stage}, {_file(source.origin.file)}"
-        yield _beside(readable(text), f"line {line}" if line not in (0, before) else "")
+        yield _beside(words.text(text, shared), f"line {line}" if line not in (0, before) else "")
         before = line
 
 
