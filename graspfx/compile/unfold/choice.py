@@ -8,7 +8,7 @@ from graspfx.compile.unfold.expression import Expression, NotUnfoldable
 from graspfx.compile.unfold.writer import Line, Origin, Writer
 
 
-class Nothing:
+class NoValue:
     """A variable without a value, or with one that depends on a choice of the program."""
 
     def __repr__(self) -> str:
@@ -29,8 +29,8 @@ class Nothing:
     __hash__ = None  # type: ignore[assignment] # what it is equal to is not known
 
 
-UNBOUND = Nothing()  # before anything is assigned
-UNSETTLED = Nothing()  # it depends on a choice of the program
+UNBOUND = NoValue()  # before anything is assigned
+UNSETTLED = NoValue()  # it depends on a choice of the program
 
 
 class Choice:

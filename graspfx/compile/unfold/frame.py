@@ -43,26 +43,26 @@ class Frame:
 
     Args:
         writer: of the program.
-        taken: the program's variables of the stages that wait for this one.
+        occupied: the program's variables of the stages that wait for this one.
         depth: how many stages wait for it.
         origin: of all that it writes; None for a stage of the first two, whose own lines are told.
     """
 
-    nothing = UNBOUND
+    unbound = UNBOUND
 
     def __init__(
-        self, writer: Writer, taken: frozenset[str] = frozenset(), depth: int = 0, origin: Origin | None = None
+        self, writer: Writer, occupied: frozenset[str] = frozenset(), depth: int = 0, origin: Origin | None = None
     ) -> None:
-        self.writer, self.taken, self.depth, self.origin = writer, taken, depth, origin
+        self.writer, self.occupied, self.depth, self.origin = writer, occupied, depth, origin
         self.variables: dict[str, str] = {}  # the program's names of this stage's variables
 
-    def own(self, name: str) -> str:
+    def variable(self, name: str) -> str:
         """Give the program's name of a variable."""
         if name not in self.variables:
-            mine = self.writer.names.variable(name)
-            while mine in self.taken:
-                mine = self.writer.names.variable(f"{mine}_")
-            self.variables[name] = mine
+            variable = self.writer.names.variable(name)
+            while variable in self.occupied:
+                variable = self.writer.names.variable(f"{variable}_")
+            self.variables[name] = variable
         return self.variables[name]
 
     def here(self) -> Origin:
@@ -80,7 +80,7 @@ class Frame:
     def assign(self, name: str, value: Any) -> Any:
         if not isinstance(value, Expression):
             return value
-        to = self.own(name)
+        to = self.variable(name)
         if value.text != to:  # as that of a stage which has ended may be
             self.writer.write(f"{to} = {value.text}", self.here())
         return Expression(to)
@@ -143,10 +143,10 @@ class Frame:
             return not value
         return Expression(f"not {operand(value, NOT)}", NOT, value.calls)
 
-    def both(self, *parts: Callable[[], Any]) -> Any:
+    def conjunction(self, *parts: Callable[[], Any]) -> Any:
         return self._logic("and", AND, parts)
 
-    def either(self, *parts: Callable[[], Any]) -> Any:
+    def disjunction(self, *parts: Callable[[], Any]) -> Any:
         return self._logic("or", OR, parts)
 
     def _logic(self, sign: str, level: int, parts: Iterable[Callable[[], Any]]) -> Any:
@@ -166,7 +166,7 @@ class Frame:
                 break
         return whole
 
-    def inner(self, function: Any, *arguments: Any, **named: Any) -> Any:
+    def call_inside(self, function: Any, *arguments: Any, **named: Any) -> Any:
         """Call inside an expression, whose other parts may be read before or after."""
         before = len(self.writer.lines)
         result = self.call(function, *arguments, **named)
@@ -197,9 +197,9 @@ class Frame:
 
     def _stage(self, function: FunctionType, arguments: Iterable[Any], named: dict[str, Any]) -> Any:
         origin = self.here() if self.depth else None
-        inside = Frame(self.writer, self.taken | set(self.variables.values()), self.depth + 1, origin)
-        values = [inside.parameter(k, v) for k, v in zip(function.__code__.co_varnames, arguments, strict=False)]
-        return rewrite(function)(inside, *values, **{k: inside.parameter(k, v) for k, v in named.items()})
+        frame = Frame(self.writer, self.occupied | set(self.variables.values()), self.depth + 1, origin)
+        values = [frame.parameter(k, v) for k, v in zip(function.__code__.co_varnames, arguments, strict=False)]
+        return rewrite(function)(frame, *values, **{k: frame.parameter(k, v) for k, v in named.items()})
 
     def parameter(self, name: str, value: Any) -> Any:
         """Hand over an argument: a number as it is now, for what it is computed from may change in the stage."""

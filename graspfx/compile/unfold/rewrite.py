@@ -23,14 +23,14 @@ def rewrite(function: FunctionType) -> Callable[..., Any]:
     if is_changed(file):
         expected = "the file as it was imported"
         raise InputError(f"{file}:{line}", function.__qualname__, expected, "it has changed since: start anew")
-    known = store().find(function)
-    if known is None:
+    lowering = store().find(function)
+    if lowering is None:
         from graspfx.compile.unfold.rewriter import rewrite_code  # only for a stage that is not in the cache
 
-        known = Lowering("", rewrite_code(function), {}, (file,))
-        store().add(function, known)
+        lowering = Lowering("", rewrite_code(function), {}, (file,))
+        store().add(function, lowering)
     names: dict[str, Any] = {}
-    exec(known.code, function.__globals__, names)
+    exec(lowering.code, function.__globals__, names)
     result: Callable[..., Any] = names[function.__name__]
     return result
 

@@ -38,7 +38,7 @@ def unfold(function: Callable[..., None], names: Names, **parts: object) -> list
     writer = Writer(names)
     frame = Frame(writer)
     parameters = function.__code__.co_varnames[: function.__code__.co_argcount]
-    values = [parts[name] if name in parts else Expression(frame.own(name)) for name in parameters]
+    values = [parts[name] if name in parts else Expression(frame.variable(name)) for name in parameters]
     try:
         rewrite(function)(frame, *values)
     except NotUnfoldable as error:

@@ -32,10 +32,10 @@ class Names:
         script, self.memories = tick.script, _memories(tick.script)
         arrays = {id(array): name for name, array in script.arrays.items()}
         self._objects = {arrays[id(held.grasped.block)]: held for held in parts.objects}
-        named = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
+        entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
         self._known = {
             (arrays[id(array)], entry): f"{self.memories[arrays[id(array)]]}{name}" if name[0] == "." else name
-            for array, entry, name in named
+            for array, entry, name in entries
             if id(array) in arrays
         }
 

@@ -73,7 +73,7 @@ def take(scene: Wiring, k: int) -> None:
         if isinstance(body, GuestWires):
             for part in body.parts:
                 if servo[body.stuck] == 0.0:
-                    code = body.taking(part.block, at.BODY, part.buffer, part.first, servo[PERIOD])
+                    code = body.taking(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
                     if code != 0:
                         latch(servo, k - 1, MOVER, body.index, code)
                         servo[body.stuck] = 1.0
@@ -220,7 +220,7 @@ def move(scene: Wiring, k: int) -> None:
         if servo[body.stuck] == 0.0:
             if isinstance(body, GuestWires):
                 for part in body.parts:
-                    body.handing(part.block, at.BODY, part.buffer, part.first, servo[PERIOD])
+                    body.handing(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
             else:
                 code = body.stepping(body.block, at.BODY, body.floor, servo[PERIOD])
                 if code != 0:
@@ -273,10 +273,10 @@ def look_up(plant: PlantWires, table: TableWires, k: int, servo: FloatArray) -> 
 
 
 @stage
-def look_up_target(to: Target, table: TableWires, ahead: int, first: int) -> None:
+def look_up_target(to: Target, table: TableWires, ahead: int, start: int) -> None:
     """Hand a plant one row of a table: r, then r'."""
     size = len(to.position)
     for a in range(size):
-        to.position[a] = table.memory[ahead + (first + a)]
+        to.position[a] = table.memory[ahead + (start + a)]
     for a in range(size):
-        to.velocity[a] = table.memory[ahead + (first + size + a)]
+        to.velocity[a] = table.memory[ahead + (start + size + a)]

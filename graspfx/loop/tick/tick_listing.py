@@ -41,9 +41,9 @@ def listing(parts: Parts) -> list[str]:
         halves = {"run": [None, None, *begin, *end], "begin": [None, *begin], "end": [None, *end]}
         functions = listings(program)
         words, memories = _Words(names, row, _function_names(functions)), _memories_of(functions)
-        for each in functions:
-            shared = {parameter for parameter, several in memories[each.name].items() if len(several) > 1}
-            out += [*_function(each, halves[name] if each.name == name else [], words, shared), ""]
+        for function in functions:
+            shared = {parameter for parameter, several in memories[function.name].items() if len(several) > 1}
+            out += [*_function(function, halves[name] if function.name == name else [], words, shared), ""]
     return out[:-1]
 
 
@@ -73,27 +73,32 @@ class _Words:
 
 def _function_names(program: Sequence[Listing]) -> dict[str, str]:
     """The kernels' own names, with a number where a kernel was specialised several times."""
-    own = {each.name: each.name if each.origin is None else each.name.rpartition("_")[0] for each in program}
-    names: dict[str, str] = {}
-    for name in own.values():
-        alike = [each for each, other in own.items() if other == name]
-        names |= {each: name if len(alike) == 1 else f"{name}_{k}" for k, each in enumerate(alike, start=1)}
-    return names
+    kernels: dict[str, list[str]] = {}
+    for function in program:
+        name = function.name if function.origin is None else function.name.rpartition("_")[0]
+        kernels.setdefault(name, []).append(function.name)
+    return {
+        function: name if len(functions) == 1 else f"{name}_{k}"
+        for name, functions in kernels.items()
+        for k, function in enumerate(functions, start=1)
+    }
 
 
-def _function(each: Listing, sources: Sequence[Line | None], words: _Words, shared: Container[str]) -> Iterator[str]:
-    """The lines of one function, those of the tick under the name of the stage that wrote them.
+def _function(
+    function: Listing, sources: Sequence[Line | None], words: _Words, shared: Container[str]
+) -> Iterator[str]:
+    """The lines of a function, those of the tick under the name of the stage that wrote them.
 
     Args:
-        each: the function.
+        function: of the program.
         sources: of the lines of the text that it was made from, if it is the tick's.
         words: of the listing.
         shared: parameters that stand for several memories.
     """
-    head = f"def {each.name}({', '.join(each.parameters)}):"
-    yield _beside(words.text(head, shared), "" if each.origin is None else _place(*each.origin))
+    head = f"def {function.name}({', '.join(function.parameters)}):"
+    yield _beside(words.text(head, shared), "" if function.origin is None else _place(*function.origin))
     stage, before = "", 0
-    for text, origin in each.lines:
+    for text, origin in function.lines:
         file, line = origin or ("", 0)
         if file.startswith("<"):  # a text, of which the tick knows its lines' sources
             source = sources[line - 1] if line <= len(sources) else None
@@ -106,21 +111,23 @@ def _function(each: Listing, sources: Sequence[Line | None], words: _Words, shar
 
 
 def _memories_of(program: Sequence[Listing]) -> dict[str, dict[str, set[str]]]:
-    """The memories that each array parameter of each function stands for, from the first caller on."""
-    functions = {each.name: each for each in program}
-    served: dict[str, dict[str, set[str]]] = {each.name: {name: set() for name in each.parameters} for each in program}
-    left = [(program[0].name, tuple((name, frozenset([name])) for name in program[0].parameters))]
-    while left:
-        name, given = left.pop()
-        mine = served[name]
-        if all(memories <= mine[parameter] for parameter, memories in given):
+    """The memories that the parameters of functions stand for, from the first caller on."""
+    functions = {function.name: function for function in program}
+    memories: dict[str, dict[str, set[str]]] = {
+        function.name: {parameter: set() for parameter in function.parameters} for function in program
+    }
+    calls = [(program[0].name, [(name, {name}) for name in program[0].parameters])]
+    while calls:
+        name, arguments = calls.pop()
+        here = memories[name]
+        if all(argument <= here[parameter] for parameter, argument in arguments):
             continue
-        for parameter, memories in given:
-            mine[parameter] |= memories
-        for callee, arguments in functions[name].calls:
-            pairs = zip(functions[callee].parameters, arguments, strict=False)
-            left.append((callee, tuple((parameter, frozenset(mine.get(a, ()))) for parameter, a in pairs)))
-    return served
+        for parameter, argument in arguments:
+            here[parameter] |= argument
+        for callee, expressions in functions[name].calls:
+            pairs = zip(functions[callee].parameters, expressions, strict=False)
+            calls.append((callee, [(parameter, set(here.get(text, ()))) for parameter, text in pairs]))
+    return memories
 
 
 def _beside(text: str, source: str) -> str:
