@@ -37,7 +37,7 @@ def distributions() -> tuple[Distribution, ...] | None:
     """
     if any(hasattr(finder, "find_distributions") and finder is not PathFinder for finder in sys.meta_path):
         return None
-    found = []
+    folders = []
     for place in sys.path:
         try:
             with os.scandir(place or ".") as entries:
@@ -46,20 +46,20 @@ def distributions() -> tuple[Distribution, ...] | None:
             return None
         except OSError:  # a place that is not there
             continue
-        found += [Distribution(*each) for each in sorted(own)]
-    return tuple(found)
+        folders += [Distribution(*each) for each in sorted(own)]
+    return tuple(folders)
 
 
 def entry_points(group: str) -> tuple[EntryPoint, ...]:
     """The entry points of a group that all installed distributions announce."""
-    known = distributions()
-    return tuple(_announced(group)) if known is None else _read(known, group)
+    all_ = distributions()
+    return tuple(_announced(group)) if all_ is None else _read(all_, group)
 
 
 @lru_cache(16)
-def _read(known: tuple[Distribution, ...], group: str) -> tuple[EntryPoint, ...]:
+def _read(all_: tuple[Distribution, ...], group: str) -> tuple[EntryPoint, ...]:
     """Once for as long as what is installed stays."""
-    return tuple(_announced(group)) if any(_mentions(each.folder, group) for each in known) else ()
+    return tuple(_announced(group)) if any(_mentions(each.folder, group) for each in all_) else ()
 
 
 def _mentions(folder: str, group: str) -> bool:
@@ -87,11 +87,11 @@ def version(package: str) -> str | None:
         name = Path(each.folder).name.lower()
         if name.startswith(start) and name.endswith(".dist-info"):
             try:
-                found = VERSION.search((Path(each.folder) / "METADATA").read_text(encoding="utf-8"))
+                match = VERSION.search((Path(each.folder) / "METADATA").read_text(encoding="utf-8"))
             except (OSError, UnicodeDecodeError):
                 break
-            if found:
-                return found[1]
+            if match:
+                return match[1]
     from importlib import metadata
 
     try:

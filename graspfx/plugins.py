@@ -50,7 +50,7 @@ class Plugin:
 
 def names(group: Group) -> dict[str, str]:
     """Every name of a group with where it comes from; imports none of them."""
-    return {name: " and ".join(plugin.origin for plugin in found) for name, found in sorted(_table(group).items())}
+    return {name: " and ".join(plugin.origin for plugin in plugins) for name, plugins in sorted(_table(group).items())}
 
 
 def find(group: Group, name: str | PathLike[str], folder: Path | None = None) -> Path:
@@ -120,8 +120,8 @@ def blaming(path: Path) -> Iterator[None]:
     except GraspFXError:
         raise
     except Exception as error:
-        said = error.msg if isinstance(error, SyntaxError) else error
-        raise blamed(path, error, f"{type(error).__name__}: {said}") from error
+        text = error.msg if isinstance(error, SyntaxError) else error
+        raise blamed(path, error, f"{type(error).__name__}: {text}") from error
 
 
 def blamed(path: Path, error: Exception, text: str) -> PluginError:
@@ -174,26 +174,26 @@ def _file_hint(group: Group, text: str, folder: Path) -> str:
     return f"a file is named with its {SUFFIXES[group][0]}"
 
 
-_kept: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)
+_tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)
 
 
 @contextmanager
 def unchanged() -> Iterator[None]:
     """Within, what is installed and what is on the shelves is looked up once: for who builds a scene many times."""
-    token = _kept.set({})
+    token = _tables.set({})
     try:
         yield
     finally:
-        _kept.reset(token)
+        _tables.reset(token)
 
 
 def _table(group: Group) -> dict[str, list[Plugin]]:
-    kept = _kept.get()
-    if kept is None:
+    tables = _tables.get()
+    if tables is None:
         return _read_table(group)
-    if group not in kept:
-        kept[group] = _read_table(group)
-    return kept[group]
+    if group not in tables:
+        tables[group] = _read_table(group)
+    return tables[group]
 
 
 def _read_table(group: Group) -> dict[str, list[Plugin]]:

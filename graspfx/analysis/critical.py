@@ -75,10 +75,10 @@ def positive_roots(h: FloatArray) -> FloatArray:
     """Positive real roots (n, ...) of polynomials with ascending coefficients (n + 1, ...), NaN for the others."""
     n = len(h) - 1
     flat = h.reshape(n + 1, -1)
-    found = np.full((n, flat.shape[1]), np.nan)
+    roots_ = np.full((n, flat.shape[1]), np.nan)
     size = np.abs(flat)
-    kept = size > TRIM * size.max(axis=0, initial=0.0)
-    degree = np.where(kept.any(axis=0), n - np.argmax(kept[::-1], axis=0), 0)
+    significant = size > TRIM * size.max(axis=0, initial=0.0)
+    degree = np.where(significant.any(axis=0), n - np.argmax(significant[::-1], axis=0), 0)
     for d in range(1, n + 1):
         points = degree == d
         if not points.any():
@@ -86,8 +86,8 @@ def positive_roots(h: FloatArray) -> FloatArray:
         monic = flat[:d, points] / flat[d, points]
         roots = _cubic(monic) if d == 3 else _eigenvalues(monic)
         y = np.where(np.abs(roots.imag) <= REAL * np.abs(roots), roots.real, np.nan)
-        found[:d, points] = _polished(monic, np.where(y > 0.0, y, np.nan))
-    return found.reshape(n, *h.shape[1:])
+        roots_[:d, points] = _polished(monic, np.where(y > 0.0, y, np.nan))
+    return roots_.reshape(n, *h.shape[1:])
 
 
 def _eigenvalues(monic: FloatArray) -> NDArray[np.complex128]:

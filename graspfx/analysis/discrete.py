@@ -15,7 +15,7 @@ WIDE = 0.5  # poles further apart than this per sample: their difference does no
 STIFF = 0.5  # k T^2/m above which 1 - cos does not cancel
 
 
-def held(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
+def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
     """R and Q of x'' + p x' + kappa x = u: x after T from x' = 1, and from rest under u = 1 held.
 
         x+ = (1 - kappa Q) x + R x' + Q u,   x'+ = -kappa R x + (1 - kappa Q - p R) x' + R u
@@ -70,7 +70,7 @@ def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -
     """Position per force held over the sample: numerator (2, ...) and denominator (3, ...) in ascending powers of s."""
     m = np.asarray(mass, float)
     p, kappa = friction / m, spring / m
-    R, Q = held(p, kappa, period)
+    R, Q = force_response(p, kappa, period)
     low = Q * (kappa * Q + p * R) + R * R  # the numerator at z = 1, times m
     numerator = stack(low / m, Q / m)
     return numerator, stack(kappa * low, 2.0 * kappa * Q + p * R, 1.0)
@@ -89,7 +89,7 @@ def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray,
     if integrator == "implicit":
         r = 1.0 / (1.0 + T * a)
         return T * r, T * T * r, T * a * r, T * r
-    R, Q = held(a, np.zeros_like(a), T)
+    R, Q = force_response(a, np.zeros_like(a), T)
     if integrator == "bullet":
         return T * (1.0 - a * R), T * R, a * R, R
     return R, Q, a * R, R

@@ -15,9 +15,9 @@ def certify(scene: Scene) -> None:
     from graspfx.certificate.certificate import certificates, lines
 
     try:
-        found = certificates(scene)
+        certificates_ = certificates(scene)
     except GraspFXError as error:
         print(f"stability is not judged: {' '.join(str(error).split())}")
         return
-    for certificate in found:
+    for certificate in certificates_:
         print(*lines(certificate), sep="\n")

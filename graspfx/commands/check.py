@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from graspfx.commands.arguments import add_scene
-from graspfx.commands.output import DONE, REFUSED, print_json
+from graspfx.commands.output import REFUSED, SUCCESS, print_json
 
 EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60"""
 
@@ -19,13 +19,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.certificate.verdict import report
     from graspfx.scene.load import load
 
-    answer = report(load(chosen.scene, dict(chosen.overrides)))
-    if chosen.json:
+    answer = report(load(options.scene, dict(options.overrides)))
+    if options.json:
         print_json(answer.to_dict())
     else:
-        print(*([answer.verdict] if chosen.brief else answer.lines()), sep="\n")
-    return DONE if answer.ok or not chosen.strict else REFUSED
+        print(*([answer.verdict] if options.brief else answer.lines()), sep="\n")
+    return SUCCESS if answer.ok or not options.strict else REFUSED

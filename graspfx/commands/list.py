@@ -7,7 +7,7 @@ import tomllib
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from graspfx.commands.output import DONE
+from graspfx.commands.output import SUCCESS
 from graspfx.plugins import Group, names, source_of
 
 EXAMPLE = """  graspfx list"""
@@ -18,14 +18,14 @@ def add_arguments(parser: ArgumentParser) -> None:
     """It takes none."""
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     for group in GROUPS:
         if origins := names(group):
             width = max(map(len, origins))
             print(group)
             for name, origin in origins.items():
                 print(f"  {name:<{width}}  {line_about(source_of(group, name))}[{origin}]")
-    return DONE
+    return SUCCESS
 
 
 def line_about(path: Path | None) -> str:

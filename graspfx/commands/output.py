@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
     from graspfx.scene.model import Scene
 
-DONE, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
+SUCCESS, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
 CODES = f"""exit codes:
-  {DONE}    done
+  {SUCCESS}    done
   {REFUSED}    `check --strict` of a scene that is not stable, or not judged
   {WRONG}    an error, said on standard error: bad arguments or scene, a file in the way, a disk that is full
   {FAULTS}    the run has faults, as of a device that broke off: from there on every force is zero
@@ -41,7 +41,7 @@ def say_faults(recording: Recording) -> int:
     """Prints a run's faults; the code that goes with them."""
     for fault in recording.faults:
         print(fault, file=sys.stderr)
-    return FAULTS if recording.faults else DONE
+    return FAULTS if recording.faults else SUCCESS
 
 
 def name_files(paths: Sequence[Path]) -> None:

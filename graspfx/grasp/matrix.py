@@ -199,9 +199,9 @@ def _mask(free: ArrayLike | None, w: int) -> NDArray[np.bool_]:
     if free is None:
         return np.ones(w, dtype=bool)
     try:
-        given = np.asarray(free)
+        mask = np.asarray(free)
     except ValueError as error:
         raise InputError("free", free, f"{w} booleans, True where the object can move") from error
-    if given.shape != (w,) or not np.isin(given, (0, 1)).all():
-        raise InputError("free", given.tolist(), f"{w} booleans, True where the object can move")
-    return given.astype(bool)
+    if mask.shape != (w,) or not np.isin(mask, (0, 1)).all():
+        raise InputError("free", mask.tolist(), f"{w} booleans, True where the object can move")
+    return mask.astype(bool)

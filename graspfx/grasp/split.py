@@ -209,11 +209,11 @@ class Split:
         return np.asarray((axes * np.sqrt(values)) @ axes.T)
 
 
-def fraction(name: str, given: float) -> float:
+def fraction(name: str, argument: float) -> float:
     """A relative tolerance in [0, 1)."""
-    value = number(name, given, "a relative tolerance in [0, 1)")
+    value = number(name, argument, "a relative tolerance in [0, 1)")
     if value >= 1.0:
-        raise InputError(name, given, "a relative tolerance in [0, 1)")
+        raise InputError(name, argument, "a relative tolerance in [0, 1)")
     return value
 
 
@@ -225,8 +225,8 @@ def _row_space(A: FloatArray, threshold: float) -> tuple[FloatArray, FloatArray]
     noise = max(A.shape) * np.finfo(float).eps * values[0]
     values = values[values > max(threshold, noise)]
     lengths = np.sqrt((A**2).sum(axis=1))
-    kept = lengths > max(threshold, noise)
-    if kept.sum() == len(values):
+    independent = lengths > max(threshold, noise)
+    if independent.sum() == len(values):
         # rows of very different length, each accurate in itself: unit rows keep that accuracy
-        rows = np.linalg.svd(A[kept] / lengths[kept, None], full_matrices=False)[1:][1]
+        rows = np.linalg.svd(A[independent] / lengths[independent, None], full_matrices=False)[1:][1]
     return rows[: len(values)].T.copy(), values

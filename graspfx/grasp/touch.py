@@ -149,16 +149,16 @@ def slipping(
     block[3 * n : 3 * n + m] = e
     block[square:] = (K + raised * np.eye(m)).ravel()
     symmetric = bool(np.abs(K - K.T).max() <= 1e-13 * np.abs(K).max())
-    found, _, _ = friction_force_square(memoryview(block), 0, n, d, square, m, symmetric, True, RESTARTS)
-    if found == UNRESOLVED:
+    outcome, _, _ = friction_force_square(memoryview(block), 0, n, d, square, m, symmetric, True, RESTARTS)
+    if outcome == UNRESOLVED:
         raise InputError("stiffness", K, "a matrix for which the contact forces are unique")
     f, s = block[3 * n + 2 * m : 3 * n + 4 * m].reshape(2, m)
     names: dict[int, Status] = {STICK: "stick", SLIDE: "slide"}
     status = tuple(names.get(int(k), "free") for k in block[2 * n : 3 * n])
     gap = np.abs(K @ (e + s) - f).max()
     c = np.abs(K).max()
-    back = returned(f - c * s, mu, d, found == ASSOCIATED)
-    return f, status, float(max(gap, np.abs(back - f).max())), "associated" if found == ASSOCIATED else "coulomb"
+    back = returned(f - c * s, mu, d, outcome == ASSOCIATED)
+    return f, status, float(max(gap, np.abs(back - f).max())), "associated" if outcome == ASSOCIATED else "coulomb"
 
 
 def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatArray:
@@ -175,9 +175,9 @@ def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatAr
 def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
     """How far f (n, d), in contact frames, is from f = K (e + s) with s where a force is released, as a force [N]."""
     n, d = f.shape
-    held = np.zeros((n, d), dtype=bool)
-    held[f[:, 0] > 0.0, : d if stick else 1] = True
-    free = ~held.ravel()
+    sticking = np.zeros((n, d), dtype=bool)
+    sticking[f[:, 0] > 0.0, : d if stick else 1] = True
+    free = ~sticking.ravel()
     s = np.zeros(n * d)
     if free.any():
         s[free] = np.linalg.lstsq(K[np.ix_(free, free)], -(K @ e)[free], rcond=None)[0]

@@ -67,7 +67,7 @@ class Curve:
     values: FloatArray
     stroke: Stroke
     for_scale: bool = False  # there to compare others with, and to be left out where only changes are shown
-    named: bool = True  # beside the row
+    labelled: bool = True  # beside the row
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,11 @@ class Row:
 
 def views(recordings: Iterable[Recording]) -> list[View]:
     """Every object that fingers touch, recording by recording; the first object of a recording without fingers."""
-    found = []
+    views_ = []
     for recording in recordings:
-        held = sorted(set(recording.layout.finger_objects)) or [0]
-        found += [View(recording, k) for k in held]
-    return found
+        numbers = sorted(set(recording.layout.finger_objects)) or [0]
+        views_ += [View(recording, k) for k in numbers]
+    return views_
 
 
 def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
@@ -112,26 +112,26 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
     with np.errstate(over="ignore", invalid="ignore"):
         axes = _axes_worth_showing([_ranges(view) for view in columns])
         height = 2.5 if len(axes) == 1 else 1.9
-        found = []
+        rows_ = []
         for k, a in enumerate(axes):
-            panels = tuple(_positions(view, a, strokes, named=k == 0) for view in columns)
+            panels = tuple(_positions(view, a, strokes, labelled=k == 0) for view in columns)
             row = Row("a" if k == 0 else "", f"position {'xyz'[a]} [mm]", panels, height)
-            found.append(_changes(row, f"displacement {'xyz'[a]} [mm]"))
+            rows_.append(_changes(row, f"displacement {'xyz'[a]} [mm]"))
         panels = tuple(_distances(view, strokes) for view in columns)
-        several = any(len(view.fingers) > 2 for view in columns)
-        remark = f"{AS_ABOVE}: to their centre" if several else ""
+        crowded = any(len(view.fingers) > 2 for view in columns)
+        remark = f"{AS_ABOVE}: to their centre" if crowded else ""
         row = Row("b", "distance [mm]", panels, 2.2, remark=remark, distance=True)
-        found.append(_changes(row, "change of distance [mm]"))
+        rows_.append(_changes(row, "change of distance [mm]"))
         panels = tuple(_forces(view, strokes) for view in columns)
-        found.append(Row("c", "force [N]", panels, 1.5, remark=AS_ABOVE, distance=True))
-        found += _turns(columns)
-        return found
+        rows_.append(Row("c", "force [N]", panels, 1.5, remark=AS_ABOVE, distance=True))
+        rows_ += _turns(columns)
+        return rows_
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
     """Those along which a view moves by more than a share of its main axis; of views at rest, their first axis."""
-    shown = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * each.max()) if each.max() > 0.0}
-    return sorted(shown) or [0]
+    axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * each.max()) if each.max() > 0.0}
+    return sorted(axes) or [0]
 
 
 def _ranges(view: View) -> FloatArray:
@@ -141,11 +141,11 @@ def _ranges(view: View) -> FloatArray:
     return np.array([max(_range(line[:, a]) for line in lines) for a in range(view.dimensions)])
 
 
-def _positions(view: View, a: int, strokes: Mapping[str, Stroke], *, named: bool) -> tuple[Curve, ...]:
+def _positions(view: View, a: int, strokes: Mapping[str, Stroke], *, labelled: bool) -> tuple[Curve, ...]:
     if a >= view.dimensions:
         return ()
-    x = _curve("object", MM * view.motion.position[:, a], OBJECT, named=named)
-    return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes, named=named))
+    x = _curve("object", MM * view.motion.position[:, a], OBJECT, labelled=labelled)
+    return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes, labelled=labelled))
 
 
 def _distances(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
@@ -154,19 +154,19 @@ def _distances(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
     if not fingers:
         return ()
     centre = p.mean(axis=1)
-    found: list[Curve] = []
+    curves: list[Curve] = []
     if len(fingers) == 2:
-        found.append(_curve("between fingers", MM * np.linalg.norm(p[:, 1] - p[:, 0], axis=1), APART))
+        curves.append(_curve("between fingers", MM * np.linalg.norm(p[:, 1] - p[:, 0], axis=1), APART))
         c = view.recording.contact_position[:, fingers]
         touch = MM * np.linalg.norm(c[:, 1] - c[:, 0], axis=1)
         if touch.any():  # contacts attached to the object's centre have none
-            found.append(_curve("between contact points", touch, CONTACTS, for_scale=True))
+            curves.append(_curve("between contact points", touch, CONTACTS, for_scale=True))
     elif len(fingers) > 2:
         away = MM * np.linalg.norm(p - centre[:, None, :], axis=2)
-        found += _of_fingers(view, away, strokes)
+        curves += _of_fingers(view, away, strokes)
     astray = MM * np.linalg.norm(view.motion.position - centre, axis=1)
     name = "object to finger" if len(fingers) == 1 else "object to centre of fingers"
-    return (*found, _curve(name, astray, ASTRAY))
+    return (*curves, _curve(name, astray, ASTRAY))
 
 
 def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
@@ -231,14 +231,14 @@ def _starts(panel: Sequence[Curve]) -> str:
 
 
 def _of_fingers(
-    view: View, values: FloatArray, strokes: Mapping[str, Stroke], *, named: bool = False
+    view: View, values: FloatArray, strokes: Mapping[str, Stroke], *, labelled: bool = False
 ) -> tuple[Curve, ...]:
     """One curve per finger, of values (N, n)."""
-    return tuple(_curve(name, values[:, i], strokes[name], named=named) for i, name in enumerate(view.names))
+    return tuple(_curve(name, values[:, i], strokes[name], labelled=labelled) for i, name in enumerate(view.names))
 
 
-def _curve(label: str, values: FloatArray, stroke: Stroke, *, for_scale: bool = False, named: bool = True) -> Curve:
-    return Curve(label, np.where(np.abs(values) < LARGEST, values, np.nan), stroke, for_scale, named)
+def _curve(label: str, values: FloatArray, stroke: Stroke, *, for_scale: bool = False, labelled: bool = True) -> Curve:
+    return Curve(label, np.where(np.abs(values) < LARGEST, values, np.nan), stroke, for_scale, labelled)
 
 
 def _range(values: FloatArray) -> float:

@@ -53,18 +53,18 @@ def _lost(recording: Recording) -> Iterator[str]:
     down /= np.linalg.norm(down) or 1.0
     for number, name in enumerate(layout.objects):
         own = np.flatnonzero(np.array(layout.finger_objects) == number)
-        held = np.flatnonzero(recording.touching[:, own].any(axis=1))
-        if not held.size or held[-1] == len(recording) - 1:
+        ticks = np.flatnonzero(recording.touching[:, own].any(axis=1))
+        if not ticks.size or ticks[-1] == len(recording) - 1:
             continue
-        last = held[-1]
+        last = ticks[-1]
         left = own[recording.touching[last, own]]
         slid = recording.status is not None and bool((recording.status[last, left] == SLIDE).all())
         position = recording.objects[name].position[last:] @ down
         fell = float(np.nanmax(position) - position[0])
-        found = ["slides out of the fingers"] if slid else []
-        found += [f"falls by {_length(fell)}"] if fell > FELL else []
-        if found:
-            yield f"{name} {' and '.join(found)}: none touches it after {recording.time[last]:.4g} s"
+        remarks = ["slides out of the fingers"] if slid else []
+        remarks += [f"falls by {_length(fell)}"] if fell > FELL else []
+        if remarks:
+            yield f"{name} {' and '.join(remarks)}: none touches it after {recording.time[last]:.4g} s"
 
 
 def _chatter(recording: Recording) -> Iterator[str]:

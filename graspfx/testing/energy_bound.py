@@ -44,24 +44,24 @@ def accounts(scene: Scene, recording: Recording, bodies: Sequence[FloatArray]) -
     f, p, c = recording.finger_force, recording.finger_position, recording.contact_position
     e = p - c  # (N, n, d) [m]
     put_in = _summed((f[:-1] * np.diff(p, axis=0)).sum(axis=(1, 2)))
-    held = 0.5 * k * _summed((np.diff(e, axis=0) ** 2).sum(axis=(1, 2)))
+    stored = 0.5 * k * _summed((np.diff(e, axis=0) ** 2).sum(axis=(1, 2)))
     at_first = 0.5 * k * float((e[0] ** 2).sum())
-    kinetic, given, fallen, stepped = (np.zeros(N) for _ in range(4))
+    kinetic, work, weight_work, stepped = (np.zeros(N) for _ in range(4))
     g = np.zeros(d) if scene.gravity is None else np.array(scene.gravity)
     for table, motion, block in zip(scene.object, recording.objects.values(), bodies, strict=True):
         m, largest = float(block[body.MASS]), float(block[body.INERTIA : body.INERTIA + 3].max())
         x, v, w = motion.position, motion.velocity, motion.angular_velocity
         kinetic += 0.5 * m * (v**2).sum(axis=1) + _turning(motion, block)
-        fallen += m * (x - x[0]) @ g
-        given += _summed((motion.wrench[:-1, :d] * np.diff(x, axis=0)).sum(axis=1))
+        weight_work += m * (x - x[0]) @ g
+        work += _summed((motion.wrench[:-1, :d] * np.diff(x, axis=0)).sum(axis=1))
         if motion.orientation is not None:
-            given += _summed((motion.wrench[:-1, d:] * _turns(motion.orientation)).sum(axis=1))
+            work += _summed((motion.wrench[:-1, d:] * _turns(motion.orientation)).sum(axis=1))
         if table.dynamics == "native" and table.integrator == "explicit":
             stepped += 0.5 * m * _summed((np.diff(v, axis=0) ** 2).sum(axis=1))
             if w is not None:
                 stepped += 0.5 * largest * _summed((np.diff(w.reshape(N, -1), axis=0) ** 2).sum(axis=1))
-    coupling = Account(given, at_first + put_in + held, _largest(given, put_in, held, at_first))
-    objects = Account(kinetic, kinetic[0] + given + fallen + stepped, _largest(kinetic, given, fallen, stepped))
+    coupling = Account(work, at_first + put_in + stored, _largest(work, put_in, stored, at_first))
+    objects = Account(kinetic, kinetic[0] + work + weight_work + stepped, _largest(kinetic, work, weight_work, stepped))
     return coupling, objects
 
 
@@ -75,11 +75,11 @@ def _summed(steps: FloatArray) -> FloatArray:
 
 def _stiffest(scene: Scene) -> float:
     """The largest gain in any direction [N/m]."""
-    found = 0.0
+    largest = 0.0
     for gains in (scene.coupling.external.stiffness, scene.coupling.internal.stiffness):
         values = np.asarray(gains, dtype=float)
-        found = max(found, float(values.max() if values.ndim < 2 else np.linalg.eigvalsh(values).max()))
-    return found
+        largest = max(largest, float(values.max() if values.ndim < 2 else np.linalg.eigvalsh(values).max()))
+    return largest
 
 
 def _turns(orientation: FloatArray) -> FloatArray:

@@ -246,7 +246,7 @@ def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.M
     assert first.find(function) is None  # no source of ours: the key would not know of a change
     first.add(function, Lowering(text, code, names, (records.__file__,)))
     first.save()
-    content = cache.stored("lowered-test")
+    content = cache.load("lowered-test")
     assert content is not None
     again = Store("lowered-test", json.loads(content)).find(function)
     assert again is not None

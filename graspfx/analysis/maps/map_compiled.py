@@ -76,6 +76,6 @@ def _shared_out(kernel: Callable[..., None], points: FloatArray, width: int, *mo
     from concurrent.futures import ThreadPoolExecutor  # takes longer to load than one limit to find
 
     with ThreadPoolExecutor(cores) as pool:
-        for done in [pool.submit(kernel, points, limits, *ends, *more) for ends in pairwise(bounds)]:
-            done.result()
+        for future in [pool.submit(kernel, points, limits, *ends, *more) for ends in pairwise(bounds)]:
+            future.result()
     return limits

@@ -83,11 +83,11 @@ def quantised_wall(
 
 def _check(damping: float, period: float, friction: float, resolution: float, delay: float) -> None:
     number("period", period, "s", zero=False)
-    given = {
+    arguments = {
         "damping": (damping, "N s/m"),
         "friction": (friction, "N"),
         "resolution": (resolution, "m"),
         "delay": (delay, "s"),
     }
-    for name, (value, unit) in given.items():
+    for name, (value, unit) in arguments.items():
         number(name, value, unit)

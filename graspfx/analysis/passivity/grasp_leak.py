@@ -53,8 +53,8 @@ def external_limit(damping: float, period: float, object_viscosity: float, *, co
         The largest stiffness, 0 if the damping alone leaks too much.
     """
     number("period", period, "s", zero=False)
-    for name, given in (("damping", damping), ("object_viscosity", object_viscosity)):
-        _damping_or_rigid(name, given)
+    for name, value in (("damping", damping), ("object_viscosity", object_viscosity)):
+        _damping_or_rigid(name, value)
     number("coupling_damping", coupling_damping, "N s/m", negative=True)
     return max(0.0, 2 / period * (_in_series(damping, object_viscosity) - abs(coupling_damping)))
 
@@ -91,8 +91,8 @@ def coupling_limits(
     Bo = symmetric("object_viscosity", object_viscosity, w)
     internal = max(0.0, 2 / period * (damping - abs(internal_damping)))
     left, sizes, _ = np.linalg.svd(G, full_matrices=False)
-    kept = sizes > max(SMALLEST, max(w, m) * np.finfo(float).eps * max(sizes, default=0.0))
-    shape = left[:, kept] / sizes[kept]  # the columns of (G G')^-1/2 that count, up to a rotation
+    significant = sizes > max(SMALLEST, max(w, m) * np.finfo(float).eps * max(sizes, default=0.0))
+    shape = left[:, significant] / sizes[significant]  # the columns of (G G')^-1/2 that count, up to a rotation
     viscosity = np.linalg.eigvalsh(shape.T @ Bo @ shape)
     external = (
         external_limit(damping, period, max(0.0, float(viscosity[0])), coupling_damping=external_damping)
@@ -122,12 +122,12 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
     number("period", period, "s", zero=False)
     G = _matrix("G", G)
     m = G.shape[1]
-    held = period / 2 * _stiffness(K, m)
+    loss = period / 2 * _stiffness(K, m)
     if damping is not None:
         values, axes = np.linalg.eigh(symmetric("damping", damping, m))
-        held = held + (axes * np.abs(values)) @ axes.T
+        loss = loss + (axes * np.abs(values)) @ axes.T
     stretch = np.vstack([np.eye(m), -G])
-    return np.asarray(stretch @ held @ stretch.T)
+    return np.asarray(stretch @ loss @ stretch.T)
 
 
 def leak_margin(
@@ -217,11 +217,11 @@ def grasp_display(
     return A, B, C, D
 
 
-def _damping_or_rigid(name: str, given: object) -> None:
-    if not (isinstance(given, float) and given == math.inf):
-        value = finite(name, given, "a damping [N s/m], zero or above")
+def _damping_or_rigid(name: str, argument: object) -> None:
+    if not (isinstance(argument, float) and argument == math.inf):
+        value = finite(name, argument, "a damping [N s/m], zero or above")
         if value.ndim or value < 0.0:
-            raise InputError(name, given, "a damping [N s/m], zero or above")
+            raise InputError(name, argument, "a damping [N s/m], zero or above")
 
 
 def _in_series(b: float, B: float) -> float:
@@ -245,8 +245,8 @@ def _stiffness(K: ArrayLike, m: int) -> FloatArray:
     return k
 
 
-def _matrix(name: str, given: ArrayLike) -> FloatArray:
-    value = finite(name, given, "a finite matrix")
+def _matrix(name: str, argument: ArrayLike) -> FloatArray:
+    value = finite(name, argument, "a finite matrix")
     if value.ndim != 2:
         raise InputError(name, value, "a finite matrix")
     return value

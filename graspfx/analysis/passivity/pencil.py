@@ -23,11 +23,11 @@ class PositiveReal:
     real lemma, Hitz and Anderson 1969). For a stable H whose H(1) is symmetric.
     """
 
-    def __init__(self, found: StateSpace, B: FloatArray, T: float) -> None:
-        K = found.static()
+    def __init__(self, system: StateSpace, B: FloatArray, T: float) -> None:
+        K = system.static()
         self.rest = B - T / 4 * (K + K.T)
-        self.A, self.B = found.A, found.B
-        self.C = -T * np.linalg.solve((np.eye(found.states) - found.A).T, found.C.T).T
+        self.A, self.B = system.A, system.B
+        self.C = -T * np.linalg.solve((np.eye(system.states) - system.A).T, system.C.T).T
         sizes = np.linalg.norm(self.B), np.linalg.norm(self.C)
         if min(sizes) > 0.0:  # states in units that make the pencil's blocks alike
             ratio = np.sqrt(sizes[1] / sizes[0])

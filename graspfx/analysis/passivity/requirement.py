@@ -79,8 +79,8 @@ def required_damping(H: object, period: float) -> float:
     Raises:
         InputError: matrices that do not fit, a continuous system, another sampling period than `period`.
     """
-    found = display(H, period)
-    return _lack(found, np.zeros((found.channels, found.channels)), period)
+    system = display(H, period)
+    return _lack(system, np.zeros((system.channels, system.channels)), period)
 
 
 def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
@@ -93,17 +93,17 @@ def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
         H, period: as `required_damping`.
         damping: B, one number, (n,) or a symmetric (n, n) [N s/m].
     """
-    found = display(H, period)
-    return -_lack(found, symmetric("damping", damping, found.channels), period)
+    system = display(H, period)
+    return -_lack(system, symmetric("damping", damping, system.channels), period)
 
 
-def _lack(found: Display, B: FloatArray, T: float) -> float:
-    scale = float(np.abs(required_at(found, np.array([np.pi]), T)).max()) / T
-    if never_passive(found, scale):
+def _lack(system: Display, B: FloatArray, T: float) -> float:
+    scale = float(np.abs(required_at(system, np.array([np.pi]), T)).max()) / T
+    if never_passive(system, scale):
         return math.inf
-    if isinstance(found, StateSpace):
-        return PositiveReal(found, B, T).worst()[0]
-    return worst_on_grid(found, B, T)[0]
+    if isinstance(system, StateSpace):
+        return PositiveReal(system, B, T).worst()[0]
+    return worst_on_grid(system, B, T)[0]
 
 
 def _wall(damping: float, period: float, wall_damping: float, delay: float) -> tuple[float, float, float]:

@@ -77,11 +77,11 @@ def largest_gains(
     external = largest(n)
     conventional = min(internal, external)
     for s in range(1, n) if pushing else ():
-        seen = largest(s)
-        softness = (1.0 / seen if seen > 0.0 else math.inf) - (1.0 - s / n) / internal if internal > 0.0 else math.inf
+        gain = largest(s)
+        softness = (1.0 / gain if gain > 0.0 else math.inf) - (1.0 - s / n) / internal if internal > 0.0 else math.inf
         if softness > 0.0:
             external = min(external, s / n / softness)
-        conventional = min(conventional, seen)
+        conventional = min(conventional, gain)
     return Gains(external, internal, conventional)
 
 
@@ -174,16 +174,16 @@ def integrators_compared(
     }
 
 
-def _least(limit: Callable[[FloatArray], FloatArray], wanted: float, unit: float) -> float:
+def _least(limit: Callable[[FloatArray], FloatArray], target: float, unit: float) -> float:
     """The first friction at which a limit reaches what is wanted."""
     b = np.concatenate([[0.0], unit * np.logspace(*DECADES, GRID)])
     points, times = REFINED
     for _ in range(times):
-        enough = limit(b) >= wanted
+        enough = limit(b) >= target
         if not enough.any():
             return math.inf
         i = int(np.argmax(enough))
         if i == 0:
             return float(b[0])
         b = np.linspace(b[i - 1], b[i], points)
-    return float(b[int(np.argmax(limit(b) >= wanted))])
+    return float(b[int(np.argmax(limit(b) >= target))])

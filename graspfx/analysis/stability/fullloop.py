@@ -44,31 +44,31 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
 
     rate = (at["x"] - at["old"]) / T if differenced else at["v"]
     E, H, p, q, R, s = uncoupled(linear) if motions is None else motions
-    moved, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
+    translation, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
     N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
     K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
-    pose, speed = (moved, spun) if implicit else (at["q"], at["w"])
+    pose, speed = (translation, spun) if implicit else (at["q"], at["w"])
     if implicit and grounded:
-        pose, speed = moved + q @ at["g"], spun + s @ at["g"]
+        pose, speed = translation + q @ at["g"], spun + s @ at["g"]
     f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
     extra = N @ np.concatenate([at["x"], pose])
     if implicit and linear.G_contact is not None:
         # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
         stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
-        held = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
-        u = np.linalg.solve(held, q @ (c @ K @ stretch + G @ D @ slip))
+        implicit_part = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
+        u = np.linalg.solve(implicit_part, q @ (c @ K @ stretch + G @ D @ slip))
         f = f - K @ c.T @ u - D @ G.T @ u / T
     elif implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
         yields = K @ G_e.T @ q + D @ G.T @ s
         f = np.linalg.solve(np.eye(m) + yields @ G, f + yields @ extra[m:])
-    shown, felt = f + extra[:m], G @ f - extra[m:]
+    display_force, felt = f + extra[:m], G @ f - extra[m:]
 
-    late = [shown, *(at[f"f{i}"] for i in range(1, lag + 1))]
+    late = [display_force, *(at[f"f{i}"] for i in range(1, lag + 1))]
     displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
     wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
     state = E @ np.concatenate([at["x"], at["v"]]) - H @ displayed
-    borne = wrench + ground_wrench(linear, s, moved + q @ wrench, spun + s @ wrench)
-    rows = [state, moved + q @ borne, spun + s @ borne]
+    borne = wrench + ground_wrench(linear, s, translation + q @ wrench, spun + s @ wrench)
+    rows = [state, translation + q @ borne, spun + s @ borne]
     rows += [at["x"]] if differenced else []
     rows += [borne - wrench] if implicit and grounded else []
     rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
@@ -84,15 +84,15 @@ def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, sp
     if linear.ground is None:
         return np.zeros_like(position)
     K, B = linear.ground
-    ahead = {"explicit": 1.0, "exact": 0.5}.get(linear.integrator, 0.0) * linear.period
-    met = K @ (position + ahead * speed) + B @ speed
+    lead = {"explicit": 1.0, "exact": 0.5}.get(linear.integrator, 0.0) * linear.period
+    met = K @ (position + lead * speed) + B @ speed
     return np.asarray(-np.linalg.solve(np.eye(len(K)) + (linear.period * K + B) @ s, met))
 
 
 def uncoupled(linear: Linearisation) -> Motions:
     """`held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
-    moved = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
-    return *held_devices(linear), *moved
+    matrices = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
+    return *held_devices(linear), *matrices
 
 
 def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:

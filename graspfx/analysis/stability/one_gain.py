@@ -185,7 +185,7 @@ def stable_intervals(
 
     There can be several: more stiffness may stabilise again what less has made unstable.
     """
-    found = external_limits(
+    limits = external_limits(
         mass,
         damping,
         period,
@@ -200,7 +200,7 @@ def stable_intervals(
         spring_damping=spring_damping,
     )
     top = number("upper", upper, "N/m", zero=False)
-    return [(low, min(high, top)) for low, high in found.intervals if low < top]
+    return [(low, min(high, top)) for low, high in limits.intervals if low < top]
 
 
 def spectral_radius(linear: Linearisation | Linearisable, *, drift: bool = False) -> float:
@@ -216,12 +216,12 @@ def modes(linear: Linearisation | Linearisable) -> list[Mode]:
     return modes_of(_linear(linear))
 
 
-def _linear(given: Linearisation | Linearisable) -> Linearisation:
-    if isinstance(given, Linearisation):
-        return given
-    if isinstance(given, Linearisable):
-        return given.linearise()
-    raise InputError("linear", given, "a Linearisation, or what has a method `linearise` that gives one")
+def _linear(subject: Linearisation | Linearisable) -> Linearisation:
+    if isinstance(subject, Linearisation):
+        return subject
+    if isinstance(subject, Linearisable):
+        return subject.linearise()
+    raise InputError("linear", subject, "a Linearisation, or what has a method `linearise` that gives one")
 
 
 def _device(m: float, b: float, T: float, k_s: float, b_s: float) -> tuple[float, float, float, float, float]:

@@ -12,7 +12,7 @@ from typing import Any
 
 from graspfx import plugins
 from graspfx.build.wiring import AUTOMATIC, connect
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.loop.device import Device as Connected
 from graspfx.loop.device import Features
 from graspfx.scene.tables.scene_table import Device, SceneTable
@@ -68,7 +68,7 @@ def _connection(
         if isinstance(features, Features):
             connected[at] = device
         else:
-            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {shown(device)} has no Features"
+            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {abbreviate(device)} has no Features"
 
 
 def signature_faults(
@@ -81,7 +81,7 @@ def signature_faults(
     """Settings that a plug-in of this name does not take, and those that it needs; it is given the automatic ones."""
     for key, value in settings.items():
         if not _finite(value):
-            yield (*at, key), f"expected finite numbers; given {shown(value)}"
+            yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"
     named = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
     unknown = [key for key in settings if key not in named] if len(named) == len(parameters) else []
     meant = {key: closest(key, named) for key in unknown}

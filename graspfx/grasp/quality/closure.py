@@ -186,7 +186,7 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
     start = np.vstack([np.eye(w), -np.eye(w)])
     forces = cones.reach(start)[1]
     n = forces.shape[1]
-    whose = np.tile(np.arange(n), len(start))
+    contact = np.tile(np.arange(n), len(start))
     generators = cones.wrenches(forces).reshape(-1, w)
     forces = forces.reshape(-1, forces.shape[2])
     p = len(generators)
@@ -199,17 +199,17 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         columns = np.vstack([generators, even])
         cost = np.zeros(len(columns))
         cost[-1] = -1.0
-        found = linprog(cost, A_ub=np.ones((1, len(columns))), b_ub=[1.0], A_eq=columns.T, b_eq=np.zeros(w))
-        if found.status != 0:
-            raise InputError("points, normals", found.message, "contacts whose linear program can be solved")
-        x, share = np.asarray(found.x), float(np.asarray(found.x)[-1])
+        solution = linprog(cost, A_ub=np.ones((1, len(columns))), b_ub=[1.0], A_eq=columns.T, b_eq=np.zeros(w))
+        if solution.status != 0:
+            raise InputError("points, normals", solution.message, "contacts whose linear program can be solved")
+        x, share = np.asarray(solution.x), float(np.asarray(solution.x)[-1])
         if share > BOUNDARY:
             weights = x[:-1].copy()
             weights[:p] += share / p
             # less what the solver's rounding leaves of a wrench
             weights[:p] -= np.linalg.lstsq(generators[:p].T, generators.T @ weights, rcond=None)[0]
             total = np.zeros((n, forces.shape[1]))
-            np.add.at(total, whose, weights[:, None] * forces)
+            np.add.at(total, contact, weights[:, None] * forces)
             return ForceClosure(True, cones.components(total), None, share), generators
         # the middle of all separating directions: a corner of them is nearly always beyond the cones' curved sides
         slack = np.column_stack([generators, np.sqrt((generators**2).sum(axis=1))])
@@ -218,7 +218,7 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         )
         u = np.asarray(middle.x)[:w]
         if not u.any():
-            u = np.asarray(found.eqlin.marginals)
+            u = np.asarray(solution.eqlin.marginals)
         u = u / np.linalg.norm(u)
         heights, worst = cones.reach(u[None])
         if heights.max() <= BOUNDARY:
@@ -226,14 +226,14 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         beyond = np.flatnonzero(heights[0] > 0.0)
         generators = np.vstack([generators, cones.wrenches(worst)[0, beyond]])
         forces = np.vstack([forces, worst[0, beyond]])
-        whose = np.append(whose, beyond)
+        contact = np.append(contact, beyond)
     return ForceClosure(False, None, None, 0.0), generators
 
 
-def _coefficients(name: str, given: ArrayLike, n: int) -> FloatArray:
-    value = finite(name, given)
+def _coefficients(name: str, argument: ArrayLike, n: int) -> FloatArray:
+    value = finite(name, argument)
     if value.shape not in ((), (n,)) or (value < 0.0).any():
-        raise InputError(name, given, f"a number that is not negative, or {n} of them, one per contact")
+        raise InputError(name, argument, f"a number that is not negative, or {n} of them, one per contact")
     return np.broadcast_to(value, (n,)).copy()
 
 

@@ -104,24 +104,24 @@ def internal_coordinates(
     units = np.where(grasp.torsion_columns, size, 1.0)  # component = units * unit-free component
     target = len(grasp.finger_of_column) - rank
     tensions = _tensions(grasp.contacts, fingers, pairs)
-    chosen: Candidates = []
+    rows: Candidates = []
     for candidates in (
         tensions,
         _bendings(grasp.contacts, fingers),
         _torsions(grasp, A, units, fingers),
         _circuits(grasp, A, units, rank, fingers),
     ):
-        chosen = _extended(chosen, candidates, target, units)
+        rows = _extended(rows, candidates, target, units)
         if candidates is tensions and pairs is not None:
-            _check_pairs(len(chosen), len(pairs), grasp, fingers, target, units)
-    B = np.array([x for _, x in chosen]).reshape(len(chosen), len(units)).T
+            _check_pairs(len(rows), len(pairs), grasp, fingers, target, units)
+    B = np.array([x for _, x in rows]).reshape(len(rows), len(units)).T
     S = B / units[:, None]
     lengths = np.sqrt((S**2).sum(axis=0))
     values = np.linalg.svd(S / lengths, compute_uv=False)
     reader = np.linalg.pinv(S / lengths) / lengths[:, None] / units
-    kinds = tuple("N m" if name.startswith(("torsion", "moment")) else "N" for name, _ in chosen)
+    kinds = tuple("N m" if name.startswith(("torsion", "moment")) else "N" for name, _ in rows)
     condition = float(values[0] / values[-1]) if len(values) else 1.0
-    return InternalCoordinates(tuple(name for name, _ in chosen), kinds, B, condition, split, reader)
+    return InternalCoordinates(tuple(name for name, _ in rows), kinds, B, condition, split, reader)
 
 
 def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray | None:
@@ -138,7 +138,7 @@ def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray
 
 def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int, int]] | None) -> Candidates:
     n = len(contacts.points)
-    found: Candidates = []
+    candidates: Candidates = []
     for i, j in combinations(range(n), 2) if pairs is None else pairs:
         if not (0 <= i < n and 0 <= j < n and i != j):
             raise InputError("pairs", (i, j), f"two different fingers of 0 to {n - 1}")
@@ -148,8 +148,8 @@ def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int,
             continue
         here, there = components(contacts, i, line / length), components(contacts, j, -line / length)
         if here is not None and there is not None:
-            found.append((f"tension {fingers[i]}-{fingers[j]}", here + there))
-    return found
+            candidates.append((f"tension {fingers[i]}-{fingers[j]}", here + there))
+    return candidates
 
 
 def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
@@ -165,7 +165,7 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
     normals = [_tidy(u) for u in np.linalg.qr(normal[:, _pivots(normal, d - a)])[0].T]
     flat = np.hstack([np.ones((n, 1)), arms @ rows[:a].T / max(values[0], 1e-300)])  # (n, a + 1)
     supports = _pivots(flat.T, a + 1)
-    found: Candidates = []
+    candidates: Candidates = []
     for k in range(n):
         if k in supports:
             continue
@@ -175,9 +175,9 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
             parts += [components(contacts, s, -part * u) for s, part in zip(supports, share, strict=True) if part]
             whole = [part for part in parts if part is not None]
             if len(whole) == len(parts):
-                held = "-".join(fingers[s] for s in supports)
-                found.append((f"bending {fingers[k]}: {held} along {_direction(u)}", np.sum(whole, axis=0)))
-    return found
+                names = "-".join(fingers[s] for s in supports)
+                candidates.append((f"bending {fingers[k]}: {names} along {_direction(u)}", np.sum(whole, axis=0)))
+    return candidates
 
 
 def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
@@ -191,7 +191,7 @@ def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]
     unheld = U[:, r:].T @ A[:, columns]  # what no force can hold
     reach = np.linalg.svd(unheld, compute_uv=False) if unheld.size else np.zeros(0)
     anchors = _pivots(unheld, int((reach > FLAT).sum()))
-    found: Candidates = []
+    candidates: Candidates = []
     for j in range(len(columns)):
         if j in anchors:
             continue
@@ -206,41 +206,41 @@ def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]
         against = [_component(grasp.contacts, columns[a], fingers)[1] for a in anchors if tau[a]]
         name = " ".join(_component(grasp.contacts, columns[j], fingers))
         name += f" against {' and '.join(against)}" if against else ""
-        found.append((name, units * x / units[columns[j]]))
-    return found
+        candidates.append((name, units * x / units[columns[j]]))
+    return candidates
 
 
 def _circuits(grasp: Grasp, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
     """A component of one contact, held by as many others as the rank: these always span the null space."""
-    held = _pivots(A, rank)
-    found: Candidates = []
+    pivots = _pivots(A, rank)
+    candidates: Candidates = []
     for j in range(len(units)):
-        if j in held:
+        if j in pivots:
             continue
         x = np.zeros(len(units))
         x[j] = 1.0
-        if held:
-            x[held] = -np.linalg.lstsq(A[:, held], A[:, j], rcond=None)[0]
-            x[held] -= np.linalg.lstsq(A[:, held], A @ x, rcond=None)[0]
-        found.append((" ".join(_component(grasp.contacts, j, fingers)), units * x / units[j]))
-    return found
+        if pivots:
+            x[pivots] = -np.linalg.lstsq(A[:, pivots], A[:, j], rcond=None)[0]
+            x[pivots] -= np.linalg.lstsq(A[:, pivots], A @ x, rcond=None)[0]
+        candidates.append((" ".join(_component(grasp.contacts, j, fingers)), units * x / units[j]))
+    return candidates
 
 
-def _extended(chosen: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
+def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
     """The candidates that add most, one after the other, then exchanged until each other one has coefficients <= 1."""
-    want = target - len(chosen)
+    want = target - len(rows)
     if want <= 0 or not candidates:
-        return chosen
+        return rows
     X = np.array([x for _, x in candidates]).T / units[:, None]
     X = X / np.sqrt((X**2).sum(axis=0))
-    if chosen:
-        C = np.linalg.qr(np.array([x for _, x in chosen]).T / units[:, None])[0]
+    if rows:
+        C = np.linalg.qr(np.array([x for _, x in rows]).T / units[:, None])[0]
         X = X - C @ (C.T @ X)
         X = X - C @ (C.T @ X)
     picks = _pivots(X, want, DEPENDENT)
     if picks:
         picks = _exchanged(X, picks)
-    return chosen + [candidates[k] for k in sorted(picks)]
+    return rows + [candidates[k] for k in sorted(picks)]
 
 
 def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
@@ -273,12 +273,16 @@ def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
     return picks
 
 
-def _check_pairs(got: int, given: int, grasp: Grasp, fingers: list[str], target: int, units: FloatArray) -> None:
-    if got < given:
-        raise InputError("pairs", given, "tensions that do not depend on one another", f"only {got} of them do not")
+def _check_pairs(
+    independent: int, count: int, grasp: Grasp, fingers: list[str], target: int, units: FloatArray
+) -> None:
+    if independent < count:
+        raise InputError(
+            "pairs", count, "tensions that do not depend on one another", f"only {independent} of them do not"
+        )
     most = len(_extended([], _tensions(grasp.contacts, fingers, None), target, units))
-    if got < most:
-        raise InputError("pairs", given, f"{most} pairs, as many as there are independent tensions")
+    if independent < most:
+        raise InputError("pairs", count, f"{most} pairs, as many as there are independent tensions")
 
 
 def _component(contacts: Contacts, column: int, fingers: list[str]) -> tuple[str, ...]:

@@ -168,7 +168,7 @@ def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple
     def unit_slope(x: FloatArray) -> FloatArray:
         return np.append(2.0 * x[:w], np.zeros(slacks))[None]
 
-    found = minimize(
+    result = minimize(
         total,
         np.append(start, s),
         jac=slope,
@@ -180,7 +180,7 @@ def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple
         ],
         options={"maxiter": 100, "ftol": 1e-12},
     )
-    u = np.asarray(found.x[:w])
+    u = np.asarray(result.x[:w])
     length = float(np.linalg.norm(u))
     if not np.isfinite(length) or length == 0.0:
         return np.inf, start

@@ -79,9 +79,9 @@ def measures(
     w = len(G)
     if not w:
         return Measures(np.zeros(0), np.zeros((0, 0)), L, ell)
-    directions, found, _ = np.linalg.svd(G, full_matrices=True)
+    directions, singular, _ = np.linalg.svd(G, full_matrices=True)
     values = np.zeros(w)
-    values[: len(found)] = found
+    values[: len(singular)] = singular
     # a line of contacts in exact arithmetic leaves rounding, not a small number
     values[values <= max(G.shape) * np.finfo(float).eps * values[0]] = 0.0
     return Measures(values, directions, L if d > 1 else 1.0, ell)
@@ -124,5 +124,5 @@ def turning(arms: FloatArray, forces: FloatArray) -> FloatArray:
     return np.zeros((len(arms), 0))
 
 
-def _positive(name: str, given: float) -> float:
-    return number(name, given, "a positive length [m]", zero=False)
+def _positive(name: str, value: float) -> float:
+    return number(name, value, "a positive length [m]", zero=False)

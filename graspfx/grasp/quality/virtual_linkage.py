@@ -70,9 +70,9 @@ class VirtualLinkage:
         H = np.zeros((unheld.shape[1], len(A)))
         rest = 0
         if unheld.size:
-            left, found, right = np.linalg.svd(unheld, full_matrices=False)
-            rest = int((found > least).sum())
-            H = (right[:rest].T / found[:rest]) @ left[:, :rest].T @ U[:, r:].T
+            left, singular, right = np.linalg.svd(unheld, full_matrices=False)
+            rest = int((singular > least).sum())
+            H = (right[:rest].T / singular[:rest]) @ left[:, :rest].T @ U[:, r:].T
             E[forces] -= E[forces] @ A[:, ~forces] @ H
             E[~forces] = H
         self.rank = r + rest

@@ -84,8 +84,8 @@ def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
     """Leave columns out of a layout that came later than the file's format."""
     if number == FORMAT:
         return layout
-    later = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
-    return replace(layout, absent=(*layout.absent, *later)) if later else layout
+    absent = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
+    return replace(layout, absent=(*layout.absent, *absent)) if absent else layout
 
 
 def _outcome(file: Any) -> Outcome:

@@ -79,9 +79,9 @@ def versions(*packages: str) -> dict[str, str]:
     import graspfx
     from graspfx.installed import version
 
-    found = {"python": platform.python_version(), "graspfx": graspfx.__version__, "numpy": np.__version__}
+    versions_ = {"python": platform.python_version(), "graspfx": graspfx.__version__, "numpy": np.__version__}
     others = {package: version(package) for package in packages}
-    return found | {package: number for package, number in others.items() if number is not None}
+    return versions_ | {package: number for package, number in others.items() if number is not None}
 
 
 def machine() -> dict[str, str]:

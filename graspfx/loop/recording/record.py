@@ -73,18 +73,18 @@ class Recording:
         Raises:
             UnknownNameError: the recording has no such column.
         """
-        found = self.layout.columns.get(str(column))
-        if found is None:
+        entry = self.layout.columns.get(str(column))
+        if entry is None:
             raise UnknownNameError("column", str(column), self.layout.columns)
-        return self.rows[:, found.where].reshape(len(self.rows), *found.shape)
+        return self.rows[:, entry.where].reshape(len(self.rows), *entry.shape)
 
     def optional(self, column: str) -> FloatArray | None:
         """A column, or None if the layout lacks it."""
         return self.array(column) if column in self.layout.columns else None
 
     def _whole(self, column: str) -> NDArray[np.int8] | None:
-        found = self.optional(column)
-        return None if found is None else found.astype(np.int8)
+        values = self.optional(column)
+        return None if values is None else values.astype(np.int8)
 
     @cached_property
     def time(self) -> FloatArray:
@@ -117,8 +117,8 @@ class Recording:
 
         The negative of `finger_force`, since the object receives what was displayed.
         """
-        found = self.optional("displayed_force")
-        return -self.finger_force if found is None else found
+        values = self.optional("displayed_force")
+        return -self.finger_force if values is None else values
 
     @property
     def law_force(self) -> FloatArray | None:
@@ -131,8 +131,8 @@ class Recording:
 
         Others of the same object may differ from `law_force` too, for one law couples them.
         """
-        found = self.optional("saturated")
-        return None if found is None else np.not_equal(found, 0.0)
+        values = self.optional("saturated")
+        return None if values is None else np.not_equal(values, 0.0)
 
     @property
     def finger_moment(self) -> FloatArray | None:
@@ -187,13 +187,13 @@ class Recording:
 
         Empty unless the scene asks for it (`coupling.passivity`). The names are those of `loop.recording.layout`.
         """
-        found: dict[str, dict[str, FloatArray]] = {}
+        quantities: dict[str, dict[str, FloatArray]] = {}
         for name in self.layout.objects:
             at = f"objects/{name}/energy/"
             books = {column.removeprefix(at): self.array(column) for column in self.layout.columns if at in column}
             if books:
-                found[name] = books
-        return MappingProxyType(found)
+                quantities[name] = books
+        return MappingProxyType(quantities)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
         """Where the frame is in which the scene describes an object's shape: position (N, d) [m] and orientation.

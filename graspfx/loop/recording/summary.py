@@ -145,15 +145,15 @@ def summarise(
 
 
 def _books(ledgers: Sequence[Mapping[str, FloatArray]]) -> dict[str, Any]:
-    found: dict[str, Any] = dict.fromkeys(("leak", "braking", "braked", "ledger_gap"))
+    summary: dict[str, Any] = dict.fromkeys(("leak", "braking", "braked", "ledger_gap"))
     if not ledgers or not len(ledgers[0]["gap"]):
-        return found
-    found["leak"] = np.max([np.maximum(-each["balance"], 0.0).max(axis=0) for each in ledgers], axis=0).tolist()
-    found["ledger_gap"] = max(_gap(each) for each in ledgers)
+        return summary
+    summary["leak"] = np.max([np.maximum(-each["balance"], 0.0).max(axis=0) for each in ledgers], axis=0).tolist()
+    summary["ledger_gap"] = max(_gap(each) for each in ledgers)
     if "damping" in ledgers[0]:
-        found["braking"] = np.max([each["damping"].max(axis=0) for each in ledgers], axis=0).tolist()
-        found["braked"] = np.sum([each["braked"][-1] for each in ledgers], axis=0).tolist()
-    return found
+        summary["braking"] = np.max([each["damping"].max(axis=0) for each in ledgers], axis=0).tolist()
+        summary["braked"] = np.sum([each["braked"][-1] for each in ledgers], axis=0).tolist()
+    return summary
 
 
 def _gap(ledger: Mapping[str, FloatArray]) -> float:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from graspfx.errors import shown
+from graspfx.errors import abbreviate
 from graspfx.objects.surroundings import STIFFNESS
 from graspfx.scene.tables.fields import (
     Count,
@@ -100,13 +100,13 @@ def _friction(value: Any) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= as_float(value) < math.inf:
         return float(value)
     text = "expected 0 or 'stick' or a coefficient of more than 0; given {given}"
-    raise PydanticCustomError("friction", text, {"given": shown(value)})
+    raise PydanticCustomError("friction", text, {"given": abbreviate(value)})
 
 
 def _model(value: Any) -> Any:
     if isinstance(value, str) and value in ("frictionless", "full"):
         text = "expected 'hard' or 'soft': {given} is a contact for analysis (gx.Grasp), no finger of a run"
-        raise PydanticCustomError("model", text, {"given": shown(value)})
+        raise PydanticCustomError("model", text, {"given": abbreviate(value)})
     return value
 
 
@@ -200,7 +200,7 @@ def _writable(value: str) -> str:
     """Text that a recording's file takes."""
     if "\0" in value or any("\ud800" <= letter <= "\udfff" for letter in value):
         text = "expected text without NUL and lone surrogates; given {given}"
-        raise PydanticCustomError("title", text, {"given": shown(value)})
+        raise PydanticCustomError("title", text, {"given": abbreviate(value)})
     return value
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import GraspFXError, InputError, shown
+from graspfx.errors import GraspFXError, InputError, abbreviate
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
@@ -172,9 +172,9 @@ def _tips(recording: Recording) -> FloatArray:
 
 def _radii(recording: Recording) -> list[float]:
     tables = recording.header.scene_table.get("finger", ())
-    found = [float(each.get("radius") or 0.0) for each in tables if isinstance(each, Mapping)]
+    radii = [float(each.get("radius") or 0.0) for each in tables if isinstance(each, Mapping)]
     n = len(recording.layout.fingers)
-    return found if len(found) == n else [0.0] * n
+    return radii if len(radii) == n else [0.0] * n
 
 
 def _lifted(values: FloatArray, d: int) -> FloatArray:
@@ -213,9 +213,9 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
 
 def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
     """Of the frame in which the scene describes a shape, over time; a recording may know it from its centre of mass."""
-    known = getattr(recording, "described_pose", None)
-    if known is not None:
-        position, orientation = known(name)
+    describe = getattr(recording, "described_pose", None)
+    if describe is not None:
+        position, orientation = describe(name)
         return position, orientation
     motion = recording.objects[name]
     return motion.position, motion.orientation
@@ -226,11 +226,11 @@ def _things(
     d: int, extent: float, folder: Path | None, notes: list[str],
 ) -> Iterator[Thing]:  # fmt: skip
     try:
-        made = surface(shape, d, extent, folder).placed(x, q)
+        solid = surface(shape, d, extent, folder).placed(x, q)
     except GraspFXError as error:
-        notes.append(f"{name} is not drawn: {shown(str(error), 300)}")
+        notes.append(f"{name} is not drawn: {abbreviate(str(error), 300)}")
         return
-    yield Thing(name, made, fixed, shape.get("kind") in ENDLESS, path)
+    yield Thing(name, solid, fixed, shape.get("kind") in ENDLESS, path)
 
 
 def _centred(thing: Thing, middle: FloatArray, d: int) -> Thing:

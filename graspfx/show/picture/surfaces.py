@@ -96,16 +96,16 @@ def arrow(tail: FloatArray, tip: FloatArray, radius: float) -> Surface:
     steps = max(2, int((length - head) / (2.0 * radius)))
     z = np.concatenate([[0.0], np.linspace(0.0, length - head, steps), np.linspace(length - head, length, 4)])
     r = np.concatenate([[0.0], np.full(steps, radius), 2.4 * radius * np.linspace(1.0, 0.0, 4)])
-    made = _revolved(r[::-1], z[::-1], 12)
+    solid = _revolved(r[::-1], z[::-1], 12)
     w = along / length
     u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
     u /= np.linalg.norm(u)
-    return Surface(made.vertices @ np.array([u, np.cross(w, u), w]) + tail, made.faces)
+    return Surface(solid.vertices @ np.array([u, np.cross(w, u), w]) + tail, solid.faces)
 
 
-def finer(made: Surface, longest: float) -> Surface:
+def finer(solid: Surface, longest: float) -> Surface:
     """The surface with its triangles halved across their longest sides, until those are short enough."""
-    corners = made.vertices[made.faces]  # (f, 3, 3)
+    corners = solid.vertices[solid.faces]  # (f, 3, 3)
     for _ in range(HALVINGS):
         sides = np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2)
         large = sides.max(axis=1) > longest
@@ -210,10 +210,10 @@ def _mesh(shape: Mapping[str, Any], folder: Path | None) -> Surface:
 
     settings = {"scale": shape.get("scale", 1.0), "shell": bool(shape.get("shell", False))}
     if shape.get("mesh") is None:
-        made = make_mesh(shape["vertices"], shape["faces"], **settings)
+        mesh = make_mesh(shape["vertices"], shape["faces"], **settings)
     else:
-        made = load_mesh((folder or Path()) / str(shape["mesh"]), **settings)
-    return Surface(np.asarray(made.vertices), np.asarray(made.faces))
+        mesh = load_mesh((folder or Path()) / str(shape["mesh"]), **settings)
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
 
 
 # In the plane, and on a line -----------------------------------------------------------------------------------------

@@ -63,18 +63,18 @@ def _reduced(A: FloatArray, B: FloatArray, R: FloatArray) -> FloatArray:
     joined[:, :, 2 * b :] = R[1::2]
     L = np.linalg.cholesky(A[1::2])
     joined = np.linalg.solve(L, joined)
-    before, behind, known = joined[:, :, :b], joined[:, :, b : 2 * b], joined[:, :, 2 * b :]
+    before, behind, constants = joined[:, :, :b], joined[:, :, b : 2 * b], joined[:, :, 2 * b :]
     A, R, x = A[0::2].copy(), R[0::2].copy(), np.empty_like(R)
     A[:odd] -= np.swapaxes(before, 1, 2) @ before
-    R[:odd] -= np.swapaxes(before, 1, 2) @ known
+    R[:odd] -= np.swapaxes(before, 1, 2) @ constants
     if after:
         back = np.swapaxes(behind[:after], 1, 2)
         A[1:] -= back @ behind[:after]
-        R[1:] -= back @ known[:after]
+        R[1:] -= back @ constants[:after]
         x[0::2] = _reduced(A, -back @ before[:after], R)
     else:
         x[0::2] = _reduced(A, B[:0], R)
-    rest = known - before @ x[0:-1:2]
+    rest = constants - before @ x[0:-1:2]
     rest[:after] -= behind[:after] @ x[2::2]
     x[1::2] = np.linalg.solve(np.swapaxes(L, 1, 2), rest)
     return x
