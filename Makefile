@@ -12,7 +12,7 @@ RUN_READY := $(VENV)/.ready-to-run
 WORK_READY := $(VENV)/.ready-to-work
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test lint types contracts clean
+.PHONY: help demo pictures map test lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -27,6 +27,9 @@ pictures: $(RUN_READY) ## draw every scene of the shelf anew, as docs/scenes.md 
 		| xargs -n 1 | while read -r name; do \
 			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \
 				--overwrite --out "docs/pictures/scenes/$$name.png" </dev/null || exit 1; done
+
+map: $(WORK_READY) ## draw the map of rooms from the code
+	$(INTERPRETER) -m tests.support.rooms > docs/development/map.md
 
 test: $(WORK_READY) ## the tests, the documents' examples among them
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'

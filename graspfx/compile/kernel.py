@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, update_wrapper
-from types import FunctionType, UnionType
-from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from types import FunctionType
+from typing import Any, cast, get_args, get_origin
 
+from graspfx.compile.marks import LOWERED, F, inline, optional, parameter_kinds, written
 from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, numbers, parts_of
 
-INLINE = "__inline__"  # mark of a function that is written out where it is called
-LOWERED = "__kernel__"  # attribute of a kernel: the function as it is written
-
-
-F = TypeVar("F", bound=Callable[..., Any])
+__all__ = ["call", "inline", "keep_lowerings", "kernel", "source_function", "written"]
 
 
 def kernel(function: F) -> F:
@@ -30,17 +27,6 @@ def kernel(function: F) -> F:
     update_wrapper(run, original)
     setattr(run, LOWERED, original)
     return cast("F", run)
-
-
-def inline(function: F) -> F:
-    """Mark a function of a few assignments and a return: it is written out where a kernel calls it."""
-    setattr(function, INLINE, True)
-    return function
-
-
-def written(function: F) -> F:
-    """Give a kernel's function as it stands in its file."""
-    return cast("F", getattr(function, LOWERED, function))
 
 
 def source_function(function: Callable[..., Any]) -> FunctionType:
@@ -79,26 +65,6 @@ def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str,
             break  # numbers with defaults come last
         flat += _flat(values[name], kinds[name], blank)
     return _whole(run(*flat), kinds["return"])
-
-
-@cache
-def parameter_kinds(function: FunctionType) -> dict[str, Any]:
-    """Give the kinds of a function's parameters, in order, and that of its `return`; of numbers where none is said."""
-    hints = get_type_hints(function, include_extras=True)
-    code = function.__code__
-    kinds = {name: hints.get(name, float) for name in code.co_varnames[: code.co_argcount]}
-    return {**kinds, "return": hints.get("return", float)}
-
-
-def optional(kind: Any) -> tuple[Any, bool]:
-    """Split `X | None` into X and whether None is allowed."""
-    if get_origin(kind) in (Union, UnionType):
-        rest = [k for k in get_args(kind) if k is not type(None)]
-        if len(rest) == 1 and len(rest) < len(get_args(kind)):
-            return rest[0], True
-    if get_origin(kind) is Annotated:
-        return get_args(kind)[0], False
-    return kind, False
 
 
 def _is_flat(arguments: tuple[Any, ...], kinds: dict[str, Any]) -> bool:

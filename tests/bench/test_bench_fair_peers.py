@@ -10,18 +10,18 @@ import pytest
 
 import graspfx as gx
 from graspfx.analysis.maps.maps import external_limit_map
-from graspfx.bench import batches, ticks
 from graspfx.bench.case import Case
-from graspfx.bench.contact_sets import contact_sets
-from graspfx.bench.eq4_fixed import fixed_case
-from graspfx.bench.eq4_peers import PEERS, closed_form, grasp_matrix
-from graspfx.bench.map_oracle import crossing
+from graspfx.bench.cases import batches, ticks
+from graspfx.bench.cases.contact_sets import contact_sets
+from graspfx.bench.cases.eq4_fixed import fixed_case
 from graspfx.bench.measure import check
+from graspfx.bench.oracles.map_oracle import crossing
 from graspfx.bench.peers.arrays import last_positions, one_dof
+from graspfx.bench.peers.eq4_peers import PEERS, closed_form, grasp_matrix
 from graspfx.bench.peers.limit_peers import by_control, by_eigenvalues
 from graspfx.bench.peers.paper import PaperProgram, Springs, coupling
+from graspfx.bench.peers.projection_peers import ByClarabel
 from graspfx.bench.peers.springs import MuJoCoSprings
-from graspfx.bench.projection_peers import ByClarabel
 from graspfx.bench.threads import NAMES, environment, one_blas_thread
 
 T = 0.005

@@ -11,14 +11,14 @@ from types import SimpleNamespace
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.bench import page as pages
 from graspfx.bench import registry
 from graspfx.bench.calibration import STEPS, calibrate, chain
 from graspfx.bench.case import Case, Method, missing
-from graspfx.bench.figures import figure
 from graspfx.bench.measure import Row
-from graspfx.bench.pareto import by_case, front
-from graspfx.bench.report import SCHEMA, Report
+from graspfx.bench.report import page as pages
+from graspfx.bench.report.figures import figure
+from graspfx.bench.report.pareto import by_case, front
+from graspfx.bench.report.report import SCHEMA, Report
 from graspfx.errors import MissingPackageError, RecordingError
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.bench import ticks
 from graspfx.bench.case import is_installed
+from graspfx.bench.cases import ticks
 from graspfx.bench.peers.paper import PaperProgram, Springs, coupling, grasp_matrix
 from graspfx.bench.peers.springs import MuJoCoSprings
 from graspfx.build.run import run

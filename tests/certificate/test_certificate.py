@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.certificate.certificate import Certificate, certificates, lines
+from graspfx.certificate.certificate import Certificate
+from graspfx.certificate.certificate_lines import lines
+from graspfx.certificate.certificates import certificates
 from tests.support.small_scenes import attached
 
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.certificate.certificate import Certificate, mode_limits
+from graspfx.certificate.certificate import Certificate
 from graspfx.certificate.linearise import linearise
+from graspfx.certificate.mode_limits import mode_limits
 from graspfx.certificate.rest.cone_edge import released, sliding_notes
 from graspfx.errors import InputError
 from tests.support.slid_grasps import askew, slid_grasp, standing

@@ -10,7 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.analysis.series import in_series
 from graspfx.analysis.stability.fullloop import loop_matrix
-from graspfx.certificate.certificate import certificates
+from graspfx.certificate.certificates import certificates
 from graspfx.certificate.linearise import linearise
 
 ANGLES = np.radians([180.0, 50.0, -70.0])

@@ -7,7 +7,7 @@ import pytest
 
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
 from graspfx.grasp.contact import contacts
-from graspfx.grasp.matrix import Grasp
+from graspfx.grasp.grasp import Grasp
 
 POINTS = {1: [[-0.02], [0.02]], 2: [[-0.02, 0.0], [0.02, 0.0]], 3: [[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]}
 NORMALS = {1: [[1.0], [-1.0]], 2: [[1.0, 0.0], [-1.0, 0.0]], 3: [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from graspfx.bench.brute_force import brute_force
+from graspfx.bench.oracles.brute_force import brute_force
 from graspfx.surfaces.closed_form import proxy, shape
 from graspfx.surfaces.triangles.mesh import make_mesh, new_fingers
 from tests.support import exact_surfaces as exact

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.bench.brute_force import brute_force
+from graspfx.bench.oracles.brute_force import brute_force
 from graspfx.surfaces.closed_form.proxy import BOX, closest_to_ball
 from graspfx.surfaces.triangles import ball, walk
 from graspfx.surfaces.triangles.ball import ball_contact

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from graspfx.bench.brute_force import brute_force, winding_number
+from graspfx.bench.oracles.brute_force import brute_force, winding_number
 from graspfx.compile.machine import compiled
 from graspfx.surfaces.closed_form.proxy import BOX, closest
 from graspfx.surfaces.triangles import tree, walk

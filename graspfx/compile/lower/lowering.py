@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import linecache
+from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from types import FunctionType
 from typing import Any
 
-from graspfx.compile.kernel import parameter_kinds, source_function
 from graspfx.compile.lower.store import Lowering, store
+from graspfx.compile.marks import LOWERED, parameter_kinds
 
 
+@cache
 def lowered(function: FunctionType) -> FunctionType:
     """Lower a kernel; its module's other names stay what they are, kernels that it calls are lowered too.
 
@@ -29,7 +31,7 @@ def lowered(function: FunctionType) -> FunctionType:
         text, code, files = stored.text, stored.code, stored.files
         callees = {alias: attrgetter(name)(import_module(module)) for alias, (module, name) in stored.callees.items()}
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    namespace = {**function.__globals__, **{name: source_function(callee) for name, callee in callees.items()}}
+    namespace = {**function.__globals__, **{name: _executed(callee) for name, callee in callees.items()}}
     exec(code, namespace)
     result = namespace[function.__name__]
     assert isinstance(result, FunctionType)
@@ -39,11 +41,17 @@ def lowered(function: FunctionType) -> FunctionType:
     return result
 
 
+def _executed(function: Any) -> Any:
+    """A kernel lowered; any other function as it is."""
+    original = getattr(function, LOWERED, None)
+    return function if original is None else lowered(original)
+
+
 def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:
     """Give a kernel's lowered text, the functions that it calls by other names, and the files that it comes from."""
     import ast
 
-    from graspfx.compile.lower.expressions import Frame  # only for a kernel that is not in the cache
+    from graspfx.compile.lower.scratch import Frame  # only for a kernel that is not in the cache
     from graspfx.compile.lower.statements import Body
     from graspfx.compile.specialise.definitions import definition
 

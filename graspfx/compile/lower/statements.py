@@ -5,16 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Sequence
 
-from graspfx.compile.lower.expressions import (
-    Expressions,
-    Frame,
-    assign,
-    assign_all,
-    kind_of,
-    product_of,
-    store_of,
-    sum_of,
-)
+from graspfx.compile.lower.expressions import Expressions
 from graspfx.compile.lower.kinds import (
     Bundle,
     Constant,
@@ -30,6 +21,8 @@ from graspfx.compile.lower.kinds import (
     offsets,
     variable,
 )
+from graspfx.compile.lower.pieces import assign, assign_all, kind_of, product_of, store_of, sum_of
+from graspfx.compile.lower.scratch import Frame
 from graspfx.compile.records import layout
 from graspfx.compile.specialise.syntax import place
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.tick.tick import FAULTED, TICK, Tick
+from graspfx.loop.tick.memory import FAULTED, TICK
+from graspfx.loop.tick.script import Tick
 
 FloatArray = NDArray[np.float64]
 Run = Callable[[int, int, int], int]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
 from graspfx.bench.case import Case, Method, is_installed, missing
-from graspfx.bench.map_oracle import crossing
+from graspfx.bench.oracles.map_oracle import crossing
 from graspfx.bench.peers.limit_peers import PEERS, Plant
 
 FloatArray = NDArray[np.float64]

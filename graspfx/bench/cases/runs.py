@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.bench import ticks
 from graspfx.bench.case import Case, Method, is_installed, missing
+from graspfx.bench.cases import ticks
 from graspfx.bench.peers.paper import PaperProgram, Springs
 from graspfx.bench.peers.springs import MuJoCoSprings
 from graspfx.scene.model import Scene

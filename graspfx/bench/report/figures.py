@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.bench.measure import Row
-from graspfx.bench.pareto import by_case, front
+from graspfx.bench.report.pareto import by_case, front
 from graspfx.show.plot import GRID, SMALL, SMALLEST
 from graspfx.show.strokes import COLOURS, MARKERS
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.bench.brute_force import perpendicular_feet, winding_number
 from graspfx.bench.case import Case, Method, is_installed, missing
+from graspfx.bench.oracles.brute_force import perpendicular_feet, winding_number
 from graspfx.bench.peers.mesh_peers import ByCoal, ByPyBullet, ByTrimesh, MeshPeer
 from graspfx.compile.machine import compiled
 from graspfx.surfaces.triangles.ball import STATE

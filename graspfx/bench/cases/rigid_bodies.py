@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.bench.case import Case, Method, is_installed, missing
-from graspfx.bench.closed_forms import turned_freely, turned_steadily, viscous_motion
+from graspfx.bench.oracles.closed_forms import turned_freely, turned_steadily, viscous_motion
 from graspfx.bench.peers.rigid import InMuJoCo, InPyBullet, Rigid, RigidPeer
 from graspfx.compile.machine import compiled
 from graspfx.objects import integrators as at

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from graspfx.bench.exact import digits
+from graspfx.bench.oracles.exact import digits
 
 DIGITS = 30
 NEAR = 1e-6  # of the gain: where the secant starts beside it

@@ -17,7 +17,7 @@ from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.build.build import build
 from graspfx.coupling import block as at
 from graspfx.loop.tick.engine import Compiled
-from graspfx.loop.tick.tick import CHUNK
+from graspfx.loop.tick.memory import CHUNK
 from graspfx.scene.model import Scene
 from graspfx.surfaces.triangles import walk
 from graspfx.surfaces.triangles.ball import STATE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from graspfx.compile.records import Floats, Many, Record, floats, many
-from graspfx.objects.state import BodyState, Motion
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Matrix, Vector, Vector4
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.bench.case import Case, Method, each, is_installed, missing
-from graspfx.bench.cone_problems import INTERNAL, Problem, Problems, problems
-from graspfx.bench.projection_peers import SWEEPS, ByClarabel, gauss_seidel
+from graspfx.bench.cases.cone_problems import INTERNAL, Problem, Problems, problems
+from graspfx.bench.peers.projection_peers import SWEEPS, ByClarabel, gauss_seidel
 from graspfx.compile.machine import compiled
 from graspfx.cones.complement import complement, release, settle
 from graspfx.cones.cone import modes_offset

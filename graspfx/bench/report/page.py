@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from graspfx.bench.measure import Row
-from graspfx.bench.pareto import by_case, front
-from graspfx.bench.report import Report, Stamp
-from graspfx.bench.speeds import table as table_of_speeds
+from graspfx.bench.report.pareto import by_case, front
+from graspfx.bench.report.report import Report, Stamp
+from graspfx.bench.report.speeds import table as table_of_speeds
 
 NAME = "benchmarks.md"
 PICTURES = "pictures/bench"

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.bench.case import Case, Method, each, is_installed, missing
-from graspfx.bench.contact_sets import ContactSet, contact_sets
-from graspfx.bench.eq4_fixed import fixed_case
-from graspfx.bench.eq4_methods import EXTERNAL, INTERNAL, WRONG, Pair, force_method, relative_error
-from graspfx.bench.eq4_peers import PEERS, GraspMatrix, Project, closed_form
-from graspfx.bench.exact import split_force
+from graspfx.bench.cases.contact_sets import ContactSet, contact_sets
+from graspfx.bench.cases.eq4_fixed import fixed_case
+from graspfx.bench.cases.eq4_methods import EXTERNAL, INTERNAL, WRONG, Pair, force_method, relative_error
+from graspfx.bench.oracles.exact import split_force
+from graspfx.bench.peers.eq4_peers import PEERS, GraspMatrix, Project, closed_form
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject

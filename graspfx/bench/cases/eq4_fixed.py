@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.bench.case import Case, Method, is_installed, missing
-from graspfx.bench.contact_sets import ContactSet
-from graspfx.bench.eq4_methods import EXTERNAL, INTERNAL, WRONG, force_method
-from graspfx.bench.eq4_peers import grasp_matrix
-from graspfx.bench.exact import split_force
+from graspfx.bench.cases.contact_sets import ContactSet
+from graspfx.bench.cases.eq4_methods import EXTERNAL, INTERNAL, WRONG, force_method
+from graspfx.bench.oracles.exact import split_force
+from graspfx.bench.peers.eq4_peers import grasp_matrix
 
 FloatArray = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.bench.eq4_peers import grasp_matrix
-from graspfx.bench.exact import cone_force
+from graspfx.bench.oracles.exact import cone_force
+from graspfx.bench.peers.eq4_peers import grasp_matrix
 from graspfx.cones.friction import UNRESOLVED, friction_force_square, problem_size
 
 FloatArray = NDArray[np.float64]

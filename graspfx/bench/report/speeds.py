@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from graspfx.bench.measure import TIMED, Row
-from graspfx.bench.report import Report, Stamp
+from graspfx.bench.report.report import Report, Stamp
 from graspfx.errors import InputError
 
 BEGIN, END = "<!-- speeds: written by `graspfx bench --readme README.md` -->", "<!-- end of speeds -->"
