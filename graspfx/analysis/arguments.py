@@ -16,7 +16,7 @@ LONGEST = 1000  # samples of delay: polynomials and matrices grow with them
 
 
 def number(name: str, argument: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
-    """A finite number of zero or more; above zero unless `zero`; of any sign if `negative`."""
+    """Check a finite number of zero or more; above zero unless `zero`; of any sign if `negative`."""
     value = numbers(name, argument, unit, zero=zero, negative=negative)
     if value.ndim:
         raise InputError(name, argument, f"one number [{unit}]", "arrays go to `limit_map`")
@@ -24,7 +24,7 @@ def number(name: str, argument: float, unit: str, *, zero: bool = True, negative
 
 
 def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, negative: bool = False) -> FloatArray:
-    """The same for an array of any shape."""
+    """Check an array of finite numbers, each as `number` would."""
     expected = (
         "finite numbers" if negative else "finite numbers, zero or above" if zero else "finite numbers above zero"
     )
@@ -36,7 +36,7 @@ def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, neg
 
 
 def count(name: str, argument: float, least: int = 0) -> int:
-    """A whole number."""
+    """Check a whole number."""
     value = numbers(name, argument, "1", negative=True)
     if value.ndim or value % 1.0 or value < least or isinstance(argument, bool):
         raise InputError(name, argument, f"a whole number, {least} or more")
@@ -44,14 +44,14 @@ def count(name: str, argument: float, least: int = 0) -> int:
 
 
 def one_of(kind: str, name: str, names: Iterable[str]) -> str:
-    """A known name."""
+    """Check that a name is one of the known ones."""
     if str(name) not in names:
         raise UnknownNameError(kind, str(name), names)
     return name
 
 
 def samples(name: str, argument: float) -> int:
-    """A delay."""
+    """Check a delay, a whole number of samples."""
     lag = count(name, argument)
     if lag > LONGEST:
         raise InputError(name, argument, f"a whole number of samples, {LONGEST} at most", "take a longer period")
@@ -59,7 +59,7 @@ def samples(name: str, argument: float) -> int:
 
 
 def lag_of_object(object_delay: int, integrator: str) -> int:
-    """Samples by which the object's force is late; none where it is solved together with the object's new state."""
+    """Check how many samples late the object's force is; none where it is solved together with the new state."""
     lag = samples("object_delay", object_delay)
     if lag and integrator == "implicit":
         raise InputError("object_delay", lag, "0 with the implicit integrator, whose force acts at once on the object")

@@ -139,14 +139,14 @@ class Linearisation:
         return self.G.shape[1], self.G.shape[0]
 
     def with_changes(self, **changes: Any) -> Linearisation:
-        """The same with some arguments changed."""
+        """Copy the linearisation with some arguments changed."""
         names = self.__dataclass_fields__
         return Linearisation(**({name: getattr(self, name) for name in names} | changes))
 
 
 @runtime_checkable
 class Linearisable(Protocol):
-    """What a scene is to the analysis."""
+    """A scene, as the analysis sees it."""
 
     def linearise(self) -> Linearisation: ...
 

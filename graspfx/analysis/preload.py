@@ -1,4 +1,4 @@
-"""What the forces of a grasp at rest add to its stiffness."""
+"""Stiffness from preload: the part that the forces of a grasp at rest add."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def preloaded(
     free: ArrayLike | None = None,
     reaction: str = "fingertip",
 ) -> Preload:
-    """The geometry of hard fingers that press with forces f_0 when the object begins to move by (u, theta).
+    """Linearise the geometry of hard fingers that press with forces f_0 when the object begins to move by (u, theta).
 
     With K constant in the object's frame, y = p - x_o the fingertip from the object's centre and e = R'(p - x_o) - c,
 
@@ -97,5 +97,5 @@ def preloaded(
 
 
 def cross(a: FloatArray) -> FloatArray:
-    """[a] with [a] b = a x b."""
+    """Write [a] with [a] b = a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

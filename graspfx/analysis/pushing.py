@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 def pushing(
     linear: Linearisation, fingers: ArrayLike, *, released: ArrayLike | None = None
 ) -> Iterator[tuple[tuple[int, ...], Linearisation]]:
-    """Every set of fingers that may touch without the others, and the loop that it closes with the whole object.
+    """List every set of fingers that may touch without the others, and the loop that it closes with the whole object.
 
     Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba of the touching coordinates a, D the
     same. For two fingers on a line that is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26). The released devices,
@@ -44,7 +44,7 @@ def pushing(
 
 
 def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
-    """The loop of the device coordinates `a` (m,), a mask, the others without force; no preload."""
+    """Restrict the loop to the device coordinates `a` (m,), a mask, the others without force; no preload."""
     block = np.ix_(a, a)
     return linear.with_changes(
         mass=linear.mass[a],
@@ -62,6 +62,6 @@ def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisati
 
 
 def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
-    """K_aa - K_ab K_bb^+ K_ba, a the coordinates kept and b those without force."""
+    """Compute K_aa - K_ab K_bb^+ K_ba, a the remaining coordinates and b those without force."""
     a, b = without_freedoms, ~without_freedoms
     return K[np.ix_(a, a)] - K[np.ix_(a, b)] @ np.linalg.pinv(K[np.ix_(b, b)]) @ K[np.ix_(b, a)]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def certify(scene: Scene) -> None:
-    """Prints the certificate, or why there is none."""
+    """Print the certificate, or why there is none."""
     from graspfx.certificate.certificate_lines import lines
     from graspfx.certificate.certificates import certificates
 

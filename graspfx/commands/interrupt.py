@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Asks whether to stop, which Ctrl-C says; a second one ends the process at once.
+    """Make Ctrl-C ask a run to stop; a second one ends the process at once.
 
     An exception that the signal raises can be lost inside a library's callback; a flag cannot.
     """

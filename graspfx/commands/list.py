@@ -15,7 +15,7 @@ GROUPS: tuple[Group, ...] = ("scenes", "devices", "hands", "dynamics")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """It takes none."""
+    """Add no arguments."""
 
 
 def execute(options: Namespace) -> int:
@@ -29,7 +29,7 @@ def execute(options: Namespace) -> int:
 
 
 def line_about(path: Path | None) -> str:
-    """A scene's title, or the first line of a Python file's docstring; empty where there is none to be read."""
+    """Read a scene's title, or the first line of a Python file's docstring; empty where there is none."""
     try:
         text = path.read_text(encoding="utf-8") if path is not None else ""
         if path is not None and path.suffix == ".toml":

@@ -1,4 +1,4 @@
-"""What commands say, where their pictures may go, and the codes with which they end."""
+"""Messages of commands, places for their pictures, and their exit codes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CODES = f"""exit codes:
 
 
 def doubts(scene: Scene) -> list[str]:
-    """What is no fault of a scene and yet may not be meant."""
+    """List warnings about likely mistakes in a scene."""
     from graspfx.certificate.notes import doubts as notes
 
     return notes.doubts(scene)
@@ -38,7 +38,7 @@ def note(notes: Iterable[str]) -> None:
 
 
 def say_faults(recording: Recording) -> int:
-    """Prints a run's faults; the code that goes with them."""
+    """Print a run's faults; return the exit code that goes with them."""
     for fault in recording.faults:
         print(fault, file=sys.stderr)
     return FAULTS if recording.faults else SUCCESS
@@ -91,6 +91,6 @@ def placing(picture: Path, otherwise: str = "") -> Iterator[Path]:
 
 
 def require_place(picture: Path) -> None:
-    """No folder may stand where the picture goes: to be known before the run."""
+    """Refuse a folder where the picture goes, before the run."""
     if picture.is_dir():
         raise RecordingError(f"{picture}: is a folder, where the picture is to go; choose another --out")

@@ -87,7 +87,7 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
 
 
 def _folder_of(header: Header) -> Path | None:
-    """Where the scene's paths start, or where a scene of that name is now; None for what is nowhere."""
+    """Find the folder where the scene's paths start: the recorded one, or a scene of that name; None for neither."""
     from graspfx.plugins import find
 
     folder = Path(header.scene_folder)

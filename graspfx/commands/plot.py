@@ -40,6 +40,6 @@ def execute(options: Namespace) -> int:
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
-    """What tells recordings apart: their folders' names if those differ, else their paths."""
+    """Label recordings: by their folders' names if those differ, else by their paths."""
     folders = [path.resolve().parent.name for path in paths]
     return folders if len(set(folders)) == len(paths) else [str(path) for path in paths]

@@ -56,7 +56,7 @@ def execute(options: Namespace) -> int:
 
 
 def _require_room(folder: Path, options: Namespace) -> None:
-    """Refuses where a file of the run is in the way, before anything is loaded."""
+    """Refuse where a file of the run is in the way, before anything is loaded."""
     if not options.no_figure:
         require_place(folder / PICTURE)
         require_room(options, [folder / PICTURE])
@@ -64,7 +64,7 @@ def _require_room(folder: Path, options: Namespace) -> None:
 
 
 def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool]:
-    """Runs a scene and writes its files into a folder; the exit code, and whether the run came to its end."""
+    """Run a scene and write its files into a folder; return the exit code, and whether the run came to its end."""
     from graspfx.build.run import run
     from graspfx.commands.interrupt import interruptible
     from graspfx.show.remarks import remarks
@@ -91,7 +91,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
 
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:
-    """The scene, and what its author may not have meant."""
+    """Load the scene, and warnings about likely mistakes."""
     from graspfx.build.meshes import mesh_notes
     from graspfx.scene.load import load
 

@@ -10,7 +10,7 @@ EXAMPLE = """  graspfx schema > scene.schema.json"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """It takes none."""
+    """Add no arguments."""
 
 
 def execute(options: Namespace) -> int:

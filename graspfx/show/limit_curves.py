@@ -47,7 +47,7 @@ LEVELS = 9
 
 
 def limits_figure(limits: SweptLimits, path: str | PathLike[str], title: str = "") -> Path:
-    """Curves of the three limits over one key; over two, maps of each, and where k_ep = k_ip."""
+    """Draw curves of the three limits over one key; over two, maps of each, and where k_ep = k_ip."""
     from matplotlib.figure import Figure
 
     target = Path(fspath(path))

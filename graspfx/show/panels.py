@@ -1,4 +1,4 @@
-"""What the figure shows of a run, row by row: positions along each axis, distances, forces, how the object turns."""
+"""Rows of a run's figure: positions along each axis, distances, forces, rotation of the object."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class View:
 
     @property
     def fingers(self) -> list[int]:
-        """By number."""
+        """Numbers of the fingers."""
         return [i for i, thing in enumerate(self.recording.layout.finger_objects) if thing == self.number]
 
     @property
@@ -95,7 +95,7 @@ class Row:
 
 
 def views(recordings: Iterable[Recording]) -> list[View]:
-    """Every object that fingers touch, recording by recording; the first object of a recording without fingers."""
+    """List every object that fingers touch, recording by recording; the first object of a recording without fingers."""
     views_ = []
     for recording in recordings:
         numbers = sorted(set(recording.layout.finger_objects)) or [0]
@@ -104,7 +104,7 @@ def views(recordings: Iterable[Recording]) -> list[View]:
 
 
 def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
-    """The rows of the figure.
+    """List the rows of the figure.
 
     Args:
         columns: what to show side by side.
@@ -130,13 +130,13 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Those along which a view moves by more than a share of its main axis; of views at rest, their first axis."""
+    """Pick the axes along which a view moves by more than a share of its main axis; of views at rest, the first."""
     axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * each.max()) if each.max() > 0.0}
     return sorted(axes) or [0]
 
 
 def _ranges(view: View) -> FloatArray:
-    """Of object and fingers along each axis, (d,) [m]: how far the one goes that goes farthest."""
+    """Measure how far object and fingers go along each axis, (d,) [m]: how far the one goes that goes farthest."""
     p, x = view.finger_position, view.motion.position
     lines = [x, *(p[:, i] for i in range(p.shape[1]))]
     return np.array([max(_range(line[:, a]) for line in lines) for a in range(view.dimensions)])
@@ -150,7 +150,7 @@ def _positions(view: View, a: int, strokes: Mapping[str, Stroke], *, labelled: b
 
 
 def _distances(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    """Of two fingers from each other; of more, from their centre; and of the object from it."""
+    """Plot the distance of two fingers; that of more from their centre; and that of the object from it."""
     p, fingers = view.finger_position, view.fingers
     if not fingers:
         return ()
@@ -175,7 +175,7 @@ def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
-    """How the objects turn from where they begin, about world axes; no row if none does."""
+    """Plot how the objects turn from where they begin, about world axes; no row if none does."""
     turns = [_rotation_vector(view.motion.orientation) for view in columns]
     ranges = [np.array([_range(turn[:, a]) for a in range(3)]) for turn in turns]
     ranges = [np.where(each >= TURN, each, 0.0) for each in ranges]
@@ -192,7 +192,7 @@ def _turns(columns: Sequence[View]) -> list[Row]:
 
 
 def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
-    """u theta of the rotation since the first tick, (N, 3) [degrees]; it goes on beyond half a turn."""
+    """Compute u theta of the rotation since the first tick, (N, 3) [degrees]; it goes on beyond half a turn."""
     if orientation is None:
         return np.zeros((1, 3))
     if orientation.ndim == 1:
@@ -210,7 +210,7 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
 
 
 def _changes(row: Row, label: str) -> Row:
-    """The row, or, if its lines would look straight, what has changed since the first tick."""
+    """Return the row, or, if its lines would look straight, the changes since the first tick."""
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(curve.values) for curve in curves] + ([(0.0, 0.0)] if row.distance else [])
     span = max(high for _, high in ends) - min(low for low, _ in ends)
@@ -224,7 +224,7 @@ def _changes(row: Row, label: str) -> Row:
 
 
 def _starts(panel: Sequence[Curve]) -> str:
-    """What the changes are counted from; of many curves not, since a note of all would hide them."""
+    """Note where changes are counted from, unless there are so many curves that the note would hide them."""
     if len(panel) > MOST_STARTS:
         return "changes since t = 0"
     values = ", ".join(f"{curve.label} {curve.values[0] + 0.0:.1f}" for curve in panel)
@@ -234,7 +234,7 @@ def _starts(panel: Sequence[Curve]) -> str:
 def _of_fingers(
     view: View, values: FloatArray, strokes: Mapping[str, Stroke], *, labelled: bool = False
 ) -> tuple[Curve, ...]:
-    """One curve per finger, of values (N, n)."""
+    """Draw one curve per finger, from values (N, n)."""
     return tuple(_curve(name, values[:, i], strokes[name], labelled=labelled) for i, name in enumerate(view.names))
 
 

@@ -41,7 +41,7 @@ MOST_POINTS = 6000  # per line: more than a picture can show
 
 
 def figure(recordings: Sequence[Recording], path: str | PathLike[str], titles: Sequence[str] | None = None) -> Path:
-    """Draws one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
+    """Draw one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
 
     (a) Along each axis of noticeable motion: the object solid, its fingers dashed.
     (b) For two fingers: the distance between them solid, that between the object and their centre dashed, and dotted
@@ -131,7 +131,7 @@ def _thin_out(row: Row, panels: Sequence[Axes], height: float) -> None:
 
 
 def _sampled_places(values: FloatArray) -> IntArray:
-    """The ticks to draw: all of a short run, of a long one the least and the greatest value in each short while."""
+    """Pick the ticks to draw: all of a short run, of a long one the least and greatest value in each short while."""
     size = 2 * len(values) // MOST_POINTS
     if size < 3:
         return np.arange(len(values))
@@ -151,7 +151,7 @@ def _tidy(axes: Axes) -> None:
 
 
 def _add_legend(row: Row, panels: Sequence[Axes]) -> None:
-    """Names every line that any panel of the row shows, once."""
+    """Name every line that any panel of the row shows, once."""
     from matplotlib.lines import Line2D
 
     labels = {_entry(curve.label) for panel in row.panels for curve in panel if curve.labelled}
@@ -167,18 +167,18 @@ def _add_legend(row: Row, panels: Sequence[Axes]) -> None:
 
 
 def _legend_columns(row: Row) -> int:
-    """As many as it takes for the names to stand beside the row, so that no room opens below it."""
+    """Count the columns that names need to stand beside the row, so that no room opens below it."""
     names = {curve.label for panel in row.panels for curve in panel if curve.labelled}
     return max(1, ceil(len(names) / int(row.height * NAMES_PER_INCH)))
 
 
 def _entry(label: str) -> str:
-    """What matplotlib takes for a name: it leaves out of a legend what begins with an underscore."""
+    """Write a legend's entry: matplotlib leaves out a name that begins with an underscore."""
     return f" {label}" if label.startswith("_") else label
 
 
 def _titles(recordings: Sequence[Recording], titles: Sequence[str] | None, share: float) -> list[str]:
-    """One per column: the recording's, over the first of its objects if there are several, and each object's name."""
+    """Title each column: the recording over the first of its objects if there are several, and each object's name."""
     lines = []
     longest = share * LONGEST_TITLE * (CROWDED if len(recordings) > 1 else 1.0)
     for number, recording in enumerate(recordings):
@@ -193,7 +193,7 @@ def _titles(recordings: Sequence[Recording], titles: Sequence[str] | None, share
 
 
 def _title(recording: Recording, longest: int) -> str:
-    """The scene, its gains, and what else was set for this run."""
+    """Write the scene, its gains, and the other settings of this run."""
     header = recording.header
     name = header.title or Path(header.scene).stem or "run"
     others = [f"{key} = {value}" for key, value in header.overrides.items() if key not in GAINS]
@@ -202,7 +202,7 @@ def _title(recording: Recording, longest: int) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text in which a dollar sign begins no formula."""
+    """Write text in which a dollar sign begins no formula."""
     return text.replace("$", r"\$")
 
 

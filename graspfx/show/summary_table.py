@@ -48,7 +48,7 @@ ROWS: tuple[Row, ...] = (
 
 
 def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> list[Column]:
-    """What each row is, one column per recording, of two the change from the first to the second, and units.
+    """Name the rows, then one column per recording, of two the change from first to second, and units.
 
     Args:
         recordings: one or more.
@@ -74,7 +74,7 @@ def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str]) -> list[
 
 
 def print_summary(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> None:
-    """Prints the summary of one recording, or of several side by side, as wide as the terminal, then its notes."""
+    """Print the summary of one recording, or of several side by side, as wide as the terminal, then its notes."""
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     rules = RULES if encoding.startswith("utf") else ASCII
     width = get_terminal_size().columns

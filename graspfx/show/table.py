@@ -20,7 +20,7 @@ class Column(NamedTuple):
 
 
 def lines(columns: Sequence[Column], width: int, *, rules: str = RULES, bold: bool = False) -> Iterator[str]:
-    """The table line by line.
+    """Yield the table line by line.
 
     Args:
         columns: with as many cells each.
@@ -63,7 +63,7 @@ def _widest(texts: Iterable[str]) -> int:
 
 
 def _folded(text: str, width: int) -> list[str]:
-    """Lines of at most `width`, broken between words, and within a word only where it is longer."""
+    """Fold into lines of at most `width`, broken between words, and within a word only where it is longer."""
     lines = []
     for line in text.split("\n"):
         full = ""
@@ -82,7 +82,7 @@ def _folded(text: str, width: int) -> list[str]:
 
 
 def _size(text: str) -> int:
-    """Columns of a terminal that a text takes: two for a wide letter, none for an accent on the one before it."""
+    """Count the terminal columns of a text: two for a wide letter, none for an accent on the letter before it."""
     if text.isascii():
         return len(text)
     from unicodedata import combining, east_asian_width

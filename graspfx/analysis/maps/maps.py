@@ -30,7 +30,7 @@ def wall_limit_map(
     spring_damping: ArrayLike = 0.0,
     engine: str = "auto",
 ) -> FloatArray:
-    """`wall_limit` for arrays of parameters that broadcast against one another, in their common shape.
+    """Compute `wall_limit` for arrays of parameters that broadcast against one another, in their common shape.
 
     Args:
         engine: as in `external_limit_map`.
@@ -66,7 +66,7 @@ def external_limit_map(
     spring_damping: ArrayLike = 0.0,
     engine: str = "auto",
 ) -> FloatArray:
-    """`external_limit` for arrays of parameters that broadcast against one another, in their common shape.
+    """Compute `external_limit` for arrays of parameters that broadcast against one another, in their common shape.
 
     Args:
         engine: "numpy", or "compiled", which is compiled once on a machine and takes a fraction of the time from then
@@ -120,7 +120,7 @@ def external_limit_blocks(
     coupling_damping: ArrayLike = 0.0,
     spring_damping: ArrayLike = 0.0,
 ) -> Iterator[tuple[int, FloatArray]]:
-    """The limits of `external_limit_map` a block at a time, as (first index, values) in the order of the flat array.
+    """Compute `external_limit_map` a block at a time, as (first index, values) in the order of the flat array.
 
     Whatever the number of points, only one block is held: parameters that broadcast are not spread out.
     """
@@ -152,7 +152,7 @@ def external_stable_map(
     coupling_damping: ArrayLike = 0.0,
     spring_damping: ArrayLike = 0.0,
 ) -> NDArray[np.bool_]:
-    """Whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
+    """Tell whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
     arrays = _external(
         mass, damping, period, object_mass, object_damping, fingers, spring, coupling_damping, spring_damping
     )
@@ -223,7 +223,7 @@ def _common_shape(arrays: list[FloatArray]) -> tuple[int, ...]:
 def _blocks(
     arrays: list[FloatArray], shape: tuple[int, ...], size: int = BLOCK
 ) -> Iterator[tuple[int, list[FloatArray]]]:
-    """Consecutive points of the common shape: the first index, and each parameter there, constants as one number."""
+    """Divide the common shape into consecutive points: the first index, and each parameter, constants as numbers."""
     total = int(np.prod(shape, dtype=np.int64))
     views = [np.broadcast_to(a, shape) if a.size != 1 else a.reshape(()) for a in arrays]
     if 0 < total <= size:

@@ -1,4 +1,4 @@
-"""What a sampled display answers: H(z) from device positions to held forces, as a function of z or as matrices."""
+"""Responses of a sampled display: H(z) from device positions to held forces, as a function of z or as matrices."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ class StateSpace:
         return np.linalg.eigvals(self.A).astype(complex)
 
     def stable(self) -> bool:
-        """Whether all poles lie inside the unit circle."""
+        """Tell whether all poles lie inside the unit circle."""
         return not self.states or bool(np.abs(self.poles()).max() < 1.0)
 
     def response(self, angles: FloatArray) -> ComplexArray:
-        """H(e^{j th}) for angles (k,), (k, n, n)."""
+        """Evaluate H(e^{j th}) for angles (k,), (k, n, n)."""
         z = np.exp(1j * angles)[:, None, None]
         return np.asarray(self.C @ np.linalg.solve(z * np.eye(self.states) - self.A, self.B + 0j) + self.D)
 
     def static(self) -> FloatArray:
-        """H(1), the stiffness that a finger at rest feels, (n, n) [N/m]; for a stable H."""
+        """Evaluate H(1), the stiffness that a finger at rest feels, (n, n) [N/m]; for a stable H."""
         return np.asarray(self.C @ np.linalg.solve(np.eye(self.states) - self.A, self.B) + self.D)
 
 
@@ -68,7 +68,7 @@ class Function:
     channels: int
 
     def response(self, angles: FloatArray) -> ComplexArray:
-        """H(e^{j th}) for angles (k,), (k, n, n)."""
+        """Evaluate H(e^{j th}) for angles (k,), (k, n, n)."""
         n = self.channels
         values = [np.asarray(self.evaluate(cmath.exp(1j * th)), dtype=complex).reshape(n, n) for th in angles.tolist()]
         H = np.array(values)
@@ -81,7 +81,7 @@ Display = StateSpace | Function
 
 
 def display(H: object, period: float) -> Display:
-    """A display from a function of z, (A, B, C, D), an object that has them (python-control, SciPy), or a stiffness.
+    """Make a display from a function of z, (A, B, C, D), an object with these (python-control, SciPy), or a stiffness.
 
     Raises:
         InputError: shapes that do not fit, values that are not finite, a continuous system, another sampling period.
@@ -115,7 +115,7 @@ def display(H: object, period: float) -> Display:
 
 
 def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
-    """A damping or a mass as (n, n), from one number, one per direction, or a symmetric matrix.
+    """Give a damping or a mass as (n, n), from one number, one per direction, or a symmetric matrix.
 
     Raises:
         InputError: another shape, not finite, not symmetric.
@@ -131,7 +131,7 @@ def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
 
 
 def never_passive(system: Display, scale: float) -> bool:
-    """Whether no device damping is enough: H unstable, or its static stiffness H(1) not symmetric or negative.
+    """Tell whether no device damping is enough: H unstable, or its static stiffness H(1) not symmetric or negative.
 
     A skew part of H(1) gives energy to a slow enough circle, and a negative stiffness to a long enough push: both grow
     faster than friction takes, which for slow motion goes to zero. `scale` is the size of H elsewhere [N/m].

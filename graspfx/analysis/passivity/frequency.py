@@ -17,7 +17,7 @@ ROUNDS = 60  # halvings of an interval at most: down to the spacing of floats
 
 
 def required_at(system: Display, angles: FloatArray, T: float) -> NDArray[np.complex128]:
-    """T/2 [Herm H + cot(th/2) j Skew H] with Herm, Skew = (H ± H*)/2, Hermitian (k, n, n) [N s/m].
+    """Compute T/2 [Herm H + cot(th/2) j Skew H] with Herm, Skew = (H ± H*)/2, Hermitian (k, n, n) [N s/m].
 
     The same as T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} (Colgate and Schenkel 1997), written so that
     nothing cancels: (1 - e^{-j th})/(2 (1 - cos th)) = (1 + j cot(th/2))/2.
@@ -29,7 +29,7 @@ def required_at(system: Display, angles: FloatArray, T: float) -> NDArray[np.com
 
 
 def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, float]:
-    """sup over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
+    """Find sup over th in (0, pi] of the largest eigenvalue of `required_at` - B [N s/m], and th.
 
     Intervals are halved as long as their curvature leaves room for a larger value, then the peak is polished; slow
     motion is extrapolated. Accurate to about 1e-9 of the damping where the time constants of H are below 10000 samples
@@ -53,7 +53,7 @@ def worst_on_grid(system: Display, B: FloatArray, T: float) -> tuple[float, floa
 
 
 def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
-    """An angle from which on `required_at` is free of rounding, and its limit for th -> 0, (n, n).
+    """Find an angle from which on `required_at` is free of rounding, and its limit for th -> 0, (n, n).
 
     Close to z = 1 the rounding of H counts 2/th-fold, far from it the extrapolation of its real part, which is even,
     from th, 2 th and 4 th fails: the angle is taken where two extrapolations differ least, on this side of where they
@@ -69,7 +69,7 @@ def at_rest(system: Display, T: float) -> tuple[float, FloatArray]:
 
 
 def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tuple[float, float]:
-    """The largest of a function's values on a grid that is halved where it could still hold a larger one."""
+    """Find a function's largest value on a grid that is halved where it could still hold a larger one."""
     values = value(angles)
     left, right, low, high = angles[:-1], angles[1:], values[:-1], values[1:]
     k = int(values.argmax())
@@ -97,7 +97,7 @@ def refined(value: Callable[[FloatArray], FloatArray], angles: FloatArray) -> tu
 
 
 def polished(value: Callable[[FloatArray], FloatArray], best: float, at: float) -> tuple[float, float]:
-    """A peak found to within a millesimal of its angle, sharpened to rounding."""
+    """Sharpen a peak, known to within a millesimal of its angle, to rounding."""
     from scipy.optimize import minimize_scalar
 
     for width in (1e-2, 1e-4, 1e-6):

@@ -32,7 +32,7 @@ class WorstMotion:
 
 
 def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> WorstMotion:
-    """min over D of E = sum_k D_k'B D_k/T + f_k'D_k, f_k = sum_{j <= k} h_{k-j} x_j, x_k = sum_{i < k} D_i.
+    """Minimise E = sum_k D_k'B D_k/T + f_k'D_k over D, f_k = sum_{j <= k} h_{k-j} x_j, x_k = sum_{i < k} D_i.
 
     D_k = x_{k+1} - x_k; of all motions between two samples the even one loses least to friction, D'B D/T. The smallest
     eigenvalue of that form falls to the damping margin as N grows, about as 1/N^2, and never passes it: a negative one

@@ -17,7 +17,7 @@ Motions = tuple[FloatArray, ...]
 
 
 def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatArray:
-    """A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), the ground's wrench, forces not displayed, wrenches not felt).
+    """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), ground's wrench, forces undisplayed, wrenches unfelt).
 
     Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
     wrench is there under "implicit", whose prediction holds it.
@@ -76,7 +76,7 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
-    """F_g = -(K_g q_1 + B_g w_1) of the motion that it brings about, from the position and speed without it.
+    """Compute F_g = -(K_g q_1 + B_g w_1) of the motion that it brings about, from position and speed without it.
 
     F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, with a as `objects.floor.rest` looks ahead, so that
     every integrator meets the ground as q_0 + T w_1.
@@ -90,13 +90,13 @@ def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, sp
 
 
 def uncoupled(linear: Linearisation) -> Motions:
-    """`held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
+    """Give `held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
     matrices = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
     return *held_devices(linear), *matrices
 
 
 def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
-    """(x, x') after T from (x, x') and from forces on the devices held: (2 m, 2 m), (2 m, m)."""
+    """Map (x, x') and forces held on the devices to (x, x') after T: (2 m, 2 m), (2 m, m)."""
     from scipy.linalg import expm
 
     m, T = len(linear.mass), linear.period
@@ -116,7 +116,7 @@ def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
 def object_matrices(
     integrator: str, inertia: FloatArray, viscosity: FloatArray, T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
+    """Compute (p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
 
     Under "implicit" q and s are also what the force is solved with.
     """
@@ -143,7 +143,7 @@ def object_matrices(
 
 
 def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
-    """Largest |z| of the eigenvalues of `loop_matrix`; free motions of everything are left out unless `drift`."""
+    """Find the largest |z| of the eigenvalues of `loop_matrix`, without free motions of everything unless `drift`."""
     A = loop_matrix(linear)
     if not drift:
         A = without_drift(linear, A)
@@ -151,13 +151,13 @@ def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
 
 
 def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
-    """A on the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
+    """Restrict A to the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
     basis = drift_free(linear, len(A))
     return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
 
 
 def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
-    """An orthonormal basis of the states without the motions that change no force; None where all of them count."""
+    """Find an orthonormal basis of the states without motions that change no force; None where all of them count."""
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness

@@ -47,7 +47,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class _Device:
-    """What all devices are, once each is measured in its own mass."""
+    """A device in units of its own mass: all devices alike."""
 
     mass: float
     friction: float
@@ -55,7 +55,7 @@ class _Device:
 
 
 def modes(linear: Linearisation) -> list[Mode]:
-    """Internal modes, then external ones, of identical devices at zero preload.
+    """List internal modes, then external ones, of identical devices at zero preload.
 
     m - r internal copies of "device + wall k_ip"; r external modes "device + object" with M_i the eigenvalues of
     (G G')^-1/2 M_o (G G')^-1/2 and b_i, k_i likewise, one coupled block if those matrices do not commute. Devices with
@@ -181,7 +181,7 @@ def _external(linear: Linearisation, device: _Device, U: FloatArray, parts: Sequ
 
 
 def together(matrices: Sequence[FloatArray]) -> FloatArray | None:
-    """Orthonormal columns that diagonalise all of the matrices, or None where there are none."""
+    """Find orthonormal columns that diagonalise all of the matrices; None where there are none."""
     sizes = [max(float(np.abs(A).max(initial=0.0)), 1e-300) for A in matrices]
     if any(np.abs(A - A.T).max(initial=0.0) > SAME * size for A, size in zip(matrices, sizes, strict=True)):
         return None

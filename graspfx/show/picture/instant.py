@@ -1,4 +1,4 @@
-"""What is where at one instant of a recording: surfaces in the world, fingertips, contact points and forces."""
+"""Geometry at one instant of a recording: surfaces in the world, fingertips, contact points and forces."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Instant:
 
 
 def instant(recording: Recording, time: float | None = None, folder: Path | None = None) -> Instant:
-    """What a recording holds at a time.
+    """Read a recording at a time.
 
     Args:
         recording: with at least one tick.
@@ -178,7 +178,7 @@ def _radii(recording: Recording) -> list[float]:
 
 
 def _lifted(values: FloatArray, d: int) -> FloatArray:
-    """Vectors on a line as vectors in the plane."""
+    """Lift vectors on a line into the plane."""
     missing = d - values.shape[-1]
     return np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1) if missing else values
 
@@ -212,7 +212,7 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
 
 
 def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
-    """Of the frame in which the scene describes a shape, over time; a recording may know it from its centre of mass."""
+    """Give the pose of the frame in which the scene describes a shape, over time, from its centre if that is known."""
     describe = getattr(recording, "described_pose", None)
     if describe is not None:
         position, orientation = describe(name)
@@ -234,7 +234,7 @@ def _things(
 
 
 def _centred(thing: Thing, middle: FloatArray, d: int) -> Thing:
-    """A piece of an endless surface, moved along it to where it is nearest to the middle."""
+    """Slide a piece of an endless surface to where it is nearest to the middle."""
     v = thing.surface.vertices
     if d == 3:
         along = np.array([v[1] - v[0], v[3] - v[0]])

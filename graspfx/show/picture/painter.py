@@ -51,7 +51,7 @@ class Camera:
         )
 
     def project(self, points: ArrayLike) -> FloatArray:
-        """Points (..., 3) as right, up and nearness (..., 3) [m]."""
+        """Project points (..., 3) to right, up and nearness (..., 3) [m]."""
         return np.asarray(np.asarray(points, dtype=float) @ self.axes.T)
 
 
@@ -74,7 +74,7 @@ class Painter:
     _hiding: list[FloatArray] = field(default_factory=list)
 
     def add(self, solid: Surface, colour: str, *, outline: str = "", both_sides: bool = False) -> None:
-        """A surface of this colour; with an outline, its creases and its rim against what is behind.
+        """Add a surface of this colour; with an outline, its creases and its rim against what is behind.
 
         Args:
             both_sides: it is open, and seen from behind too.
@@ -94,11 +94,11 @@ class Painter:
             self.segments(_edges(solid, self.camera), outline, OUTLINE)
 
     def line(self, points: FloatArray, colour: str, width: float) -> None:
-        """A line through points (k, 3), hidden where something is before it."""
+        """Add a line through points (k, 3), hidden where something is before it."""
         self.segments(np.stack([points[:-1], points[1:]], axis=1), colour, width)
 
     def segments(self, ends: FloatArray, colour: str, width: float) -> None:
-        """Straight pieces (k, 2, 3), each hidden where something is before it."""
+        """Add straight pieces (k, 2, 3), each hidden where something is before it."""
         from matplotlib.colors import to_rgba
 
         if not len(ends):
@@ -114,7 +114,7 @@ class Painter:
         self._put(corners, np.zeros((len(corners), 4)), edges, width, NEARER * self.extent)
 
     def hidden(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Which of points (n, 3) are behind a surface that was added so far."""
+        """Tell which of points (n, 3) are behind a surface that was added so far."""
         projected = self.camera.project(points)
         mask = np.zeros(len(projected), dtype=bool)
         if not self._hiding:
@@ -135,7 +135,7 @@ class Painter:
         return np.array([flat.min(axis=0), flat.max(axis=0)])
 
     def draw(self, axes: Axes) -> None:
-        """Everything, from far to near."""
+        """Draw everything, from far to near."""
         from matplotlib.collections import PolyCollection
 
         order = np.argsort(np.concatenate(self._depths), kind="stable")
@@ -164,7 +164,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _shaded(normals: FloatArray, colour: str) -> FloatArray:
-    """Blinn and Phong's: ambient, diffuse and gloss, for normals as seen (f, 3)."""
+    """Shade by Blinn and Phong: ambient, diffuse and gloss, for normals as seen (f, 3)."""
     from matplotlib.colors import to_rgb
 
     light = np.array(LIGHT) / np.linalg.norm(LIGHT)
@@ -177,7 +177,7 @@ def _shaded(normals: FloatArray, colour: str) -> FloatArray:
 
 
 def _edges(solid: Surface, camera: Camera) -> FloatArray:
-    """Edges (k, 2, 3) at creases that are seen, at the rim, and where a surface ends."""
+    """List edges (k, 2, 3) at creases that are seen, at the rim, and where a surface ends."""
     extent = float(np.ptp(solid.vertices, axis=0).max())
     _, label = np.unique(np.round(solid.vertices / (1e-7 * extent)), axis=0, return_inverse=True)
     f = label.reshape(-1)[solid.faces]

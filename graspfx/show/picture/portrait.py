@@ -53,7 +53,7 @@ def picture(
     view: tuple[float, float] | None = None,
     folder: Path | None = None,
 ) -> tuple[str, ...]:
-    """Draws one instant of a recording, in space or in the plane, to scale.
+    """Draw one instant of a recording, in space or in the plane, to scale.
 
     Forces are those of the fingers on the object; an arrow ends at its fingertip. What a finger behind an object does
     is drawn dashed.
@@ -132,7 +132,7 @@ def _in_space(axes: Axes, now: Instant, scale: float, view: tuple[float, float] 
 
 
 def _best_view(now: Instant) -> tuple[float, float]:
-    """From where most contacts are on the near side and apart from one another; the usual corner if none is better."""
+    """Find a view with most contacts on the near side and apart from each other; the usual corner if none is better."""
     out = _outward(now) - now.contacts
     lengths = np.linalg.norm(out, axis=1)
     out = out[lengths > 0.0] / lengths[lengths > 0.0, None]
@@ -156,7 +156,7 @@ def _best_view(now: Instant) -> tuple[float, float]:
 
 
 def _outward(now: Instant) -> FloatArray:
-    """A point a little outside of each contact: against its force, or away from the middle."""
+    """Place a point a little outside of each contact: against its force, or away from the middle."""
     away = -now.forces
     idle = ~now.touching | (np.linalg.norm(away, axis=1) == 0.0)
     away[idle] = (now.contacts - now.middle)[idle]
@@ -165,7 +165,7 @@ def _outward(now: Instant) -> FloatArray:
 
 
 def _triad(axes: Axes, camera: Camera) -> None:
-    """The world's axes, in the lower left corner."""
+    """Draw the world's axes in the lower left corner."""
     from matplotlib.offsetbox import AnchoredOffsetbox, DrawingArea
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.text import Text
@@ -251,7 +251,7 @@ def _radius(now: Instant, i: int) -> float:
 
 
 def _arrow_ends(now: Instant, i: int, scale: float) -> tuple[FloatArray, FloatArray] | None:
-    """Tail and tip of a force's arrow; None for one too short to be seen.
+    """Give tail and tip of a force's arrow; None for one too short to be seen.
 
     It ends at the near side of a ball, and of a point at the contact, so that it stands outside the object.
     """
@@ -264,7 +264,7 @@ def _arrow_ends(now: Instant, i: int, scale: float) -> tuple[FloatArray, FloatAr
 
 
 def _tails(now: Instant, scale: float) -> FloatArray:
-    """Where names go: (n, d), the tails of arrows, else the fingertips."""
+    """Give where names go: (n, d), the tails of arrows, else the fingertips."""
     ends = [_arrow_ends(now, i, scale) for i in range(len(now.tips))]
     tails = [now.tips[i] if each is None else each[0] for i, each in enumerate(ends)]
     return np.array(tails).reshape(-1, now.dimensions)
@@ -276,7 +276,7 @@ def _thinned(path: FloatArray) -> FloatArray:
 
 
 def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray) -> None:
-    """Equal axes about what is drawn, with room for names."""
+    """Fit equal axes about the drawing, with room for names."""
     size = float(np.max(high - low))
     room = 0.07 * size
     widest = max((len(text) for text in _texts(now)), default=0) * LETTER * TEXT / (72.0 * WIDTH)
@@ -287,13 +287,13 @@ def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray) -> None:
 
 
 def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]) -> None:
-    """Contact points of the fingers that touch; a ball shows itself where it touches."""
+    """Draw contact points of the fingers that touch; a ball shows itself where it touches."""
     dots = visible & now.touching & (now.radii == 0.0)
     axes.scatter(flat[dots, 0], flat[dots, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 
 
 def _label(axes: Axes, now: Instant, tails: FloatArray, away: FloatArray, tips: FloatArray) -> None:
-    """Names beside the tails of the arrows, on the side away from the object, clear of arrows and of one another."""
+    """Write names beside the tails of the arrows, away from the object, clear of arrows and of each other."""
     from matplotlib.patheffects import withStroke
 
     size = float(np.ptp(axes.get_xlim()))
@@ -314,14 +314,14 @@ def _label(axes: Axes, now: Instant, tails: FloatArray, away: FloatArray, tips: 
 
 
 def _texts(now: Instant) -> list[str]:
-    """What the fingers are called: their names, or of many their numbers."""
+    """Name the fingers: by their names, or, where there are many, by their numbers."""
     return list(map(str, range(len(now.names)))) if len(now.names) > MOST_NAMES else list(now.names)
 
 
 def _free_place(
     mark: FloatArray, first: float, box: FloatArray, occupied: Sequence[FloatArray], busy: FloatArray
 ) -> FloatArray:
-    """Around a mark, from a direction on, the first place where a box meets none that is taken and no busy point."""
+    """Search around a mark, from a direction on, for a place where a box meets no occupied one and no busy point."""
     places = []
     for ring in RINGS:
         for turn in TURNS:
@@ -335,7 +335,7 @@ def _free_place(
 
 
 def _frame(figure: Figure, axes: Axes, now: Instant, scale: float, longest: float) -> None:
-    """Title, scales, and the figure's size."""
+    """Add title, scales, and the figure's size."""
     width, height = (float(np.ptp(each)) for each in (axes.get_xlim(), axes.get_ylim()))
     figure.set_size_inches(WIDTH, 0.75 + min(max(WIDTH * height / width, 1.2), 1.4 * WIDTH))
     title = fill(now.title.replace("$", r"\$"), 60)
@@ -349,7 +349,7 @@ def _frame(figure: Figure, axes: Axes, now: Instant, scale: float, longest: floa
 
 
 def _bar(axes: Axes, right: float, length: float, text: str, style: str) -> None:
-    """A scale under the picture, from its right end; lengths are shares of the picture's width."""
+    """Draw a scale under the picture, from its right end; lengths are shares of the picture's width."""
     axes.annotate(
         "", (right, BELOW), (right - length, BELOW), xycoords="axes fraction", textcoords="axes fraction",
         arrowprops={"arrowstyle": style, "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},
@@ -362,7 +362,7 @@ def _bar(axes: Axes, right: float, length: float, text: str, style: str) -> None
 
 
 def _nice(value: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above."""
+    """Find the largest of 1, 2 and 5 times a power of ten that is not above."""
     power = 10.0 ** floor(log10(value))
     share = value / power
     return (5.0 if share >= 5.0 else 2.0 if share >= 2.0 else 1.0) * power
