@@ -32,7 +32,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
+    """Run one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = parse(words)
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parse(words: Sequence[str]) -> Namespace:
-    """The arguments of a command.
+    """Parse the arguments of a command.
 
     Raises:
         UnknownNameError: no command or option has that name.
@@ -68,7 +68,7 @@ def parse(words: Sequence[str]) -> Namespace:
 
 
 def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
-    """Every command, and the arguments of those that are named in `given`: the others' modules are not loaded."""
+    """Build the parser of every command, with the arguments of those named in `words`: other modules are not loaded."""
     top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.", epilog=CODES)
     top.formatter_class = RawDescriptionHelpFormatter
     top.add_argument("--version", action="version", version=f"graspfx {__version__}")
@@ -94,7 +94,7 @@ def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoRet
 
 
 def program() -> int:
-    """`main`, for a process that ends with it."""
+    """Run `main` for a process that ends with it."""
     code = main()
     gc.freeze()  # at its end Python would look through all there is for cycles, twice: a tenth of a short run
     return code
@@ -102,7 +102,7 @@ def program() -> int:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """A warning is one line, said once."""
+    """Print a warning as one line, once."""
     texts: set[str] = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:

@@ -1,4 +1,4 @@
-"""What surrounds a process: paths, its processors, and whether its user trusts scene files.
+"""Environment of a process: paths, its processors, and whether its user trusts scene files.
 
 Paths are of the right type, and where the operating system has errors of its own, ours stand in their place. Scene
 files may name files outside of their folder if the user says so; a file never says it.

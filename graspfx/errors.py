@@ -1,4 +1,4 @@
-"""What goes wrong and what to do about it: one base class, and errors that make their own message."""
+"""Errors: one base class, and errors that make their own message, which says what to do."""
 
 from __future__ import annotations
 
@@ -87,13 +87,13 @@ class SceneError(GraspFXError, ValueError):
 
 
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
-    """The known name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only."""
+    """Find the name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only."""
     matches = get_close_matches(name, list(names), n=1, cutoff=likeness)
     return matches[0] if matches else None
 
 
 def abbreviate(value: object, limit: int = 60) -> str:
-    """A value as it stands in an error message: arrays by their shape, anything long cut short."""
+    """Abbreviate a value for an error message: arrays by their shape, anything long cut short."""
     shape = getattr(value, "shape", None)
     if shape:
         return f"an array of shape {tuple(shape)}"

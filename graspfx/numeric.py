@@ -14,7 +14,7 @@ SMALLEST = 1e-60  # of what must be above zero; its inverse is still a number
 
 
 def real(name: str, argument: object, expected: str = "", do: str = "") -> FloatArray:
-    """A float array, copied, of real numbers of any shape, NaN and infinity among them.
+    """Copy real numbers of any shape, NaN and infinity among them, as a float array.
 
     Args:
         name: the argument, as its caller wrote it.
@@ -33,7 +33,7 @@ def real(name: str, argument: object, expected: str = "", do: str = "") -> Float
 
 
 def finite(name: str, argument: object, expected: str = "", do: str = "", *, largest: float = LARGEST) -> FloatArray:
-    """The same for numbers that are finite and within +-largest, which is infinite for directions of any length.
+    """Copy finite numbers within +-largest, which is infinite for directions of any length, as a float array.
 
     Raises:
         InputError: as `real`, and what is not finite or too large.
@@ -48,7 +48,7 @@ def finite(name: str, argument: object, expected: str = "", do: str = "", *, lar
 
 
 def number(name: str, argument: object, expected: str, do: str = "", *, zero: bool = True) -> float:
-    """One number of zero or more; of SMALLEST or more unless `zero`.
+    """Check one number of zero or more; of SMALLEST or more unless `zero`.
 
     Raises:
         InputError: as `finite`, and a negative number, zero where that is refused, or more than one.

@@ -1,4 +1,4 @@
-"""What a contact can transmit: frictionless, hard, soft, full or a selection, as components with a direction each."""
+"""Components of a contact: frictionless, hard, soft, full or a selection, with a direction each."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def contacts(
     model: Model | Sequence[Model] = "hard",
     frames: ArrayLike | None = None,
 ) -> Contacts:
-    """Checks a description of contacts and writes out its components.
+    """Check a description of contacts and write out its components.
 
     Args:
         points: (n, d) [m], d = 1, 2 or 3.
@@ -161,13 +161,13 @@ def _selection(selection: Model, d: int, name: str) -> FloatArray:
 
 
 def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Directions and axes as `_components`, of a selection from the contact's axes in rows."""
+    """Give directions and axes like `_components`, for a selection from the contact's axes in rows."""
     forces = np.abs(S[:, :d]).max(axis=1) > 0.0
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
 
 def unit_normals(normals: ArrayLike, shape: tuple[int, int]) -> FloatArray:
-    """Normals of any length but zero, scaled to length one."""
+    """Scale normals of any length but zero to length one."""
     vectors = finite("normals", normals, largest=np.inf)
     if vectors.shape != shape:
         raise InputError("normals", vectors, f"an array of shape {shape}, one normal for each point")
@@ -200,7 +200,7 @@ def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, int]) ->
 
 
 def _components(name: str, d: int, own: FloatArray, normal: FloatArray | None, i: int) -> tuple[FloatArray, FloatArray]:
-    """Directions of a contact's forces (k, d) and axes of its moments (l, 0 | 1 | 3)."""
+    """List directions of a contact's forces (k, d) and axes of its moments (l, 0 | 1 | 3)."""
     along = name == "frictionless" or (name == "soft" and d == 3)
     if along and normal is None:
         raise InputError(

@@ -106,15 +106,15 @@ class Coupling:
         return Coupling(external, internal, self.form)
 
     def stiffness(self, split: Split) -> FloatArray:
-        """K of f = K e + D e', (m, m) [N/m], read-only; kept until another split is asked for."""
+        """Compute K of f = K e + D e', (m, m) [N/m], read-only; cached until another split is asked for."""
         return self._matrix("stiffness", split)
 
     def damping(self, split: Split) -> FloatArray:
-        """D of f = K e + D e', (m, m) [N s/m], read-only; kept until another split is asked for."""
+        """Compute D of f = K e + D e', (m, m) [N s/m], read-only; cached until another split is asked for."""
         return self._matrix("damping", split)
 
     def force(self, split: Split, e: ArrayLike, de: ArrayLike | None = None) -> FloatArray:
-        """Contact forces on the object (m,) [N], by one projection of one vector where the gains are numbers.
+        """Compute contact forces on the object (m,) [N], by one projection of one vector where the gains are numbers.
 
         Args:
             split: of the contacts.
@@ -135,7 +135,7 @@ class Coupling:
         return f if difference is None else f + split.project(difference)
 
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """How a pair of gains makes a matrix: one alone where both are equal, else by the form; numbers by either."""
+        """Say how a pair of gains makes a matrix: one alone where both are equal, else by the form."""
         outer, inner = self._pair(pair)
         if _equal(outer, inner):
             return "equal"
@@ -145,7 +145,7 @@ class Coupling:
         return getattr(self.external, pair), getattr(self.internal, pair)
 
     def _part(self, pair: Pair, split: Split, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """b and a of the force b + P a of one pair of gains; a is None where P is not needed."""
+        """Compute b and a of the force b + P a of one pair of gains; a is None where P is not needed."""
         outer, inner = self._pair(pair)
         if isinstance(outer, float) and isinstance(inner, float):
             y = split.weigh(x)
@@ -206,7 +206,7 @@ class Coupling:
 
 
 def spread(gain: Gain, split: Split) -> FloatArray:
-    """A gain as a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix itself.
+    """Write a gain as a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix.
 
     Raises:
         InputError: a gain that does not fit the contacts.
@@ -242,7 +242,7 @@ def spread(gain: Gain, split: Split) -> FloatArray:
 
 
 def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
-    """A gain of point contacts as (n, d, d), a matrix for each finger, or as the full matrix (m, m) that it is.
+    """Write a gain of point contacts as (n, d, d), a matrix for each finger, or as the full matrix (m, m) that it is.
 
     Raises:
         InputError: a gain that does not fit the contacts.
@@ -261,12 +261,12 @@ def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
 
 
 def skew_part(K: FloatArray) -> float:
-    """|(K - K')/2|, the largest singular value [N/m]."""
+    """Compute |(K - K')/2|, the largest singular value [N/m]."""
     return float(np.linalg.norm((K - K.T) / 2, 2))
 
 
 def loop_energy(K: FloatArray, radius: float) -> float:
-    """2 pi r^2 |(K - K')/2|, the most that f = K e can do on a circle of displacements e of radius r [J]."""
+    """Compute 2 pi r^2 |(K - K')/2|, the most that f = K e can do on a circle of displacements e of radius r [J]."""
     return 2.0 * math.pi * radius**2 * skew_part(K)
 
 
@@ -278,7 +278,7 @@ def _fits_each_finger(gain: FloatArray, finger: NDArray[np.int64], n: int, torsi
 
 
 def _turned(gain: Gain, R: FloatArray) -> Gain:
-    """R K R' of each finger's matrix; of a full one as far as it has one R for all."""
+    """Rotate each finger's matrix, R K R'; a full one as far as it has one R for all."""
     K, d = np.asarray(gain), R.shape[-1]
     if K.ndim < 2:
         return gain
@@ -291,7 +291,7 @@ def _turned(gain: Gain, R: FloatArray) -> Gain:
 
 
 def _even(K: FloatArray) -> FloatArray:
-    """A turned matrix without the skew part that rounding leaves."""
+    """Remove the skew part that rounding leaves in a rotated matrix."""
     return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
 
 
@@ -320,7 +320,7 @@ def _gain(name: str, argument: ArrayLike) -> Gain:
 
 
 def _equal(outer: Gain, inner: Gain) -> bool:
-    """The same gain, also when one is written for every finger and the other for each."""
+    """Tell whether two gains are equal, also when one is written for every finger and the other for each."""
     a, b = np.asarray(outer), np.asarray(inner)
     if a.ndim == b.ndim:
         return np.array_equal(a, b)

@@ -101,7 +101,7 @@ class PointCoupling:
 
     @property
     def rank(self) -> int:
-        """Of the grasp matrix of the contacts that the last `compute()` was about; 0 before."""
+        """Rank of the grasp matrix of the contacts of the last `compute()`; 0 before."""
         return int(self._block[direct.RANK])
 
 

@@ -117,13 +117,13 @@ class _Bench:
             self.plant.advance(self.effort, hand or self.hand(), self.period)
 
     def hold(self, forces: FloatArray) -> FloatArray:
-        """What the actuators hold once these forces have come through the delay."""
+        """Compute what the actuators hold once these forces have come through the delay."""
         for _ in range((self.features.delay or 0) + 1):
             self.device.write(forces)
         return self.effort
 
     def push(self, size: float, finger: int | None = None) -> FloatArray:
-        """Forces of this size along the first axis, on one finger or on all."""
+        """Give forces of this size along the first axis, on one finger or on all."""
         f = np.zeros(self.shape)
         f[slice(None) if finger is None else finger, 0] = size
         return f

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Account:
-    """What was gained over time and what there was for it, (N,) [J].
+    """An energy account over time: the gain and what there was for it, (N,) [J].
 
     Attributes:
         gained: so far.
@@ -35,7 +35,7 @@ class Account:
 
 
 def accounts(scene: Scene, recording: Recording, bodies: Sequence[FloatArray]) -> tuple[Account, Account]:
-    """The coupling's account, A against S_0 + W + H, and the objects', E against E_0 + A + U + J, of `check_scene`.
+    """Keep the coupling's account, A against S_0 + W + H, and the objects', E against E_0 + A + U + J.
 
     Args:
         bodies: the objects' blocks (`graspfx.objects.integrators`), for their masses and moments of inertia.
@@ -75,7 +75,7 @@ def _summed(steps: FloatArray) -> FloatArray:
 
 
 def _stiffest(scene: Scene) -> float:
-    """The largest gain in any direction [N/m]."""
+    """Find the largest gain in any direction [N/m]."""
     largest = 0.0
     for gains in (scene.coupling.external.stiffness, scene.coupling.internal.stiffness):
         values = np.asarray(gains, dtype=float)
@@ -84,7 +84,7 @@ def _stiffest(scene: Scene) -> float:
 
 
 def _turns(orientation: FloatArray) -> FloatArray:
-    """Rotations from tick to tick, (N - 1, 1 | 3) [rad], in world axes: exact about an axis that stays."""
+    """Compute rotations from tick to tick, (N - 1, 1 | 3) [rad], in world axes: exact about an axis that stays."""
     if orientation.ndim == 1:
         return np.diff(orientation)[:, None]
     a, b = orientation[:-1], orientation[1:]
@@ -96,7 +96,7 @@ def _turns(orientation: FloatArray) -> FloatArray:
 
 
 def _turning(motion: ObjectMotion, block: FloatArray) -> FloatArray:
-    """1/2 w'R I R'w, (N,) [J]."""
+    """Compute 1/2 w'R I R'w, (N,) [J]."""
     w, q = motion.angular_velocity, motion.orientation
     moments = block[body.INERTIA : body.INERTIA + 3]
     if w is None or q is None:

@@ -1,4 +1,4 @@
-"""What every scene promises: it runs without a fault, repeats to the bit, and makes no energy of its own."""
+"""Promises of every scene: it runs without a fault, repeats to the bit, and makes no energy of its own."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def _check_recording(scene: Scene, recording: Recording) -> None:
 
 
 def _check_wrench(scene: Scene, recording: Recording) -> None:
-    """f_v = G f (eq. 2), with moments about each object's centre from where the reaction acts."""
+    """Check f_v = G f (eq. 2), with moments about each object's centre from where the reaction acts."""
     at_contact = scene.coupling.reaction == "contact"
     with _promise(
         "the wrench on an object is the sum of its fingers' forces and of their moments about its centre"
@@ -162,7 +162,7 @@ def _check_wrench(scene: Scene, recording: Recording) -> None:
 
 
 def _ahead_of_sample(scene: Scene, number: int, motion: ObjectMotion) -> FloatArray:
-    """How far from the recorded centre moments may refer, (N,) [m]: implicit, to where it would move freely, v T."""
+    """Bound how far from the recorded centre moments may refer, (N,) [m]: implicit, to the free motion, v T."""
     table = scene.object[number]
     if table.dynamics != "native" or table.integrator != "implicit":
         return np.zeros(len(motion.position))
@@ -204,7 +204,7 @@ class _Listener:
 
 
 def _check_together(scene: Scene, recording: Recording) -> None:
-    """Two servos at once, tick by tick in turns, the devices of both overheard."""
+    """Run two servos at once, tick by tick in turns, and listen to the devices of both."""
     from graspfx.build.build import build
     from graspfx.loop.parts import Station
     from graspfx.loop.recording.header import Header
@@ -281,7 +281,7 @@ def _check_number(
 
 
 def _worst(values: FloatArray, off: FloatArray) -> str:
-    """What was found; of many numbers, the one that is farthest off and its place."""
+    """Say the finding; of many numbers, the one that is farthest off and its place."""
     if values.size <= MOST_NUMBERS or values.shape != off.shape:
         return f"{values.tolist()}"
     place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)

@@ -1,4 +1,4 @@
-"""What a kernel is lowered with: statements on their way out, temporary variables, entries of records, errors."""
+"""Scratch space of a lowering: statements, temporary variables, entries of records, errors."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Scratch:
         self.buffers: list[str] = []  # of the kernel's parameters
 
     def entry(self, owner: Place, field: Field) -> Lowered:
-        """What stands in a field of a record."""
+        """Read a field of a record."""
         at = self.at(owner, field)
         kind = field.kind
         if field.reference:
@@ -80,7 +80,7 @@ class Scratch:
         return ast.BinOp(owner.offset, ast.Add(), self.size(owner, field.offset))
 
     def size(self, owner: Place, text: str) -> ast.expr:
-        """A size as an expression of the record's entries."""
+        """Express a size by the record's entries."""
 
         class Loads(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -101,7 +101,7 @@ class Scratch:
         return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """The name under which a function is called: its own in the module, or one that stands for another module's."""
+        """Name a function that is called: its own name in the module, or one that stands for another module's."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)
@@ -117,7 +117,7 @@ class Scratch:
         return f"t{self.temporaries}"
 
     def atom(self, node: ast.expr) -> ast.expr:
-        """A number in a variable, unless it is one or a constant already."""
+        """Put a number in a variable, unless it is one or a constant already."""
         if isinstance(node, ast.Name | ast.Constant):
             return node
         name = self.temporary()
@@ -125,7 +125,7 @@ class Scratch:
         return load(name)
 
     def atoms(self, value: Lowered, name: str = "") -> Lowered:
-        """All numbers of a value in variables."""
+        """Put all numbers of a value in variables."""
         if isinstance(value, Constant):
             return value
         numbers = offsets(value)

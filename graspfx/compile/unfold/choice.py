@@ -84,7 +84,7 @@ class Choice:
 
 
 def _joined(one: Any, other: Any) -> Any:
-    """A variable after a choice of the program, by what it is after each branch."""
+    """Join a variable after a choice of the program, by its value after each branch."""
     if isinstance(one, Dynamic) and isinstance(other, Dynamic):
         return one if one.text == other.text else UNSETTLED
     if isinstance(one, Dynamic) and other is UNBOUND:

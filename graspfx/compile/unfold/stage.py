@@ -56,7 +56,7 @@ def keep_stages() -> None:
 
 @cache
 def _stamp(file: str) -> tuple[int, int]:
-    """Time and size of a file when a stage of it was marked first."""
+    """Give time and size of a file when a stage of it was first marked."""
     return _changed(file)
 
 

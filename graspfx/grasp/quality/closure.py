@@ -85,7 +85,7 @@ class PushingWrenches:
         self.grasp = grasp
 
     def reach(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force there (k, n, d + 1)."""
+        """Find each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force (k, n, d + 1)."""
         d = self.normals.shape[1]
         v = np.einsum("kw,wnc->knc", directions, self.maps)
         normal = (v[..., :d] * self.normals).sum(axis=-1)
@@ -102,11 +102,11 @@ class PushingWrenches:
         return normal + whole, forces
 
     def wrenches(self, forces: FloatArray) -> FloatArray:
-        """Each contact's wrench (k, n, w) for forces (k, n, d + 1)."""
+        """Compute each contact's wrench (k, n, w) for forces (k, n, d + 1)."""
         return np.asarray(np.einsum("wnc,knc->knw", self.maps, forces))
 
     def components(self, forces: FloatArray) -> FloatArray:
-        """Forces (n, d + 1) as the grasp's components (m,)."""
+        """Write forces (n, d + 1) as the grasp's components (m,)."""
         contacts = self.grasp.contacts
         own = forces[contacts.finger]
         f = (contacts.force_axes * own[:, :-1]).sum(axis=1)
@@ -145,7 +145,7 @@ def force_closure(
     length: float | None = None,
     about: ArrayLike | None = None,
 ) -> ForceClosure:
-    """Force closure of contacts that push: G(C) is the whole space of wrenches, C the product of the friction cones.
+    """Test force closure of contacts that push: G(C) is the whole space of wrenches, C the product of friction cones.
 
     Equivalent: G is onto, and some f in the interior of C has G f = 0 (Murray, Li and Sastry 1994, prop. 5.3;
     Prattichizzo and Trinkle 2016). By linear programs over wrenches g_j of forces in the cones, the first p of them
@@ -174,7 +174,7 @@ def force_closure(
 
 
 def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
-    """The test, and the wrenches (k, w) that it used."""
+    """Run the test; give its result and the wrenches (k, w) that it used."""
     from scipy.optimize import linprog
 
     w = len(cones.maps)
@@ -236,5 +236,5 @@ def _coefficients(name: str, argument: ArrayLike, n: int) -> FloatArray:
 
 
 def _safe(x: FloatArray) -> FloatArray:
-    """The divisor, or 1 where it is zero and so is what it divides."""
+    """Give the divisor, or 1 where it is zero and so is what it divides."""
     return np.where(x > 0.0, x, 1.0)

@@ -25,10 +25,10 @@ AXES = "xyz"
 
 
 class Dividing(Protocol):
-    """What coordinates ask of a split; `Split` and `VirtualLinkage` answer."""
+    """A split of forces, as coordinates need it; `Split` and `VirtualLinkage` answer."""
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """External and internal parts of contact forces (..., m)."""
+        """Divide contact forces (..., m) into external and internal parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +63,18 @@ class InternalCoordinates:
     _reader: FloatArray
 
     def of(self, force: ArrayLike) -> FloatArray:
-        """y of the internal part of contact forces (..., m), in the split's own sense of internal: (..., m - rank)."""
+        """Read y of the internal part of contact forces (..., m), in the split's sense of internal: (..., m - rank)."""
         return self._split.divide(force)[1] @ self._reader.T
 
     def force(self, coordinates: ArrayLike) -> FloatArray:
-        """B y, internal contact forces (..., m)."""
+        """Compute B y, internal contact forces (..., m)."""
         y = finite("coordinates", coordinates)
         if y.shape[-1:] != (len(self.names),):
             raise InputError("coordinates", y, f"an array whose last axis has the {len(self.names)} coordinates")
         return y @ self.basis.T
 
     def named(self, force: ArrayLike) -> dict[str, float]:
-        """The coordinates of one force (m,) under their names."""
+        """Name the coordinates of one force (m,)."""
         return dict(zip(self.names, self.of(finite("force", force).reshape(-1)).tolist(), strict=True))
 
 
@@ -85,7 +85,7 @@ def internal_coordinates(
     names: Sequence[str] | None = None,
     pairs: Sequence[tuple[int, int]] | None = None,
 ) -> InternalCoordinates:
-    """Chooses and names a basis of the internal forces.
+    """Choose and name a basis of the internal forces.
 
     Args:
         grasp: the contacts.
@@ -123,7 +123,7 @@ def internal_coordinates(
 
 
 def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray | None:
-    """A contact's force (d,) as components (m,), or None where the contact cannot transmit it."""
+    """Write a contact's force (d,) as components (m,), or None where the contact cannot transmit it."""
     own = (contacts.finger == finger) & ~contacts.moment
     axes = contacts.force_axes[own]
     x = axes @ force
@@ -179,7 +179,7 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
 
 
 def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
-    """Moments of the contacts, each held by the least forces, or by another moment where forces cannot."""
+    """List moments of the contacts, each held by the least forces, or by another moment where forces cannot."""
     columns = np.flatnonzero(grasp.torsion_columns)
     if not columns.size:
         return []
@@ -209,7 +209,7 @@ def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: lis
 
 
 def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
-    """A component of one contact, held by as many others as the rank: these always span the null space."""
+    """List components of one contact, held by as many others as the rank: these always span the null space."""
     pivots = _pivots(A, rank)
     candidates: Candidates = []
     for j in range(len(units)):
@@ -225,7 +225,7 @@ def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, f
 
 
 def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
-    """The candidates that add most, one after the other, then exchanged until each other one has coefficients <= 1."""
+    """Select the candidates that add most, then exchange them until each other one has coefficients <= 1."""
     want = target - len(rows)
     if want <= 0 or not candidates:
         return rows
@@ -242,7 +242,7 @@ def _extended(rows: Candidates, candidates: Candidates, target: int, units: Floa
 
 
 def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
-    """Columns of largest volume among their neighbours: each other one is a combination with coefficients <= 1."""
+    """Find columns of largest volume among their neighbours: each other one is a combination with coefficients <= 1."""
     coefficients = np.linalg.lstsq(X[:, picks], X, rcond=None)[0]
     for _ in range(10 * X.shape[1]):
         row, column = np.unravel_index(int(np.abs(coefficients).argmax()), coefficients.shape)
@@ -254,7 +254,7 @@ def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
 
 
 def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
-    """Up to `count` columns of X, each the one that adds most to those before it; the first of equals."""
+    """Pick up to `count` columns of X, each the one that adds most to those before it; the first of equals."""
     R = X.copy()
     picks: list[int] = []
     for _ in range(min(count, *X.shape)):
@@ -284,7 +284,7 @@ def _check_pairs(
 
 
 def _component(contacts: Contacts, column: int, fingers: list[str]) -> tuple[str, ...]:
-    """What a component is, whose, and along which axis."""
+    """Describe a component: its kind, its contact, and its axis."""
     finger, moment = contacts.finger[column], bool(contacts.moment[column])
     same = np.flatnonzero((contacts.finger == finger) & (contacts.moment == moment))
     name = fingers[finger]
@@ -302,7 +302,7 @@ def _direction(u: FloatArray) -> str:
 
 
 def _tidy(u: FloatArray) -> FloatArray:
-    """The direction or its opposite, so that its largest component is positive."""
+    """Give the direction or its opposite, so that its largest component is positive."""
     return u if u[int(np.abs(u).argmax())] > 0.0 else -u
 
 

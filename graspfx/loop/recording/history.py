@@ -67,7 +67,7 @@ class History:
         return len(self.rows)
 
     def array(self, column: str) -> FloatArray:
-        """A column of the layout, (N, ...), as a view.
+        """View a column of the layout, (N, ...).
 
         Raises:
             UnknownNameError: the recording has no such column.
@@ -78,7 +78,7 @@ class History:
         return self.rows[:, entry.where].reshape(len(self.rows), *entry.shape)
 
     def optional(self, column: str) -> FloatArray | None:
-        """A column, or None if the layout lacks it."""
+        """View a column; None if the layout lacks it."""
         return self.array(column) if column in self.layout.columns else None
 
     def _whole(self, column: str) -> NDArray[np.int8] | None:
@@ -92,12 +92,12 @@ class History:
 
     @property
     def finger_position(self) -> FloatArray:
-        """As the devices report it, (N, n, d) [m]."""
+        """Positions as the devices report them, (N, n, d) [m]."""
         return self.array("finger_position")
 
     @property
     def finger_velocity(self) -> FloatArray:
-        """As the devices report or estimate it, (N, n, d) [m/s]."""
+        """Velocities as the devices report or estimate them, (N, n, d) [m/s]."""
         return self.array("finger_velocity")
 
     @property
@@ -121,7 +121,7 @@ class History:
 
     @property
     def law_force(self) -> FloatArray | None:
-        """Of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
+        """Forces of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
         return self.optional("law_force")
 
     @cached_property
@@ -155,7 +155,7 @@ class History:
 
     @property
     def true_position(self) -> FloatArray | None:
-        """Of simulated fingertips, (N, n, d) [m]; None for real devices."""
+        """Positions of simulated fingertips, (N, n, d) [m]; None for real devices."""
         return self.optional("true_position")
 
     @property
@@ -195,7 +195,7 @@ class History:
         return MappingProxyType(quantities)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
-        """Where the frame is in which the scene describes an object's shape: position (N, d) [m] and orientation.
+        """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.
 
         Of a mesh it is its file's frame, which draws it at any tick; the recorded one is at the centre of mass, along
         the principal axes. Of any other shape both are the same.
@@ -246,7 +246,7 @@ class History:
 
     @property
     def faults(self) -> tuple[RunFault, ...]:
-        """What went wrong, by tick."""
+        """Faults by tick."""
         return self.outcome.faults
 
     @property

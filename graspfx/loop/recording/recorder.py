@@ -22,7 +22,7 @@ class Sink(Protocol):
     """Where full blocks of rows go."""
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
-        """Rows (r, width), and the faults since the last write."""
+        """Write rows (r, width), and the faults since the last write."""
 
     def close(self, outcome: Outcome) -> None: ...
 
@@ -63,7 +63,7 @@ class Recorder:
         self._outcome: Outcome | None = None
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """A block of rows (r, width), the first that is free and how many are; one at least."""
+        """Give a block of rows (r, width), the first free one and the count of free ones; one at least."""
         if self.used == self._size:
             self._turn()
         return self._block, self.used, self._size - self.used
@@ -76,7 +76,7 @@ class Recorder:
         self.faults.append(RunFault(k, message))
 
     def drain(self) -> None:
-        """Hands what is full to the sinks; call it between ticks."""
+        """Hand full blocks to the sinks; call it between ticks."""
         if self.used == self._size:
             self._turn()
         while self._full:
@@ -88,7 +88,7 @@ class Recorder:
     def finish(
         self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
     ) -> Recording:
-        """Writes what is left, closes the sinks and gives the recording of the rows that were kept.
+        """Write the rest, close the sinks and give the recording of the retained rows.
 
         Args:
             wall_time: that the run took [s].
