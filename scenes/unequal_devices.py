@@ -51,7 +51,7 @@ def scene(metric: str = "mass", pinch: float = 0.4) -> gx.Scene:
             {
                 "name": name,
                 "start": start[i].tolist(),
-                "device": {"name": "simulated", "mass": m, "friction": 4.0 * m},
+                "device": {"name": "simulated", "mass": m, "damping": 4.0 * m},
                 "hand": {"stiffness": k[i], "damping": 40.0 * m, "rest": rest[i].tolist(), "motion": wave},
             }
             for i, (name, m) in enumerate(zip(("light", "middle", "heavy"), MASSES, strict=True))

@@ -29,7 +29,7 @@ from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid
 from tests.support.meshes import ell, plate, sheet
 
 FloatArray = np.ndarray
-DEVICE = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+DEVICE = {"name": "simulated", "mass": 0.1, "damping": 0.5}
 HALF_TURN = [0.1, 0.5, -0.3, 0.65**0.5]  # a quaternion that favours no axis
 
 

@@ -165,7 +165,7 @@ def ball(changes: Mapping[str, Any] = MappingProxyType({}), n: int = 5, d: int =
         coupling={"external": {"stiffness": EXTERNAL}, "internal": {"stiffness": INTERNAL}},
         finger=[
             {
-                "device": {"name": "simulated", "mass": 0.15, "friction": 2.0},
+                "device": {"name": "simulated", "mass": 0.15, "damping": 2.0},
                 "hand": {"stiffness": 300.0, "rest": [(RADIUS - 0.003) * x for x in u]},
                 "start": [(RADIUS - 1e-4) * x for x in u],
             }

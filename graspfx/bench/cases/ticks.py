@@ -160,7 +160,7 @@ def make_scene(d: int, internal: float, dynamics: str, period: float = T) -> Sce
         },
         finger=[
             {
-                "device": {"name": "simulated", "mass": FINGER_MASS, "friction": FINGER_FRICTION},
+                "device": {"name": "simulated", "mass": FINGER_MASS, "damping": FINGER_FRICTION},
                 "hand": {"stiffness": HAND, "rest": rest},
                 "start": begin,
             }

@@ -40,6 +40,10 @@ def setting_faults(
         return
     parameters, settings = inspect.signature(driver.connect).parameters, table.settings
     faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
+    twice = [key for key, now in table.former.items() if now in (table.model_extra or {})]
+    faults += [
+        ((*at, key), f"the former name of {table.former[key]!r}, which is there too: leave it out") for key in twice
+    ]
     if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
         faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"))
     yield from faults

@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
 from graspfx.objects.surroundings import STIFFNESS
+from graspfx.scene.former import current
 from graspfx.scene.tables.fields import (
     Count,
     Gain,
@@ -157,8 +158,13 @@ class Device(Table):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The table's other keys."""
-        return dict(self.model_extra or {})
+        """The table's other keys, each under the name that the driver has for it now."""
+        return {current(self.name, key): value for key, value in (self.model_extra or {}).items()}
+
+    @property
+    def former(self) -> dict[str, str]:
+        """Settings under former names: the name now, by the one in the table."""
+        return {key: now for key in self.model_extra or {} if (now := current(self.name, key)) != key}
 
 
 class SharedDevice(Device):
