@@ -33,7 +33,7 @@ def wall_limit(
 
     Args:
         mass: m of the device [kg].
-        damping: b, its viscous friction [N s/m].
+        damping: b, its viscous damping [N s/m].
         period: T [s].
         spring: k_s, between the device and the ground, as the operator's finger is [N/m].
         wall_damping: B [N s/m], on the backward difference of the position, as `simulated` devices without encoders
@@ -100,7 +100,7 @@ def external_limit(
 
     Args:
         mass: m of a device [kg].
-        damping: b, its viscous friction [N s/m].
+        damping: b, its viscous damping [N s/m].
         period: T [s].
         object_mass: m_v [kg].
         object_damping: b_v [N s/m].
