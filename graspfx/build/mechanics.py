@@ -1,4 +1,4 @@
-"""What moves the fingers of a scene, as matrices: masses and frictions of devices, springs and dampers of hands."""
+"""What moves the fingers of a scene, as matrices: masses and dampings of devices, springs and dampers of hands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 @runtime_checkable
 class Postured(Protocol):
-    """A device whose mass and friction depend on where its finger is, as those of an arm do."""
+    """A device whose mass and damping depend on where its finger is, as those of an arm do."""
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray: ...
 
@@ -59,7 +59,7 @@ def mechanics(scene: Scene, position: FloatArray, hands: Sequence[Held]) -> Mech
     """Devices with their fingers at positions (n, d) [m], and hands.
 
     Raises:
-        InputError: a device that does not tell its mass or friction, by its finger.
+        InputError: a device that does not tell its mass or damping, by its finger.
     """
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.errors import DeviceError, shown
+from graspfx.errors import DeviceError, abbreviate
 from graspfx.loop.device import Device, SimulatedDevice
 
 if TYPE_CHECKING:
@@ -139,5 +139,8 @@ def _outside(wire: Wire, start: FloatArray) -> Iterator[Found]:
     lower, upper = workspace
     for i in wire.fingers.tolist():
         if not ((lower <= start[i]) & (start[i] <= upper)).all():
-            corners = f"{shown(lower.tolist())} to {shown(upper.tolist())} m"
-            yield ("finger", i, "start"), f"outside the device's workspace, {corners}; given {shown(start[i].tolist())}"
+            corners = f"{abbreviate(lower.tolist())} to {abbreviate(upper.tolist())} m"
+            yield (
+                ("finger", i, "start"),
+                f"outside the device's workspace, {corners}; given {abbreviate(start[i].tolist())}",
+            )

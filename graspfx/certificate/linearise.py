@@ -124,7 +124,7 @@ def linearise(
         recording: of the scene, for "recorded".
 
     Raises:
-        InputError: a device that does not tell its mass or friction; objects with different integrators together.
+        InputError: a device that does not tell its mass or damping; objects with different integrators together.
         UnknownNameError: no such object.
     """
     if at not in WHERE:

@@ -20,7 +20,7 @@ from tests.support.optional import require
 RADIUS = 0.03
 ANGLES = 2.0 * np.pi * np.arange(3) / 3.0
 RING = 1.1 * RADIUS * np.stack([np.cos(ANGLES), np.sin(ANGLES), 0.0 * ANGLES], axis=1)
-DEVICE = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+DEVICE = {"name": "simulated", "mass": 0.1, "damping": 0.5}
 SPRING = {"stiffness": 400.0, "damping": 6.0}
 
 
@@ -445,7 +445,7 @@ def test_a_run_in_space_turns_with_its_scene() -> None:
         for motion in hand["motion"]:
             motion["displacement"] = turned.apply(motion["displacement"]).tolist()
         for i, finger in enumerate(made["finger"]):
-            finger["device"] = limited | {"mass": 0.1 + 0.05 * i, "friction": 0.5 - 0.1 * i}
+            finger["device"] = limited | {"mass": 0.1 + 0.05 * i, "damping": 0.5 - 0.1 * i}
             finger["start"] = turned.apply(finger["start"]).tolist()
         return gx.run(gx.Scene(**made))
 

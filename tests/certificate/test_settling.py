@@ -18,7 +18,7 @@ GAP = 0.02
 
 def scene(kep: float = 10.0, kip: float = 10.0, free: bool = True, rest: tuple[float, float] = (0.0, 0.0)) -> gx.Scene:
     """Two devices on a line that never let go, each behind a spring of 5 N/m whose rest is shifted by `rest` [m]."""
-    device = {"name": "simulated", "mass": M, "friction": B}
+    device = {"name": "simulated", "mass": M, "damping": B}
     return gx.Scene(
         dimensions=1,
         period=T,
@@ -52,7 +52,7 @@ def test_a_grasp_that_swings_with_its_object_grows_in_a_run_as_it_says(kep: floa
 def test_with_the_mass_metric_the_gains_are_as_the_masses() -> None:
     """The modes of unequal devices are then those of equal ones, if friction and hands are as the masses too."""
     alike = scene(kip=1000.0)
-    values = {"device.mass": M, "device.friction": B, "hand.stiffness": 5.0, "hand.damping": 0.1}
+    values = {"device.mass": M, "device.damping": B, "hand.stiffness": 5.0, "hand.damping": 0.1}
     unequal = {f"finger.{i}.{key}": c * value for i, c in enumerate((0.5, 1.5)) for key, value in values.items()}
     assert named_factor(alike.replace(unequal | {"coupling.metric": "mass"})) == named_factor(alike)
 

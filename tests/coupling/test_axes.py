@@ -246,7 +246,7 @@ def test_a_meshs_gains_stand_in_the_axes_of_its_file() -> None:
             "coupling": {"external": matrix, "internal": matrix, "friction": "stick", "form": "symmetric"},
             "finger": [
                 {
-                    "device": {"name": "simulated", "mass": 0.15, "friction": 0.2},
+                    "device": {"name": "simulated", "mass": 0.15, "damping": 0.2},
                     "hand": {"stiffness": 100.0, "squeeze": 0.004, "squeeze_ramp": 0.02, "motion": motion},
                     "start": [s * 0.021, 0.004, 0.003 * s],
                 }

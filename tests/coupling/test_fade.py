@@ -34,7 +34,7 @@ def held(radius: float = 0.025, kep: Any = 60.0, kip: Any = 150.0, squeeze: floa
             "coupling": {"external": {"stiffness": kep}, "internal": {"stiffness": kip}, **coupling},
             "finger": [
                 {
-                    "device": {"name": "simulated", "mass": 0.15, "friction": 0.4},
+                    "device": {"name": "simulated", "mass": 0.15, "damping": 0.4},
                     "hand": {"stiffness": 50.0, "damping": 1.0, "squeeze": squeeze, "squeeze_ramp": 0.4},
                     "start": (radius * point).tolist(),
                 }

@@ -26,7 +26,7 @@ from graspfx.build.checks.touching import (
 )
 from graspfx.build.checks.viscosity import may_turn, viscosity_faults
 from graspfx.build.wiring import wiring_faults
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.loop.device import Device
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
@@ -137,7 +137,7 @@ def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
     width = WIDTHS[scene.dimensions]
     if thing.free is not None and len(thing.free) != width:
         what = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
-        yield (*at, "free"), f"expected {width} of true or false ({what}); given {shown(list(thing.free))}"
+        yield (*at, "free"), f"expected {width} of true or false ({what}); given {abbreviate(list(thing.free))}"
 
 
 def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
@@ -151,9 +151,9 @@ def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
         yield (*at, "inertia"), "a line has no rotation: leave it out"
     elif isinstance(inertia, tuple) and len(values) != (3 if d == 3 else 1):
         expected = "a number or 3 numbers" if d == 3 else "a number"
-        yield (*at, "inertia"), f"expected {expected}; given {shown(list(values))}"
+        yield (*at, "inertia"), f"expected {expected}; given {abbreviate(list(values))}"
     elif min(values) <= 0:
-        yield (*at, "inertia"), f"expected more than 0; given {shown(inertia)}"
+        yield (*at, "inertia"), f"expected more than 0; given {abbreviate(inertia)}"
 
 
 def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
@@ -183,9 +183,9 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
     if scene.dimensions == 1:
         yield (*at, field), "a line has no rotation: leave it out"
     elif scene.dimensions == 2 and isinstance(value, tuple):
-        yield (*at, field), f"expected a number in the plane; given {shown(list(value))}"
+        yield (*at, field), f"expected a number in the plane; given {abbreviate(list(value))}"
     elif scene.dimensions == 3 and (not isinstance(value, tuple) or len(value) != count):
-        yield (*at, field), f"expected {in_space}; given {shown(value)}"
+        yield (*at, field), f"expected {in_space}; given {abbreviate(value)}"
 
 
 def _body(scene: SceneTable, at: Location, thing: Any, folder: Path | None, faults: list[Found]) -> Iterator[Found]:
@@ -291,7 +291,7 @@ def _fade(scene: SceneTable) -> Iterator[Found]:
         return
     low, high = scene.coupling.fade
     if not 0.0 <= low < high:
-        yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {shown([low, high])}"
+        yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {abbreviate([low, high])}"
 
 
 def _blend(scene: SceneTable) -> Iterator[Found]:
@@ -299,4 +299,4 @@ def _blend(scene: SceneTable) -> Iterator[Found]:
         return
     low, high = scene.coupling.blend
     if not 0.0 < low < high:
-        yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {shown([low, high])}"
+        yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {abbreviate([low, high])}"

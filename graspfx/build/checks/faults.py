@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from graspfx.build.checks.cross_faults import cross_faults
 from graspfx.build.checks.foreign_files import trust_faults
-from graspfx.errors import LONGEST_KEY, Fault, closest, shown
+from graspfx.errors import LONGEST_KEY, Fault, abbreviate, closest
 from graspfx.scene.budget import too_deep
 from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
@@ -118,7 +118,7 @@ def _hint(at: Key, meant: Mapping[Key, Key], draft: SceneTable) -> str:
 
 def message(error: Any) -> str:
     """One of pydantic's faults in the words of this project."""
-    kind, context, given = error["type"], error.get("ctx", {}), shown(error["input"])
+    kind, context, given = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"
     if kind in BOUNDS:

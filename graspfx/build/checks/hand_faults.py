@@ -14,7 +14,7 @@ from graspfx import plugins
 from graspfx.build import holdings
 from graspfx.build.checks.lengths import Found, Location, length_faults, numbers
 from graspfx.build.checks.settings import reason, signature_faults
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, shown
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate
 from graspfx.loop.motion import motion
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.hands import MadeHand, Reach, SharedHand, Sine, Step
@@ -109,12 +109,12 @@ def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Found]:
         wrong = list(length_faults(scene, at, part, "axis"))
         yield from wrong or _zero((*at, "axis"), axis)
     elif AXES.get(str(axis), axis) not in range(scene.dimensions):
-        yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {shown(axis)}"
+        yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {abbreviate(axis)}"
 
 
 def _zero(at: Location, vector: Sequence[float]) -> Iterator[Found]:
     if not any(vector):
-        yield at, f"expected a direction, of any length but zero; given {shown(list(vector))}"
+        yield at, f"expected a direction, of any length but zero; given {abbreviate(list(vector))}"
 
 
 def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path | None) -> Iterator[Found]:
@@ -140,7 +140,7 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path 
         yield (*at, "positions"), f"expected one for each of the {len(times)} times; given {len(positions)}"
     for i, position in enumerate(positions):
         if len(position) != scene.dimensions:
-            yield (*at, "positions", i), f"expected {numbers(scene.dimensions)}; given {shown(list(position))}"
+            yield (*at, "positions", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(position))}"
             return
 
 
@@ -161,7 +161,7 @@ def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Found]:
         else:
             yield from _axis(scene, at, turn)
     elif turn.axis not in (None, 2, "z"):
-        yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {shown(turn.axis)}"
+        yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {abbreviate(turn.axis)}"
 
 
 def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
@@ -179,7 +179,7 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
             yield (
                 (*at, "squeeze", k, "begin"),
                 f"expected {before.begin + before.duration:.6g} or more, when the step before it ends; "
-                f"given {shown(steps[k].begin)}",
+                f"given {abbreviate(steps[k].begin)}",
             )
 
 
@@ -205,7 +205,7 @@ def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequenc
             yield (*at, "closing"), f"expected a direction for each of its {len(fingers)} fingers; given {len(closing)}"
         for i, direction in enumerate(closing):
             if len(direction) != scene.dimensions:
-                yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {shown(list(direction))}"
+                yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(direction))}"
     elif closing == "centre":
         start = np.array([scene.finger[i].start for i in fingers], dtype=float)
         arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
@@ -216,7 +216,7 @@ def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequenc
 def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Found]:
     share = hand.share
     if fingers and isinstance(share, tuple) and len(share) != len(fingers):
-        yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {shown(list(share))}"
+        yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {abbreviate(list(share))}"
 
 
 def _made(

@@ -12,7 +12,7 @@ from typing import Any
 
 from graspfx import plugins
 from graspfx.build.wiring import AUTOMATIC, connect
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.loop.device import Device as Connected
 from graspfx.loop.device import Features
 from graspfx.scene.tables.part_tables import Device
@@ -40,6 +40,10 @@ def setting_faults(
         return
     parameters, settings = inspect.signature(driver.connect).parameters, table.settings
     faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
+    twice = [key for key, now in table.former.items() if now in (table.model_extra or {})]
+    faults += [
+        ((*at, key), f"the former name of {table.former[key]!r}, which is there too: leave it out") for key in twice
+    ]
     if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
         faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"))
     yield from faults
@@ -69,7 +73,7 @@ def _connection(
         if isinstance(features, Features):
             connected[at] = device
         else:
-            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {shown(device)} has no Features"
+            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {abbreviate(device)} has no Features"
 
 
 def signature_faults(
@@ -82,7 +86,7 @@ def signature_faults(
     """Settings that a plug-in of this name does not take, and those that it needs; it is given the automatic ones."""
     for key, value in settings.items():
         if not _finite(value):
-            yield (*at, key), f"expected finite numbers; given {shown(value)}"
+            yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"
     named = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
     unknown = [key for key in settings if key not in named] if len(named) == len(parameters) else []
     meant = {key: closest(key, named) for key in unknown}

@@ -8,7 +8,7 @@ from typing import Any
 
 from graspfx.build import bodies
 from graspfx.build.checks.settings import reason
-from graspfx.errors import InputError, MissingPackageError, shown
+from graspfx.errors import InputError, MissingPackageError, abbreviate
 from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
@@ -32,13 +32,13 @@ def shape_faults(scene: SceneTable, at: Location, thing: Any, folder: Path | Non
     name = VECTORS.get(shape.kind)
     if name is not None and len(getattr(shape, name)) != d:
         numbers = "1 number" if d == 1 else f"{d} numbers"
-        given = shown(list(getattr(shape, name)))
+        given = abbreviate(list(getattr(shape, name)))
         yield (*at, "shape", name), f"expected {numbers} (dimensions = {d}); given {given}"
         return
     try:
         made = bodies.make_shape(thing, folder)
     except InputError as error:
-        yield (*at, "shape", error.name), f"given {shown(error.given)}, expected {error.expected}"
+        yield (*at, "shape", error.name), f"given {abbreviate(error.given)}, expected {error.expected}"
         return
     if made is not None and not made.dimensions_ok(d):
         yield (*at, "shape", "kind"), f"there is no {shape.kind} in {d} dimension(s)"

@@ -63,7 +63,7 @@ def _told(scene: Scene, growth: dict[int, float], what: str) -> Iterator[str]:
 
 
 def _devices(scene: Scene) -> dict[int, Spring]:
-    """By finger the mass [kg] and the friction [N s/m] that its device tells."""
+    """By finger the mass [kg] and the damping [N s/m] that its device tells."""
     found: dict[int, Spring] = {}
     for wire in wires(scene, scene.source.folder):
         features = wire.device.features
