@@ -92,8 +92,8 @@ def _run_into(folder: Path, scene: Scene, chosen: Namespace) -> tuple[int, bool]
 
 def _checked(chosen: Namespace) -> tuple[Scene, list[str]]:
     """The scene, and what its author may not have meant."""
-    from graspfx.build.meshes import mesh_notes
+    from graspfx.build.resolve import resolve
     from graspfx.scene.load import load
 
     scene = load(chosen.scene, dict(chosen.overrides))
-    return scene, [*mesh_notes(scene.object, scene.source.folder), *doubts(scene)]
+    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from graspfx.build.resolve import Parts
 from graspfx.certificate.notes.depth_damping import depth_notes
 from graspfx.certificate.notes.settling import unsettled
 from graspfx.certificate.notes.units import unit_notes
-from graspfx.scene.model import Scene
 
 
-def doubts(scene: Scene) -> list[str]:
-    """A sentence for each."""
-    return [*unit_notes(scene), *depth_notes(scene), *unsettled(scene)]
+def doubts(parts: Parts) -> list[str]:
+    """Say what may not be meant, a sentence each."""
+    return [*unit_notes(parts.scene), *depth_notes(parts.scene), *unsettled(parts)]
