@@ -15,7 +15,7 @@ from graspfx.errors import InputError
 from graspfx.spatial import product, quaternion, rotate
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Object, Obstacle
+    from graspfx.scene.tables.part_tables import Object, Obstacle
     from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
 
 Numbers = tuple[float, ...]

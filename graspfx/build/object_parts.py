@@ -20,7 +20,7 @@ from graspfx.grasp.impedance import Coupling, Impedance
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
     from graspfx.scene.tables.fields import Gains
-    from graspfx.scene.tables.scene_table import Object
+    from graspfx.scene.tables.part_tables import Object
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

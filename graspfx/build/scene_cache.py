@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from graspfx import installed, plugins
 from graspfx.compile import cache
 from graspfx.errors import Fault, SceneError
-from graspfx.scene.overrides import Key
+from graspfx.scene.keys import Key
 from graspfx.scene.source import Source
 from graspfx.scene.tables.reading import Readable, listed
 
@@ -85,7 +85,7 @@ def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
 
 def kept(where: Place) -> tuple[Scene, list[str]] | None:
     """A scene and the notes on it, as they were kept there; None if they were not."""
-    content = cache.stored(where.key)
+    content = cache.load(where.key)
     if content is None:
         return None
     found = json.loads(content)

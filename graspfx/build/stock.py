@@ -11,7 +11,7 @@ from graspfx.loop.device import Device
 from graspfx.loop.motion import motion
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Object, Obstacle
+    from graspfx.scene.tables.part_tables import Object, Obstacle
 
 Location = tuple[str | int, ...]
 

@@ -74,7 +74,7 @@ class Report:
 
     def lines(self) -> Iterator[str]:
         """Verdict, limits, notes and plan as lines of text."""
-        from graspfx.certificate.certificate import lines
+        from graspfx.certificate.certificate_lines import lines
 
         yield self.verdict
         for certificate in self.certificates:
@@ -124,7 +124,7 @@ def report(scene: Scene) -> Report:
     """
     from graspfx.build.axes import axes_notes
     from graspfx.build.resolve import resolve
-    from graspfx.certificate.certificate import certificates
+    from graspfx.certificate.certificates import certificates
     from graspfx.certificate.notes.blend import blend_notes
     from graspfx.certificate.notes.doubts import doubts
     from graspfx.certificate.plan import plan

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from graspfx.compile.records import size_of, start_of
-from graspfx.coupling.state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 
 # Offsets of the declared fields.
 FINGERS = start_of(GraspState, "count")

@@ -21,7 +21,7 @@ import math
 from typing import Any
 
 from graspfx.compile.records import size_of, start_of
-from graspfx.objects.state import BodyState, Motion
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import angle_matrix, exponential, normalised, product, quaternion_matrix, rotate
 
 # Offsets in the block, of its declaration.

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import PrivateAttr
 
-from graspfx.build.checks.faults import as_faults, find_faults
-from graspfx.build.resolve import reach_faults
+from graspfx import plugins
 from graspfx.errors import Fault, InputError, SceneError
+from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.lines import KeyLines
-from graspfx.scene.overrides import Key, by_key, overridden
+from graspfx.scene.overrides import by_key, overridden
 from graspfx.scene.source import Source
 from graspfx.scene.tables.scene_table import SceneTable
 
@@ -36,7 +36,7 @@ class Scene(SceneTable):
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
-        faults, stock = find_faults(table, origin)
+        faults, stock = plugins.upward("Scene.faults")(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         super().__init__(**table)
@@ -70,7 +70,7 @@ class Scene(SceneTable):
         Raises:
             SceneError: with every finger that starts where its device cannot be.
         """
-        faults = reach_faults(self)
+        faults = plugins.upward("Scene.reach_faults")(self)
         if faults:
             raise self.error(faults)
 
@@ -93,9 +93,8 @@ class Scene(SceneTable):
         Raises:
             InputError: a device that does not tell its mass or friction.
         """
-        from graspfx.certificate.linearise import linearise
-
-        return linearise(self, at).linear
+        linear: Linearisation = plugins.upward("Scene.linearise")(self, at).linear
+        return linear
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """The scene with values replaced by dotted key, as on the command line."""
