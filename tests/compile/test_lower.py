@@ -12,7 +12,7 @@ from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
-from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, outer
+from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, outer
 
 
 class Site(Record):
@@ -229,3 +229,15 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
 
     with pytest.raises(InputError, match=r"Bad\.name"):
         size_of(Bad)
+
+
+@kernel
+def other_kind(grasp: Grasp) -> float:
+    """See the first finger's entries through a record of its own, and a table's width."""
+    finger = Finger(grasp.buffer, grasp.fingers.offset)
+    return finger.position.x + angle_matrix(finger.position.y).xy
+
+
+def test_a_view_at_an_offset_and_functions_of_math_in_what_is_written_out() -> None:
+    S = block(1)
+    assert other_kind(Grasp(S)) == written(other_kind)(Grasp(S))
