@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as program
 from graspfx.compile.specialise.specialise import Program
@@ -28,6 +29,7 @@ class Machine:
     """
 
     def __init__(self, kernel: FunctionType) -> None:
+        kernel = source_function(kernel)
         self._parameters = [(p.name, str(p.annotation)) for p in signature(kernel).parameters.values()]
         numbers = [name for name, kind in self._parameters if kind in NUMBERS]
         self._names = [name for name, kind in self._parameters if kind not in NUMBERS]

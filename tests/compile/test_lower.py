@@ -10,6 +10,7 @@ import pytest
 
 from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
+from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
 from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, outer
@@ -229,3 +230,46 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
 
     with pytest.raises(InputError, match=r"Bad\.name"):
         size_of(Bad)
+
+
+@kernel
+def add_up(places: Many[Vector], rows: Table) -> Vector:
+    """Add up values of a group and tell how wide a table is."""
+    force = ZERO
+    for i, place in enumerate(places):
+        force += place + places[i]
+    return force * (rows[1, 1] * rows.columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    rows: int
+    share: float
+
+
+@kernel
+def repeat(counts: Counts) -> float:
+    """Count up to a number of a value."""
+    total = 0.0
+    for _ in range(counts.rows):
+        total += counts.share
+    return total
+
+
+def test_groups_of_values_and_whole_numbers_of_values() -> None:
+    S = block(4, count=3)
+    grasp = Grasp(S)
+    places = grasp.fingers.part(Finger.position)
+    assert add_up(places, grasp.modes) == written(add_up)(places, grasp.modes)
+    assert places[1] == grasp.fingers[1].position
+    assert repeat(Counts(3, 0.5)) == written(repeat)(Counts(3, 0.5)) == 1.5
+
+
+def test_a_kernel_by_itself_is_compiled() -> None:
+    """Buffers, offsets and numbers go in flat."""
+    S = block(5, count=3)
+    table = Grasp(S).modes
+    places = Grasp(S).fingers.part(Finger.position)
+    run = compiled(add_up)
+    result = run(S, places.offset, places.stride, places.count, S, table.offset, table.columns)
+    assert Vector(*result) == add_up(places, table)

@@ -136,6 +136,8 @@ class Expressions:
             return Constant(known)
         if isinstance(owner, Group) and node.attr == "count":
             return owner.count
+        if isinstance(owner, Grid) and node.attr == "columns":
+            return owner.columns
         if isinstance(owner, Place | Span | Grid | Group) and node.attr in ("buffer", "offset"):
             return load(owner.buffer) if node.attr == "buffer" else owner.offset
         raise self.cannot(node, f"has no field {node.attr!r}")
@@ -205,7 +207,7 @@ class Expressions:
         if isinstance(owner, Grid):
             return Span(owner.buffer, sum_of(owner.offset, product_of(index, owner.columns)))
         if isinstance(owner, Group):
-            return Place(owner.kind, owner.buffer, sum_of(owner.offset, product_of(index, owner.stride)))
+            return owner.member(sum_of(owner.offset, product_of(index, owner.stride)))
         if isinstance(owner, Bundle | Pack):
             if isinstance(index, ast.Constant) and isinstance(index.value, int):
                 return owner.parts[index.value]
