@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 
-R = TypeVar("R", bound="Record")
+R = TypeVar("R")
 _REFERENCE = "offset of a record in the same block"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
 
@@ -113,7 +113,7 @@ class Record:
 
 
 class Many(Generic[R]):
-    """A group of records, one after another."""
+    """A group of records, one after another, or of values that stand one in each of them."""
 
     def __init__(self, kind: type[R], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
@@ -123,19 +123,24 @@ class Many(Generic[R]):
         return self.count
 
     def __getitem__(self, i: int) -> R:
-        return self.kind(self.buffer, self.offset + i * self.stride)
+        member: R = view(self.kind, self.buffer, self.offset + i * self.stride)
+        return member
 
     def __iter__(self) -> Iterator[R]:
         return (self[i] for i in range(self.count))
 
+    def _lay_out(self) -> None:
+        if issubclass(self.kind, Record):
+            layout(self.kind)
+
     def part(self, field: Any) -> Many[Any]:
-        """Give the records that a field of each is: `fingers.part(Finger.site)`."""
-        layout(self.kind)
+        """Give the records or the values that a field of each is: `fingers.part(Finger.site)`."""
+        self._lay_out()
         return Many(field.kind, self.buffer, self.offset + int(field.offset), self.count, self.stride)
 
     def array(self, field: Any) -> NDArray[np.float64]:
         """Give a field of all as an array that shares their memory, (count,) or (count, size)."""
-        layout(self.kind)
+        self._lay_out()
         block = np.asarray(self.buffer)[self.offset : self.offset + self.count * self.stride]
         rows = block.reshape(self.count, self.stride)
         first, size = int(field.offset), int(field.size)
@@ -208,6 +213,8 @@ def _size(cls: type[Record], name: str, kind: Any, extent: Extent | None) -> str
         if extent is None:
             raise InputError(f"{cls.__name__}.{name}", kind, "a size: many(...), floats(...) or table(...)")
         each = extent.columns or (str(size_of(get_args(kind)[0])) if get_origin(kind) is Many else "1")
+        if extent.rows.isdigit() and each.isdigit():
+            return str(int(extent.rows) * int(each))
         return extent.rows if each == "1" else f"({extent.rows}) * ({each})"
     if kind in SCALARS:
         return "1"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.cones.cone import SLIDE, contact_frame
+from graspfx.cones.cone import contact_frame
+from graspfx.cones.problem import SLIDE
 from graspfx.coupling import block as at
 from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
 from graspfx.objects import integrators as body
@@ -226,7 +227,10 @@ def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> No
     S[m], S[m + 1], S[m + 2] = nx, ny, nz
     S[r + at.FACE] = face
     S[r + at.GAP] = gap
-    contact_frame(S, m, d, r + at.FRAME)
+    f = r + at.FRAME
+    (
+        S[f], S[f + 1], S[f + 2], S[f + 3], S[f + 4], S[f + 5], S[f + 6], S[f + 7], S[f + 8],
+    ) = contact_frame(S[m], S[m + 1], S[m + 2], d)  # type: ignore[call-arg, misc] # flat  # fmt: skip  # type: ignore[call-arg, misc] # flat
 
 
 def refactor(S: Any) -> None:

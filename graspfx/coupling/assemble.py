@@ -56,33 +56,35 @@ def add_gains(S: Any, out: int, size: int, external: float, internal: float, ela
                     S[out + (i * d + a) * size + j * d + b] += total
 
 
-def into_frames(S: Any, what: int, q: int) -> None:
-    """A vector of every finger's row as contact coordinates (normal, tangents, torsion) at q."""
+def into_frames(S: Any, what: int, q: int, stride: int = 0) -> None:
+    """A vector of every finger's row as contact coordinates (normal, tangents, torsion) at q, `stride` (c) apart."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     c = int(S[at.COORDINATES])
+    lead = stride if stride > 0 else c
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         for a in range(d):
             total = 0.0
             for b in range(d):
                 total += S[r + at.FRAME + 3 * a + b] * S[r + what + b]
-            S[q + i * c + a] = total
+            S[q + i * lead + a] = total
         if c > d:
-            S[q + i * c + d] = S[r + what + d]
+            S[q + i * lead + d] = S[r + what + d]
 
 
-def out_of_frames(S: Any, q: int, what: int) -> None:
-    """Contact coordinates at q as a vector of every finger's row."""
+def out_of_frames(S: Any, q: int, what: int, stride: int = 0) -> None:
+    """Contact coordinates at q, `stride` (c) apart, as a vector of every finger's row."""
     n = int(S[at.FINGERS])
     d = int(S[at.DIMENSIONS])
     c = int(S[at.COORDINATES])
+    lead = stride if stride > 0 else c
     for i in range(n):
         r = at.ROW + i * at.STRIDE
         for b in range(d):
             total = 0.0
             for a in range(d):
-                total += S[r + at.FRAME + 3 * a + b] * S[q + i * c + a]
+                total += S[r + at.FRAME + 3 * a + b] * S[q + i * lead + a]
             S[r + what + b] = total
         if c > d:
-            S[r + what + d] = S[q + i * c + d]
+            S[r + what + d] = S[q + i * lead + d]

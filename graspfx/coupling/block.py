@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from graspfx.compile.records import size_of, start_of
+from graspfx.cones.problem import ConeContact, FrictionProblem, Unknown
 from graspfx.coupling.state import FingerState, GraspState
 
 # Offsets of the declared fields.
@@ -183,6 +184,28 @@ def problems(n: int, c: int, matrices: int) -> int:
 def size(n: int, c: int, matrices: int, problem: int) -> int:
     """Entries of the block; `problem` is the size of a friction problem."""
     return problems(n, c, matrices) + 2 * problem
+
+
+# Of a friction problem's contacts and unknowns.
+CONE = size_of(ConeContact)
+CONE_STATUS = start_of(ConeContact, "status")
+CONE_COEFFICIENT = start_of(ConeContact, "coefficient")
+CONE_LIMIT = start_of(ConeContact, "limit")
+CONE_COMPLIANCE = start_of(ConeContact, "compliance")
+CONE_DISPLACEMENT = start_of(ConeContact, "displacement")
+CONE_BASE = start_of(ConeContact, "base_force")
+CONE_FORCE = start_of(ConeContact, "force")
+CONE_SLIP = start_of(ConeContact, "slip")
+STARTED = start_of(FrictionProblem, "started")
+ROOM = start_of(FrictionProblem, "room")
+UNKNOWNS = start_of(FrictionProblem, "unknowns")
+UNKNOWN = size_of(Unknown)
+
+
+def cones(S: Any, o: int) -> int:
+    """Offset of the first contact of the friction problem at o."""
+    room = int(S[o + ROOM])
+    return o + UNKNOWNS + room * (UNKNOWN + 1 + room)
 
 
 # What limits on forces need, from LIMITS on: the limits that the cones are cut off at, n entries, infinite but while

@@ -42,22 +42,22 @@ def is_whole(S: Any) -> bool:
     return least >= 1.0
 
 
-def pose_compliances(S: Any, o: int, d: int) -> int:
-    """Put the compliances of the friction problem at o, d coordinates per finger, before it; return where, -1 for none.
+def pose_compliances(S: Any, o: int) -> None:
+    """Put the compliances in series, where there are any, into the friction problem at o.
 
     The problem's elastic force f0 has to be there, and which fingers have no force.
     """
     if S[at.GRADUAL] == 0.0:
-        return -1
-    n = int(S[at.FINGERS])
-    f0 = o + 3 * n + n * d
-    for i in range(n):
-        S[o - n + i] = 0.0 if S[o + 2 * n + i] < 0.0 else compliance(S, i, S[f0 + i * d])
-    return o - n
+        return
+    first = at.cones(S, o)
+    for i in range(int(S[at.FINGERS])):
+        r = first + i * at.CONE
+        S[r + at.CONE_COMPLIANCE] = 0.0 if S[r + at.CONE_STATUS] < 0.0 else compliance(S, i, S[r + at.CONE_BASE])
 
 
-def soften(S: Any, square: int, m: int, vector: int, per: float, start: int) -> None:
-    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames; f0 stands at `start`.
+def soften(S: Any, square: int, m: int, vector: int, per: float, start: int, stride: int = 0) -> None:
+    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames; f0 stands at `start`,
+    its fingers `stride` (c) apart.
 
     A compliance 1/g in series with coordinate p takes D e_p e_p'D / (g + D_pp) from D: one coordinate after another,
     of fingers that touch. What pivots are measured by becomes D_s's diagonal. Without a vector, `vector` is -1.
@@ -65,9 +65,10 @@ def soften(S: Any, square: int, m: int, vector: int, per: float, start: int) -> 
     if S[at.GRADUAL] == 0.0:
         return
     n, c = int(S[at.FINGERS]), int(S[at.COORDINATES])
+    lead = stride if stride > 0 else c
     for i in range(n):
         r = at.ROW + i * at.STRIDE
-        C = compliance(S, i, S[start + i * c]) if S[r + at.TOUCHING] != 0.0 else 0.0
+        C = compliance(S, i, S[start + i * lead]) if S[r + at.TOUCHING] != 0.0 else 0.0
         if C > 0.0:
             g = per * S[r + at.WEIGHT] / C
             for p in range(i * c, i * c + c):

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.cones.friction import problem_size
+from graspfx.cones.problem import MODES, choices, problem_size, set_up
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
@@ -104,14 +104,14 @@ class GraspedObject:
         rays = not (slips or rules.attached or rules.stick or square or law.equal)
         holds = rules.attached or (rules.stick and not slips)
         balls = limit is not None and holds and not (square or law.equal)  # limits where there is no friction cone
-        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays or balls else 0
+        room = n * c if square else MODES
+        problem = problem_size(n, room) if slips or rays or balls else 0
         squares = [per_finger(gain, n, d) for gain in gains] if self.matrices else []
         entries = sum(matrix.size for matrix in squares)
         if not 0.0 <= rules.damping_depth < np.inf:
             raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
         gradual = rules.damping_depth > 0.0 and not rules.attached and bool(np.any(gains[1]) or np.any(gains[3]))
-        room = n if gradual else 0  # one compliance for each finger, before the problem of the damping
-        limits = at.size(n, c, entries, problem) + room
+        limits = at.size(n, c, entries, problem)
         end = limits + (at.limits_size(n) if limit is not None else 0)
         data = None if shape is None else shape.data
         self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
@@ -120,7 +120,12 @@ class GraspedObject:
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
         S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
         S[at.PROBLEM] = at.problems(n, c, entries)
-        S[at.BRAKE] = S[at.PROBLEM] + problem + room
+        S[at.BRAKE] = S[at.PROBLEM] + problem
+        self._problems = [int(S[at.PROBLEM]), int(S[at.BRAKE])] if problem else []
+        for o in self._problems:
+            posed = set_up(S, o, n, room)
+            posed.limited = limit is not None and not implicit
+            posed.compliant = gradual and o == S[at.BRAKE]
         S[at.GRADUAL], S[at.DEPTH] = gradual, rules.damping_depth
         self.limit: FloatArray | None = None
         if limit is not None:
@@ -199,6 +204,8 @@ class GraspedObject:
         """
         fixed = [*STRUCTURE, *(at.BODY + entry for entry in (body.DIMENSIONS, body.INTEGRATOR))]
         fixed += range(at.BODY + body.FREE, at.BODY + body.FREE + 6)
+        for o in self._problems:
+            fixed += [o, *choices(o)]  # the count too
         if self._walks is not None:
             start = int(self.block[at.MESH])
             fixed += [at.MESH, at.WALKS, *range(start + tree.CLOSED, start + tree.RINGS + 1)]

@@ -37,7 +37,7 @@ def assemble_implicitly(S: Any, elastic: bool, damping: bool, held: bool) -> int
         add_part(S, size, m, False, held)
     add_inertia(S, size, m)
     for p in range(m, size):
-        pivot(S, A, size, q, size, p)
+        pivot(S, A, size, S, q, p)  # type: ignore[arg-type, call-arg] # flat
     for p in range(m):
         S[at.diagonal(n, c) + p] = S[A + p * size + p]
     return size
@@ -104,7 +104,7 @@ def fill_part(S: Any, m: int, elastic: bool, held: bool) -> None:
             S[B + p * m + p] *= 1.0 + LEAST
         S[diagonal + p] = S[B + p * m + p]
         S[marks + p] = 0.0 if is_held(S, p, c) else 1.0
-    release(S, B, m, q, m, m, marks, diagonal)
+    release(S, B, m, S, q, m, S, marks, S, diagonal)  # type: ignore[arg-type, call-arg] # flat
     for p in range(m):
         for k in range(m):
             if not (is_held(S, p, c) and is_held(S, k, c)):

@@ -86,7 +86,7 @@ def exceeds(S: Any) -> bool:
     longest = 0.0
     for i in range(int(S[at.FINGERS])):
         r, most = at.ROW + i * at.STRIDE, at.LIMIT_MARGIN * S[at.device_limits(S) + i]
-        if force_size(S, r + at.LOCAL, width(S)) > most or force_size(S, r + at.ELASTIC, width(S)) > most:
+        if size_of(S, r + at.LOCAL) > most or size_of(S, r + at.ELASTIC) > most:
             longest = 1.0
     return longest > 0.0
 
@@ -96,13 +96,18 @@ def width(S: Any) -> int:
     return 4 if S[at.FRICTION] != 0.0 else 3
 
 
+def size_of(S: Any, f: int) -> float:
+    """Compute the length of the force at f that the limit is about."""
+    return force_size(S[f], S[f + 1], S[f + 2], S[f + 3], width(S))  # type: ignore[call-arg] # flat
+
+
 def mark(S: Any, inside: bool) -> None:
     """Mark the fingers whose force stands at the limit; inside the projection, also whose elastic force does."""
     for i in range(int(S[at.FINGERS])):
         r, least = at.ROW + i * at.STRIDE, NEARLY * at.LIMIT_MARGIN * S[at.device_limits(S) + i]
-        if force_size(S, r + at.LOCAL, width(S)) >= least:
+        if size_of(S, r + at.LOCAL) >= least:
             S[at.saturation(S) + i] = 1.0
-        if inside and force_size(S, r + at.ELASTIC, width(S)) >= least:
+        if inside and size_of(S, r + at.ELASTIC) >= least:
             S[at.saturation(S) + i] = 1.0
 
 
@@ -150,7 +155,10 @@ def within_alone(S: Any) -> None:
 def shorten_all(S: Any) -> None:
     """Shorten every force to its limit."""
     for i in range(int(S[at.FINGERS])):
-        shorten(S, at.ROW + i * at.STRIDE + at.LOCAL, width(S), S[int(S[at.LIMITS]) + i])
+        f = at.ROW + i * at.STRIDE + at.LOCAL
+        S[f], S[f + 1], S[f + 2], S[f + 3], _ = shorten(  # type: ignore[call-arg, misc] # flat
+            S[f], S[f + 1], S[f + 2], S[f + 3], width(S), S[int(S[at.LIMITS]) + i]
+        )
 
 
 def within_balls(S: Any) -> int:
@@ -168,17 +176,18 @@ def within_balls(S: Any) -> int:
 def ball_force(S: Any, o: int, what: int, external: float, internal: float) -> int:
     """Put the elastic force into LOCAL, or add damping by what is a RATE to the one that is there."""
     n, c = int(S[at.FINGERS]), int(S[at.COORDINATES])
-    m = n * c
+    first = at.cones(S, o)
     pose_problem(S, o, True)
     for i in range(n):
-        S[o + n + i] = NO_CONE if S[at.ATTACHED] != 0.0 else HALF_SPACE
-    into_frames(S, what, o + 3 * n)
+        S[first + i * at.CONE + at.CONE_COEFFICIENT] = NO_CONE if S[at.ATTACHED] != 0.0 else HALF_SPACE
+    into_frames(S, what, first + at.CONE_DISPLACEMENT, at.CONE)
     if what == at.RATE:
-        into_frames(S, at.LOCAL, o + 3 * n + m)
+        into_frames(S, at.LOCAL, first + at.CONE_BASE, at.CONE)
+        pose_compliances(S, o)
     else:
-        for p in range(m):
-            S[o + 3 * n + m + p] = 0.0
-    series = pose_compliances(S, o, c) if what == at.RATE else -1
-    law, _, _ = friction_force_modes(S, o, external, internal, False, series)
-    out_of_frames(S, o + 3 * n + 2 * m, at.LOCAL)
+        for i in range(n):
+            for a in range(c):
+                S[first + i * at.CONE + at.CONE_BASE + a] = 0.0
+    law, _, _ = friction_force_modes(S, o, external, internal, False)
+    out_of_frames(S, first + at.CONE_FORCE, at.LOCAL, at.CONE)
     return UNRESOLVED if law == NONE else 0

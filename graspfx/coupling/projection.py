@@ -138,14 +138,14 @@ def project(S: Any) -> int:
             S[marks + p] = 1.0 if p % c and not stick else 0.0
         for i in range(n):
             S[state + i] = 1.0
-        release(S, A, size, q, size, n * c, marks, diagonal)
-        unresolved = complement(S, A, size, q, size, n, c, stick, attempt == 0, state, diagonal, scale)
+        release(S, A, size, S, q, n * c, S, marks, S, diagonal)  # type: ignore[arg-type, call-arg] # flat
+        unresolved = complement(S, A, size, S, q, S, diagonal, S, state, n, c, stick, attempt == 0, scale)  # type: ignore[arg-type, call-arg] # flat
         # a sticking finger is released whole, which is no cone: where going back and forth does not end, only let go
         if unresolved == 0 or not stick:
             break
     if S[at.DENSE] != 0.0 and not stick:
         retain(S, q, e, state)
-    settle(S, A, size, q, e, n, c, stick, state)
+    settle(S, A, size, S, q, S, e, S, state, n, c, stick)  # type: ignore[arg-type, call-arg] # flat
     out_of_frames(S, q, at.LOCAL)
     return UNRESOLVED * unresolved
 
@@ -186,12 +186,12 @@ def damp(S: Any) -> int:
         soften(S, A, size, q, 1.0, f0)
         for p in range(n * c):
             S[marks + p] = 0.0 if is_held(S, p, c) else 1.0
-        release(S, A, size, q, size, n * c, marks, diagonal)
+        release(S, A, size, S, q, n * c, S, marks, S, diagonal)  # type: ignore[arg-type, call-arg] # flat
         for p in range(n * c):
             if is_held(S, p, c):
                 S[q + p] += S[f0 + p]
     scale = largest(S, q, n * c)
-    unresolved = complement(S, A, size, q, size, n, c, False, True, state, diagonal, scale)
+    unresolved = complement(S, A, size, S, q, S, diagonal, S, state, n, c, False, True, scale)  # type: ignore[arg-type, call-arg] # flat
     for p in range(n * c):
         # a clamped normal holds a rate, its tangents are still forces; what is not held carries nothing
         if not is_held(S, p, c) or (p % c == 0 and S[state + p // c] == 0.0):

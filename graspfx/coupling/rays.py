@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from graspfx.cones.cone import modes_offset
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.friction import friction_force, turn_modes
 from graspfx.coupling import block as at
@@ -61,16 +60,19 @@ def along_normals(S: Any, o: int, elastic: bool) -> int:
         for a in range(d):
             x += S[r + at.NORMAL + a] * S[r + what + a]
             f0 += S[r + at.NORMAL + a] * S[r + at.LOCAL + a]
-        S[o + 3 * n + i] = x
-        S[o + 4 * n + i] = 0.0 if elastic else f0
-    turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, 1, at.modes(n), count, modes_offset(o, n, 1, count))
-    series = -1 if elastic else pose_compliances(S, o, 1)
-    law, _, _ = friction_force(S, o, n, 1, count, external, internal, False, 0, int(S[at.LIMITS]), series)
+        cone = at.cones(S, o) + i * at.CONE
+        S[cone + at.CONE_DISPLACEMENT] = x
+        S[cone + at.CONE_BASE] = 0.0 if elastic else f0
+    lead = 1 + (4 if S[at.COORDINATES] > 3.0 else 3) * n
+    turn_modes(S, at.ROW + at.FRAME, at.STRIDE, n, S, at.modes(n), lead, S, o, 1, count)  # type: ignore[arg-type, call-arg] # flat
+    if not elastic:
+        pose_compliances(S, o)
+    law, _, _ = friction_force(S, o, 1, external, internal, False, 0)  # type: ignore[arg-type, call-arg, misc] # flat
     for i in range(n):
         r = at.ROW + i * at.STRIDE
-        f = S[o + 5 * n + i]
+        f = S[at.cones(S, o) + i * at.CONE + at.CONE_FORCE]
         for a in range(d):
             S[r + at.LOCAL + a] = f * S[r + at.NORMAL + a]
         if elastic:
             S[r + at.TOUCHING] = 1.0 if f > 0.0 else 0.0
-    return UNRESOLVED if law == NONE else 0
+    return UNRESOLVED if law == NONE else 0  # type: ignore[has-type] # flat

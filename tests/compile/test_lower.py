@@ -280,3 +280,46 @@ def test_records_of_varying_size_stand_as_far_apart_as_their_owner_says() -> Non
     assert rings.rings[2].offset == 2 + 2 + 2 * 4
     assert Rings(B, 2).rings[1].values[2] == 6.0
     assert name_of(Rings, 2 + 2 + 4 + 1, S, offset=2) == "rings[1].values[0]"
+
+
+@kernel
+def add_up(places: Many[Vector], rows: Table) -> Vector:
+    """Add up values of a group and tell how wide a table is."""
+    force = ZERO
+    for i, place in enumerate(places):
+        force += place + places[i]
+    return force * (rows[1, 1] * rows.columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    rows: int
+    share: float
+
+
+@kernel
+def repeat(counts: Counts) -> float:
+    """Count up to a number of a value."""
+    total = 0.0
+    for _ in range(counts.rows):
+        total += counts.share
+    return total
+
+
+def test_groups_of_values_and_whole_numbers_of_values() -> None:
+    S = block(4, count=3)
+    grasp = Grasp(S)
+    places = grasp.fingers.part(Finger.position)
+    assert add_up(places, grasp.modes) == written(add_up)(places, grasp.modes)
+    assert places[1] == grasp.fingers[1].position
+    assert repeat(Counts(3, 0.5)) == written(repeat)(Counts(3, 0.5)) == 1.5
+
+
+def test_a_kernel_by_itself_is_compiled() -> None:
+    """Buffers, offsets and numbers go in flat."""
+    S = block(5, count=3)
+    table = Grasp(S).modes
+    places = Grasp(S).fingers.part(Finger.position)
+    run = compiled(add_up)
+    result = run(S, places.offset, places.stride, places.count, S, table.offset, table.columns)
+    assert Vector(*result) == add_up(places, table)

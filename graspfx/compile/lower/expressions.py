@@ -208,7 +208,7 @@ class Expressions:
         if isinstance(owner, Grid):
             return Span(owner.buffer, sum_of(owner.offset, product_of(index, owner.columns)))
         if isinstance(owner, Group):
-            return Place(owner.kind, owner.buffer, sum_of(owner.offset, product_of(index, owner.stride)))
+            return owner.member(sum_of(owner.offset, product_of(index, owner.stride)))
         if isinstance(owner, Bundle | Pack):
             if isinstance(index, ast.Constant) and isinstance(index.value, int):
                 return owner.parts[index.value]

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from graspfx.cones.cone import eliminate
+from graspfx.cones.elimination import eliminate
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import pose
 from graspfx.grasp.rigid_modes import rigid_modes
@@ -254,7 +254,7 @@ def stretch_by_matrix(S: Any, B: Any) -> bool:
     for i in range(n):
         for a in range(d):
             B[fe + i * d + a] = B[ROWS + i * STRIDE + NEXT + a]
-    if not eliminate(B, H, fe, m):
+    if not eliminate(B, H, m, B, fe, m):  # type: ignore[arg-type, call-arg] # flat
         return False
     for i in range(n):
         for a in range(d):
