@@ -162,7 +162,7 @@ class _Writer:
             for j, f in enumerate(held.fingers.tolist()):
                 found[f] = name, at.ROW + j * at.STRIDE
                 if held.grasped.limit is not None:
-                    self.limit_of[f] = name, at.device_limits(held.grasped.block) + j
+                    self.limit_of[f] = name, at.ROW + j * at.STRIDE + at.LIMIT
         return found
 
     def _latched(self, kind: int, index: int) -> str:
@@ -245,12 +245,12 @@ class _Writer:
         for i, block in enumerate(self.blocks):
             number = next(number for number, mover in enumerate(self.parts.movers) if i in mover.objects)
             lost = under(f"code == {LOST}", [f"{self.own}[{STUCK + number}] = 1.0"])
-            lines = [f"code = {self.script.kernel(sample)}({block})"]
+            lines = [f"code = {self.script.kernel(sample)}({block}, 0)"]
             if self.parts.objects[i].grasped.limit is not None:  # what the object receives is what is displayed
                 lines = [
-                    f"code = {self.script.kernel(couple)}({block})",
-                    f"code = {self.script.kernel(limit)}({block}, code)",
-                    f"code = {self.script.kernel(conclude)}({block}, code)",
+                    f"code = {self.script.kernel(couple)}({block}, 0)",
+                    f"code = {self.script.kernel(limit)}({block}, 0, code)",
+                    f"code = {self.script.kernel(conclude)}({block}, 0, code)",
                 ]
             lines += under("code != 0", [self._latched(OBJECT_, i), *lost])
             if self.parts.observers:
@@ -300,7 +300,7 @@ class _Writer:
         return block, row + at.POSITION
 
     def _released(self) -> list[str]:
-        return [f"{self.script.kernel(let_go)}({block})" for block in self.blocks]
+        return [f"{self.script.kernel(let_go)}({block}, 0)" for block in self.blocks]
 
     # Display ------------------------------------------------------------------------------------------------------
 
