@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from os import PathLike, fspath
 from pathlib import Path
 from types import ModuleType
-from typing import Literal
+from typing import Any, Literal
 
 from graspfx import installed
 from graspfx.environment import require_file, resolved, to_path
@@ -31,7 +31,15 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
 BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
     "hands": {},
-    "dynamics": {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet.bullet"},
+    "dynamics": {"native": "graspfx.objects.native_dynamics", "bullet": "graspfx.objects.bullet"},
+}
+
+# What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
+UPWARD = {
+    "Recording.beside": "graspfx.certificate.comparison.beside",
+    "Scene.faults": "graspfx.build.checks.faults.find_faults",
+    "Scene.linearise": "graspfx.certificate.linearise.linearise",
+    "Scene.require_reach": "graspfx.build.wiring.placing_faults",
 }
 
 
@@ -95,6 +103,13 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
     if plugin.path.suffix != ".py":
         raise InputError(SINGULAR[group], str(plugin.path), "a Python file", "a table has nothing to import")
     return _imported_file(plugin.path)
+
+
+def upward(name: str) -> Callable[..., Any]:
+    """Load the function of a room above that `UPWARD` names."""
+    module, _, function = UPWARD[name].rpartition(".")
+    found: Callable[..., Any] = getattr(import_module(module), function)
+    return found
 
 
 def is_file_name(text: str) -> bool:

@@ -110,17 +110,19 @@ class _Lanes:
         text.lines += [_noted(text, guard) for guard in guards]
         for c in range(self.columns):
             for k, row in enumerate(turns.watched):
-                text.lines += _measured(self.measured, c, text.shown(row[c]), begin=k == 0)
+                text.lines += _measured(self.measured, c, text.text_of(row[c]), begin=k == 0)
         after = Text("s", self._steady_names(text, known))
         after.compute([v for g in body.once for v in (g.a, g.b)])
         after.compute([*body.bounded, *body.divisors, *body.steady])
         after.lines += [_noted(after, guard) for guard in body.once]
-        after.lines += [_noted(after, Guard("<=", f"abs({after.shown(n)})", bounds.STEADY, True)) for n in body.bounded]
         after.lines += [
-            _noted(after, Guard(">=", f"abs({after.shown(n)})", 1.0 / bounds.STEADY, True)) for n in body.divisors
+            _noted(after, Guard("<=", f"abs({after.text_of(n)})", bounds.STEADY, True)) for n in body.bounded
         ]
-        stores = [f"X[{self.slot[slot] * LANES} + lane] = {text.shown(value)}" for slot, value in first.items()]
-        stores += [f"X[{self.steady[n.number] * LANES} + lane] = {after.shown(n)}" for n in body.steady]
+        after.lines += [
+            _noted(after, Guard(">=", f"abs({after.text_of(n)})", 1.0 / bounds.STEADY, True)) for n in body.divisors
+        ]
+        stores = [f"X[{self.slot[slot] * LANES} + lane] = {text.text_of(value)}" for slot, value in first.items()]
+        stores += [f"X[{self.steady[n.number] * LANES} + lane] = {after.text_of(n)}" for n in body.steady]
         stores += [f"X[{self.place[c, m] * LANES} + lane] = {_measure(c, m)}" for c, m in self.measures]
         stores.append(f"X[{self.bad * LANES} + lane] = bad")
         return [*lines, *text.lines, *after.lines, *stores], tuple(n.args[0] for n in inputs)
@@ -134,7 +136,7 @@ class _Lanes:
         while left:
             node = left.pop()
             if node.op == "input":
-                found[node.number] = text.shown(known[node.args[0]])
+                found[node.number] = text.text_of(known[node.args[0]])
             else:
                 left += [arg for arg in node.args if isinstance(arg, Node)]
         return found
@@ -160,9 +162,9 @@ class _Lanes:
             text.compute(roots)
             text.lines += [_noted(text, guard) for guard in body.guards]
             for c in range(self.columns):
-                text.lines += _measured(self.measured, c, text.shown(body.output[c]), begin=False)
+                text.lines += _measured(self.measured, c, text.text_of(body.output[c]), begin=False)
             lines += text.lines
-            shown = {slot: text.shown(body.ends[slot]) for slot in self.carried}
+            shown = {slot: text.text_of(body.ends[slot]) for slot in self.carried}
         lines += [f"X[{self.slot[slot] * LANES} + lane] = {value}" for slot, value in shown.items()]
         lines += [f"X[{self.place[c, m] * LANES} + lane] = {_measure(c, m)}" for c, m in self.measures]
         lines.append(f"X[{self.bad * LANES} + lane] = bad")

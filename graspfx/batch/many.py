@@ -21,7 +21,8 @@ from graspfx.compile.straight.straight import NotSteadyError, written_down
 from graspfx.compile.straight.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
 from graspfx.loop.tick.engine import whole_text
-from graspfx.loop.tick.tick import FAULTED, TICK, Tick
+from graspfx.loop.tick.memory import FAULTED, TICK
+from graspfx.loop.tick.script import Tick
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -16,7 +16,8 @@ from graspfx.build.build import build
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.tick.engine import whole_text
-from graspfx.loop.tick.tick import Tick, write
+from graspfx.loop.tick.script import Tick
+from graspfx.loop.tick.text import write
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo

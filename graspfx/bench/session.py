@@ -7,14 +7,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from graspfx.bench import speeds
 from graspfx.bench.calibration import calibrate
 from graspfx.bench.measure import Row
-from graspfx.bench.page import NAME as PAGE
-from graspfx.bench.page import PICTURES, error_text, page, ratio_text, time_text
-from graspfx.bench.pareto import by_case, front
 from graspfx.bench.registry import benchmark, chosen, rows
-from graspfx.bench.report import NAME, Report, load, stamp
+from graspfx.bench.report import speeds
+from graspfx.bench.report.page import NAME as PAGE
+from graspfx.bench.report.page import PICTURES, error_text, page, ratio_text, time_text
+from graspfx.bench.report.pareto import by_case, front
+from graspfx.bench.report.report import NAME, Report, load, stamp
 from graspfx.errors import InputError
 
 
@@ -89,7 +89,7 @@ def show(name: str, rows: Sequence[Row]) -> None:
 
 def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
     """The report as JSON, its page, and the figures of the benchmarks `drawn`."""
-    from graspfx.bench.figures import figure
+    from graspfx.bench.report.figures import figure
     from graspfx.loop.recording.places import make_folder
 
     make_folder(folder)

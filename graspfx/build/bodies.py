@@ -15,7 +15,8 @@ from graspfx.errors import InputError
 from graspfx.objects.body import fill_body
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Object, Obstacle, SceneTable
+    from graspfx.scene.tables.part_tables import Object, Obstacle
+    from graspfx.scene.tables.scene_table import SceneTable
     from graspfx.surfaces.closed_form.shape import Shape
     from graspfx.surfaces.triangles.mesh import Mesh
 

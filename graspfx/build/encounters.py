@@ -10,7 +10,8 @@ from graspfx.build import bodies
 from graspfx.objects.surroundings import Obstacle, placed
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Object, SceneTable
+    from graspfx.scene.tables.part_tables import Object
+    from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

@@ -16,7 +16,7 @@ from graspfx.spatial import product, quaternion
 from graspfx.spatial import rotate_numbers as rotate
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Object, Obstacle
+    from graspfx.scene.tables.part_tables import Object, Obstacle
     from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
 
 Numbers = tuple[float, ...]

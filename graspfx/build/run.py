@@ -12,10 +12,10 @@ from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from graspfx import plugins
 from graspfx.build.build import build, make_layout
 from graspfx.build.force_limits import has_limits
 from graspfx.build.meshes import frames
-from graspfx.certificate.comparison import beside
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.recording.header import Header, machine, now, versions
@@ -85,7 +85,7 @@ def run(
                 took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
             )
     finished = recording if out is None else Recording.load(file)
-    finished.beside = beside(scene)
+    finished.beside = plugins.upward("Recording.beside")(scene)
     return finished
 
 

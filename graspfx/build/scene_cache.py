@@ -80,7 +80,7 @@ def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
 
 def kept(where: Place) -> tuple[Scene, list[str]] | None:
     """A scene and the notes on it, as they were kept there; None if they were not."""
-    content = cache.stored(where.key)
+    content = cache.load(where.key)
     if content is None:
         return None
     found = json.loads(content)

@@ -18,8 +18,9 @@ from graspfx.errors import DeviceError, shown
 from graspfx.loop.device import Device, SimulatedDevice
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Device as DeviceTable
-    from graspfx.scene.tables.scene_table import Finger, SceneTable
+    from graspfx.scene.tables.part_tables import Device as DeviceTable
+    from graspfx.scene.tables.part_tables import Finger
+    from graspfx.scene.tables.scene_table import SceneTable
 
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, overload
 
-from graspfx.certificate.certificate import Certificate, certificates, lines
+from graspfx.certificate.certificate import Certificate
+from graspfx.certificate.certificate_lines import lines
+from graspfx.certificate.certificates import certificates
 from graspfx.certificate.rest.from_recording import recording_of
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording

@@ -36,7 +36,7 @@ def beside(scene: Readable) -> Beside:
 
 
 def _certificates(scene: Readable) -> dict[str, Certificate] | str:
-    from graspfx.certificate.certificate import certificates
+    from graspfx.certificate.certificates import certificates
     from graspfx.scene.model import Scene
 
     try:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from graspfx.certificate.certificate import Limit
+from graspfx.certificate.certificate import Limit
 
 PUSHING = "pushing with "
 MOST = 3  # lines about fingers that push alone: more become a range

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
 from graspfx.analysis.stability.modal import together
-from graspfx.certificate.certificate import mode_limits, reduced
 from graspfx.certificate.linearise import Linearised, linearise
+from graspfx.certificate.mode_limits import mode_limits, reduced
 from graspfx.certificate.whole_loop import bounded, reach
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene

@@ -23,7 +23,7 @@ from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, force_
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.matrix import Grasp
+from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.split import Split
 from graspfx.loop.parts import Held
 from graspfx.loop.recording.record import Recording

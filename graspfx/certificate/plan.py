@@ -15,8 +15,8 @@ from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
 from graspfx.coupling import block as at
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
+from graspfx.scene.tables.part_tables import Device, Object
 from graspfx.scene.tables.reading import listed
-from graspfx.scene.tables.scene_table import Device, Object
 from graspfx.scene.tables.shapes import MeshShape
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from graspfx.build.build import build
 from graspfx.certificate.plan import PlanRow
-from graspfx.compile.cache import shown
+from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.foreign import foreign, guests, looked_ahead
@@ -118,10 +118,10 @@ def _listed(parts: Collection[str]) -> str:
 def _program(found: Prospect) -> PlanRow:
     what = f"{len(found.kernels)} kernels, specialised for this scene"
     if found.size is not None:
-        return PlanRow("program", True, f"{what}; compiled, {1e-3 * found.size:.0f} kB in {shown()}")
+        return PlanRow("program", True, f"{what}; compiled, {1e-3 * found.size:.0f} kB in {folder_text()}")
     if not found.llvm:
         return PlanRow("program", False, f"{what}; {INSTALL} to have it compiled")
-    return PlanRow("program", True, f"{what}; not in {shown()} yet, where `graspfx warmup` puts it compiled")
+    return PlanRow("program", True, f"{what}; not in {folder_text()} yet, where `graspfx warmup` puts it compiled")
 
 
 def _engine(scene: Scene, found: Prospect) -> Iterator[PlanRow]:

@@ -74,7 +74,7 @@ class Report:
 
     def lines(self) -> Iterator[str]:
         """Verdict, limits, notes and plan as lines of text."""
-        from graspfx.certificate.certificate import lines
+        from graspfx.certificate.certificate_lines import lines
 
         yield self.verdict
         for certificate in self.certificates:
@@ -123,7 +123,7 @@ def report(scene: Scene) -> Report:
         SceneError: a finger that starts out of its device's reach.
     """
     from graspfx.build.axes import axes_notes
-    from graspfx.certificate.certificate import certificates
+    from graspfx.certificate.certificates import certificates
     from graspfx.certificate.notes.blend import blend_notes
     from graspfx.certificate.notes.doubts import doubts
     from graspfx.certificate.plan import plan

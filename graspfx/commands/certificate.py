@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 def certify(scene: Scene) -> None:
     """Prints the certificate, or why there is none."""
-    from graspfx.certificate.certificate import certificates, lines
+    from graspfx.certificate.certificate_lines import lines
+    from graspfx.certificate.certificates import certificates
 
     try:
         found = certificates(scene)

@@ -11,10 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from graspfx.compile import cache as kept
-from graspfx.compile.kernel import written
+from graspfx.compile import cache as disk
+from graspfx.compile.kernel import keep_lowerings, written
 from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Later, Memory
+from graspfx.compile.specialise.values import Dynamic, Memory
 
 UNROLL = 400  # statements: loops over the fingers and axes of most scenes, none over friction's squares
 
@@ -29,7 +29,7 @@ def program_source(
     lanes: int = 1,
     make: bool = True,
 ) -> str:
-    """The function that a text defines as a program of its own, the kernels that it calls specialised for it.
+    """Specialise the function that a text defines, and the kernels that it calls, as a program of its own.
 
     Args:
         text: one function; its parameters stay, its other names are kernels and arrays.
@@ -42,32 +42,47 @@ def program_source(
     """
     roots = {name: _identity(kernel) for name, kernel in sorted(kernels.items())}
     numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    asked = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
-    key = hashlib.sha256(f"program {asked}".encode()).hexdigest()
-    found = kept.stored(key)
-    if found is not None:
-        entry = json.loads(found)
+    request = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
+    key = hashlib.sha256(f"program {request}".encode()).hexdigest()
+    content = disk.load(key)
+    if content is not None:
+        entry = json.loads(content)
         same = all(_digest(file) == digest for file, digest in entry["files"].items())
         if same and all(_number(module, name) == number for module, name, number in entry["numbers"]):
             return str(entry["source"])
     if not make:
         raise LookupError("not specialised yet")
+    program = specialise(text, kernels, arrays, frozen, unroll=unroll, lanes=lanes)
+    source = program.source()
+    keep_lowerings()
+    folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
+    files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
+    others = [[*where, number] for where, number in program.numbers_of_modules.items() if not _is_ours(where[0])]
+    disk.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
+    return source
+
+
+def specialise(
+    text: str,
+    kernels: Mapping[str, Callable[..., Any]],
+    arrays: Sequence[str],
+    frozen: Mapping[tuple[str, int], float],
+    *,
+    unroll: int = UNROLL,
+    lanes: int = 1,
+) -> Program:
+    """Specialise a text, whatever the cache holds; arguments as of `program_source`."""
     program = Program(frozen, unroll, lanes)
     names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
     [tree] = ast.parse(text).body
     assert isinstance(tree, ast.FunctionDef)
-    program.add_text(text, names, [Later(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
-    source = program.source()
-    folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
-    files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
-    others = [[*where, number] for where, number in program.taken.items() if not _is_ours(where[0])]
-    kept.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
-    return source
+    program.add_text(text, names, [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
+    return program
 
 
 @cache
 def own_sources() -> str:
-    """One digest of all of our sources: kernels are taken from many files, and numbers from still more."""
+    """Digest all sources of the package: kernels stand in many files, and numbers in still more."""
     digest = hashlib.sha256()
     for folder in _folders():
         for file in sorted(folder.rglob("*.py")):
@@ -77,7 +92,7 @@ def own_sources() -> str:
 
 @cache
 def _folders() -> tuple[Path, ...]:
-    """The package, and in a checkout the shelf of drivers beside it."""
+    """List the package's folder and, in a checkout, the shelf of drivers beside it."""
     package = sys.modules[__name__.partition(".")[0]]
     first, *others = [Path(place) for place in package.__path__]
     return first, *(place / "devices" for place in others if (place / "devices").is_dir())
@@ -88,19 +103,19 @@ def _is_own(file: str) -> bool:
 
 
 def _identity(kernel: Callable[..., Any]) -> list[str]:
-    """A kernel's name, and of others' also its file: another environment may have another of that name."""
+    """Identify a kernel by name, and a foreign one by its file too: another environment may have the same name."""
     code = getattr(written(kernel), "__code__", None)
     file = "" if code is None or _is_own(code.co_filename) else code.co_filename
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
 
 
 def _is_ours(module: str) -> bool:
-    """Whether a module's numbers are written in our sources, or are those of mathematics."""
+    """Tell whether a module's numbers are written in the package's sources, or are those of mathematics."""
     return module.partition(".")[0] in ("math", __name__.partition(".")[0])
 
 
 def _number(module: str, name: str) -> str:
-    """A module's number as it is now: the module may have read it from somewhere else when it was imported."""
+    """Read a module's number as it is now: the module may have read it from elsewhere when it was imported."""
     return repr(getattr(sys.modules.get(module), name, None))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class UnitDependentSplitWarning(UserWarning):
 
 @runtime_checkable
 class ContactSet(Protocol):
-    """What the split asks of contacts; `grasp.matrix.Grasp` answers."""
+    """What the split asks of contacts; `grasp.matrix.GraspMatrix` answers."""
 
     fingers: int
     finger_of_column: NDArray[np.int64]
@@ -129,10 +130,9 @@ class Split:
         Raises:
             InputError: the split of a bare matrix, names that do not fit.
         """
-        from graspfx.grasp.matrix import Grasp
         from graspfx.grasp.quality.internal import internal_coordinates
 
-        if not isinstance(self.grasp, Grasp):
+        if not isinstance(self.grasp, GraspMatrix):
             raise InputError("split", self.grasp, "the split of a Grasp", "a bare matrix does not know its contacts")
         return internal_coordinates(self.grasp, self, self.rank, names)
 

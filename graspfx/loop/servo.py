@@ -17,9 +17,10 @@ from graspfx.loop.parts import Held, Moved, Mover, Parts, Station
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick import tick as at
+from graspfx.loop.tick import memory as at
 from graspfx.loop.tick.engine import ENGINES, Engine
-from graspfx.loop.tick.tick import Port, Tick
+from graspfx.loop.tick.script import Port, Tick
+from graspfx.loop.tick.text import write
 
 FloatArray = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ class Servo:
 
     def _ready(self) -> Engine:
         if self._engine is None:
-            self._tick = at.write(self.parts, record=self._record)
+            self._tick = write(self.parts, record=self._record)
             self._own: Any = memoryview(self._tick.own)
             self._engine = ENGINES[self._kind](self._tick)
         return self._engine

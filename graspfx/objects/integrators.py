@@ -21,7 +21,7 @@ import math
 from typing import Any
 
 from graspfx.compile.records import size_of, start_of
-from graspfx.objects.state import BodyState, Motion
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import exponential_numbers as exponential
 from graspfx.spatial import normalised, product
 from graspfx.spatial import rotate_numbers as rotate

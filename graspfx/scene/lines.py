@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from graspfx.scene.budget import outline
+from graspfx.scene.keys import Key
 
 if TYPE_CHECKING:
     from tree_sitter import Node
 
-Key = tuple[str | int, ...]
 
 KEYS = ("bare_key", "quoted_key", "dotted_key")
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import PrivateAttr
 
-from graspfx.build.checks.faults import as_faults, find_faults
-from graspfx.build.wiring import placing_faults
+from graspfx import plugins
 from graspfx.errors import Fault, InputError, SceneError
+from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.lines import KeyLines
-from graspfx.scene.overrides import Key, by_key, overridden
+from graspfx.scene.overrides import by_key, overridden
 from graspfx.scene.source import Source
 from graspfx.scene.tables.scene_table import SceneTable
 
@@ -35,7 +35,7 @@ class Scene(SceneTable):
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
-        faults = find_faults(table, origin)
+        faults: list[Fault] = plugins.upward("Scene.faults")(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         super().__init__(**table)
@@ -63,7 +63,7 @@ class Scene(SceneTable):
         Raises:
             SceneError: with every finger that starts where its device cannot be.
         """
-        found = placing_faults(self, self._source.folder)
+        found = plugins.upward("Scene.require_reach")(self, self._source.folder)
         if found:
             raise self._error(found)
 
@@ -85,9 +85,8 @@ class Scene(SceneTable):
         Raises:
             InputError: a device that does not tell its mass or friction.
         """
-        from graspfx.certificate.linearise import linearise
-
-        return linearise(self, at).linear
+        linear: Linearisation = plugins.upward("Scene.linearise")(self, at).linear
+        return linear
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """The scene with values replaced by dotted key, as on the command line."""

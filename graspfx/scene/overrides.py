@@ -8,8 +8,7 @@ from typing import Any
 
 from graspfx.errors import Fault, InputError
 from graspfx.scene.budget import DEEPEST, too_deep
-
-Key = tuple[str | int, ...]
+from graspfx.scene.keys import Key, dotted
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -37,10 +36,10 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
     changed: dict[str, Any] = deepcopy(dict(data))
     replaced: set[Key] = set()
     faults: list[Fault] = []
-    for dotted, value in overrides.items():
-        for outcome in _replace(changed, (), dotted.split("."), value):
+    for key, value in overrides.items():
+        for outcome in _replace(changed, (), key.split("."), value):
             if isinstance(outcome, str):
-                faults.append(Fault(dotted, outcome))
+                faults.append(Fault(key, outcome))
             else:
                 replaced.add(outcome)
     return changed, replaced, faults
@@ -64,9 +63,9 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
     elif isinstance(holder, list):
         yield from _replace_item(holder, at, part, rest, value)
     elif isinstance(holder, str):
-        yield f"{_dotted(at)} is the name {holder!r}: override the table of that name"
+        yield f"{dotted(at)} is the name {holder!r}: override the table of that name"
     else:
-        yield f"{_dotted(at)} is a value and has no parts"
+        yield f"{dotted(at)} is a value and has no parts"
 
 
 def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: Any) -> Iterator[Key | str]:
@@ -80,17 +79,13 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
     elif part in (named := [item.get("name", item.get("label")) for item in items if isinstance(item, dict)]):
         numbers = range(named.index(part), named.index(part) + 1)
     else:
-        yield f"{_dotted(at)} is a list of {len(items)}: name one by its number or name, or all with '*'"
+        yield f"{dotted(at)} is a list of {len(items)}: name one by its number or name, or all with '*'"
         return
     for i in numbers:
         if i >= len(items):
-            yield f"{_dotted(at)} has {len(items)}, the last is {_dotted((*at, len(items) - 1))}"
+            yield f"{dotted(at)} has {len(items)}, the last is {dotted((*at, len(items) - 1))}"
         elif rest:
             yield from _replace(items[i], (*at, i), rest, value)
         else:
             items[i] = deepcopy(value)
             yield (*at, i)
-
-
-def _dotted(key: Key) -> str:
-    return ".".join(map(str, key))

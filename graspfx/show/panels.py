@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from graspfx.show.strokes import APART, ASTRAY, CONTACTS, OBJECT, TURNS, Stroke
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import ObjectMotion, Recording
+    from graspfx.loop.recording.history import ObjectMotion
+    from graspfx.loop.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.bench import speeds
 from graspfx.bench.measure import Row
 from graspfx.bench.registry import BENCHMARKS, benchmark
-from graspfx.bench.report import Report
+from graspfx.bench.report import speeds
+from graspfx.bench.report.report import Report
 from graspfx.errors import InputError
 
 ROOT = Path(__file__).parents[2]

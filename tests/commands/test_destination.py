@@ -12,7 +12,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.bench.page import NAME as PAGE
+from graspfx.bench.report.page import NAME as PAGE
 from graspfx.commands.destination import OUT
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import LATEST

@@ -10,7 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.grasps import grasps
-from graspfx.certificate.certificate import lines
+from graspfx.certificate.certificate_lines import lines
 from graspfx.certificate.notes.blend import arms, blend_notes
 from graspfx.coupling import block as at
 from graspfx.coupling.fade import release_compliance

@@ -11,11 +11,10 @@ from graspfx.build.checks.cross_faults import cross_faults
 from graspfx.build.checks.foreign_files import trust_faults
 from graspfx.errors import LONGEST_KEY, Fault, closest, shown
 from graspfx.scene.budget import too_deep
+from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid
 from graspfx.scene.tables.scene_table import SceneTable
-
-Key = tuple[str | int, ...]
 
 BOUNDS = {
     "greater_than": ("more than", "gt"),
@@ -78,11 +77,6 @@ def find_faults(data: Mapping[str, Any], source: Source) -> list[Fault]:
     return as_faults(data, [*found, *cross_faults(draft, source.folder)])
 
 
-def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
-    """Faults by dotted key, as the data writes it."""
-    return [Fault(dotted(key_in(data, at)), text) for at, text in found]
-
-
 def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:
     errors = error.errors(include_url=False)
     meant = _meant(errors, draft)
@@ -96,26 +90,6 @@ def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[K
             yield (*at, "kind"), message(each)
         else:
             yield at, message(each)
-
-
-def dotted(key: Sequence[str | int]) -> str:
-    return ".".join(str(part) for part in key)
-
-
-def key_in(data: Any, location: Sequence[str | int]) -> Key:
-    """Where a validator's location stands in the data: without the names of alternatives, which the data lacks."""
-    key: list[str | int] = []
-    for part in location:
-        if isinstance(part, str) and part.startswith("<"):
-            continue
-        if isinstance(part, int) and isinstance(data, Mapping):
-            continue  # a lone table where a list of tables may stand
-        key.append(part)
-        if isinstance(part, int):
-            data = data[part] if isinstance(data, Sequence) and part < len(data) else None
-        else:
-            data = data.get(part) if isinstance(data, Mapping) else None
-    return tuple(key)
 
 
 def _meant(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:

@@ -10,7 +10,8 @@ from graspfx.plugins import is_file_name
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import Table
 from graspfx.scene.tables.hands import MadeHand, Path
-from graspfx.scene.tables.scene_table import Device, Object, SceneTable
+from graspfx.scene.tables.part_tables import Device, Object
+from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]

@@ -19,8 +19,9 @@ from graspfx.loop.motion import motion
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.hands import MadeHand, Reach, SharedHand, Sine, Step
 from graspfx.scene.tables.hands import Path as RecordedPath
+from graspfx.scene.tables.part_tables import Object
 from graspfx.scene.tables.reading import AXES, listed
-from graspfx.scene.tables.scene_table import Object, SceneTable
+from graspfx.scene.tables.scene_table import SceneTable
 
 NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
 

@@ -12,7 +12,8 @@ from graspfx.build import bodies, encounters
 from graspfx.errors import InputError
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.scene_table import Object, SceneTable
+from graspfx.scene.tables.part_tables import Object
+from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

@@ -15,7 +15,8 @@ from graspfx.build.wiring import AUTOMATIC, connect
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
 from graspfx.loop.device import Device as Connected
 from graspfx.loop.device import Features
-from graspfx.scene.tables.scene_table import Device, SceneTable
+from graspfx.scene.tables.part_tables import Device
+from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
 Found = tuple[Location, str]

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.contact import SELECTION
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.grasp.quality.measures import moment_length, reference_point
 from graspfx.numeric import finite
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
@@ -39,12 +37,12 @@ class PushingWrenches:
         friction: mu, one or one per contact.
         torsion: gamma [m], one or one per contact; for soft contacts in space.
         limit: how a soft contact's two limits combine.
-        length, about: as `grasp.measures.measures`.
+        length, about: as `grasp.quality.measures.measures`.
     """
 
     def __init__(
         self,
-        grasp: Grasp,
+        grasp: GraspMatrix,
         friction: ArrayLike,
         torsion: ArrayLike,
         limit: Limit,
@@ -139,7 +137,7 @@ class ForceClosure:
 
 
 def force_closure(
-    grasp: Grasp,
+    grasp: GraspMatrix,
     friction: ArrayLike = 0.0,
     torsion: ArrayLike = 0.0,
     *,

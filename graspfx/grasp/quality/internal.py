@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.grasp.contact import Contacts
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 Candidates = list[tuple[str, FloatArray]]
@@ -27,7 +25,7 @@ AXES = "xyz"
 
 
 class Dividing(Protocol):
-    """What coordinates ask of a split; `grasp.split.Split` and `grasp.virtual_linkage.VirtualLinkage` answer."""
+    """What coordinates ask of a split; `Split` and `VirtualLinkage` answer."""
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """External and internal parts of contact forces (..., m)."""
@@ -81,7 +79,7 @@ class InternalCoordinates:
 
 
 def internal_coordinates(
-    grasp: Grasp,
+    grasp: GraspMatrix,
     split: Dividing,
     rank: int,
     names: Sequence[str] | None = None,
@@ -180,7 +178,7 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
     return found
 
 
-def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
+def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
     """Moments of the contacts, each held by the least forces, or by another moment where forces cannot."""
     columns = np.flatnonzero(grasp.torsion_columns)
     if not columns.size:
@@ -210,7 +208,7 @@ def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]
     return found
 
 
-def _circuits(grasp: Grasp, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
+def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
     """A component of one contact, held by as many others as the rank: these always span the null space."""
     held = _pivots(A, rank)
     found: Candidates = []
@@ -273,7 +271,7 @@ def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
     return picks
 
 
-def _check_pairs(got: int, given: int, grasp: Grasp, fingers: list[str], target: int, units: FloatArray) -> None:
+def _check_pairs(got: int, given: int, grasp: GraspMatrix, fingers: list[str], target: int, units: FloatArray) -> None:
     if got < given:
         raise InputError("pairs", given, "tensions that do not depend on one another", f"only {got} of them do not")
     most = len(_extended([], _tensions(grasp.contacts, fingers, None), target, units))

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.grasp.quality.closure import Limit, PushingWrenches, closure_of
 from graspfx.numeric import number
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 Bound = Literal["sum", "each"]
@@ -42,7 +40,7 @@ class Margin:
 
 
 def wrench_margin(
-    grasp: Grasp,
+    grasp: GraspMatrix,
     friction: ArrayLike = 0.0,
     torsion: ArrayLike = 0.0,
     *,
@@ -66,7 +64,7 @@ def wrench_margin(
     A grasp without force closure has the margin 0. Unlike closure, epsilon depends on length and point of reference.
 
     Args:
-        grasp, friction, torsion, limit, length, about: as `grasp.closure.force_closure`.
+        grasp, friction, torsion, limit, length, about: as `grasp.quality.closure.force_closure`.
         bound: on the normal forces.
         tolerance: relative, at which the two bounds agree well enough.
         points: of the polytope, at most.

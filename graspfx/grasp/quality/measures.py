@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite, number
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 
@@ -55,7 +52,11 @@ class Measures:
 
 
 def measures(
-    grasp: Grasp, *, length: float | None = None, about: ArrayLike | None = None, torsion_length: float | None = None
+    grasp: GraspMatrix,
+    *,
+    length: float | None = None,
+    about: ArrayLike | None = None,
+    torsion_length: float | None = None,
 ) -> Measures:
     """The singular values of a grasp in units of a length; see `Measures`.
 
@@ -87,7 +88,7 @@ def measures(
     return Measures(values, directions, L if d > 1 else 1.0, ell)
 
 
-def moment_length(grasp: Grasp, length: float | None) -> float:
+def moment_length(grasp: GraspMatrix, length: float | None) -> float:
     """By what moments are divided: as given, or the rms distance of the contacts from their centroid [m]."""
     if length is not None:
         return _positive("length", length)
@@ -101,7 +102,7 @@ def moment_length(grasp: Grasp, length: float | None) -> float:
     return radius
 
 
-def reference_point(grasp: Grasp, about: ArrayLike | None) -> FloatArray:
+def reference_point(grasp: GraspMatrix, about: ArrayLike | None) -> FloatArray:
     """Where moments are taken: as given, else the centroid, or the origin where a translation is locked, (d,) [m]."""
     if about is not None:
         point = finite("about", about)

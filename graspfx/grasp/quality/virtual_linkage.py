@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.grasp.quality.internal import InternalCoordinates, internal_coordinates
 from graspfx.grasp.split import fraction
 from graspfx.numeric import finite
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 
@@ -54,7 +51,7 @@ class VirtualLinkage:
     """
 
     def __init__(
-        self, grasp: Grasp, *, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
+        self, grasp: GraspMatrix, *, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
     ) -> None:
         tolerance = fraction("tolerance", tolerance)
         self.grasp, self.actuators = grasp, actuators

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Coupling, Finger, Object
+    from graspfx.scene.tables.part_tables import Coupling, Finger, Object
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w, the freedoms of an object
 AXES = {"x": 0, "y": 1, "z": 2}

@@ -11,8 +11,8 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.errors import InputError
 from graspfx.loop.tick.engine import Interpreted
-from graspfx.loop.tick.script import Script
-from graspfx.loop.tick.tick import Tick, write
+from graspfx.loop.tick.script import Script, Tick
+from graspfx.loop.tick.text import write
 
 
 def test_a_memory_has_one_name_however_it_is_shown() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,7 @@ from graspfx.loop.recording.growth.octaves import (
 )
 from graspfx.loop.recording.growth.ringing import ringing, touches
 from graspfx.loop.recording.growth.view import GraspView, grasps
-
-if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.history import History
 
 FloatArray = NDArray[np.float64]
 
@@ -83,7 +81,7 @@ class Growth:
         return f"NOT STABLE: {how}, {where}, {size}{more}"
 
 
-def losses(recording: Recording) -> list[dict[str, Any]]:
+def losses(recording: History) -> list[dict[str, Any]]:
     """The growths of a recording for its summary: numbers, the certificate's word where there is one, and a sentence.
 
     Nothing is certified unless something grows.
@@ -96,7 +94,7 @@ def losses(recording: Recording) -> list[dict[str, Any]]:
     return tables
 
 
-def growths(recording: Recording) -> list[Growth]:
+def growths(recording: History) -> list[Growth]:
     """The strongest loss of stability of each object that fingers touch; none where a run is stable as far as it shows.
 
     A stretch of a run counts as growth if, in an octave of frequency, the fingers' displacement against the object

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.drive import Drive, drive
 from graspfx.loop.recording.growth.mode import mode_name
+from graspfx.loop.recording.history import History
 from graspfx.loop.recording.layout import WIDTHS
-
-if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +26,7 @@ class GraspView:
         rows: how many count: up to a fault.
     """
 
-    recording: Recording
+    recording: History
     name: str
     number: int
     fingers: NDArray[np.intp]
@@ -91,7 +88,7 @@ class GraspView:
         return (self.recording.finger_position if true is None else true)[first:stop, self.fingers]
 
 
-def grasps(recording: Recording) -> Iterator[GraspView]:
+def grasps(recording: History) -> Iterator[GraspView]:
     """Each object with its fingers, up to a fault."""
     layout = recording.layout
     rows = min([len(recording), *(fault.tick for fault in recording.faults)])

@@ -1,0 +1,1 @@
+"""What is true, to more digits than a method has."""
