@@ -47,7 +47,7 @@ class Problems:
     law: Law
     fingers: int
     ratio: float
-    given: tuple[Problem, ...]
+    members: tuple[Problem, ...]
 
     @property
     def external(self) -> float:
@@ -73,16 +73,16 @@ def problems(quick: bool) -> Iterator[Problems]:
 
 
 def _some(rng: np.random.Generator, N: int, law: Law, n: int, ratio: float) -> Problems:
-    found: list[Problem] = []
+    problems: list[Problem] = []
     mu = 0.0 if law == "frictionless" else FRICTION
-    while len(found) < N:
+    while len(problems) < N:
         K, Q, e = _posed(rng, n, INTERNAL / ratio)
         near = _near(K, e, mu, law)
         force = None if near is None else cone_force(K, e, mu, law != "coulomb", near)
         if force is not None and force.any():
             W = np.eye(len(e)) / INTERNAL + (ratio / INTERNAL - 1.0 / INTERNAL) * Q @ Q.T
-            found.append(Problem(K, W, Q, e, force))
-    return Problems(law, n, ratio, tuple(found))
+            problems.append(Problem(K, W, Q, e, force))
+    return Problems(law, n, ratio, tuple(problems))
 
 
 def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -105,8 +105,8 @@ def _near(K: FloatArray, e: FloatArray, mu: float, law: Law) -> FloatArray | Non
     block = np.concatenate([np.zeros(square), K.ravel()])
     block[n : 2 * n] = mu
     block[3 * n : 3 * n + m] = e
-    found, _, _ = friction_force_square(memoryview(block), 0, n, 3, square, m, True, law == "coulomb", 2)
-    wanted = 0 if law == "coulomb" else 1
-    if found == UNRESOLVED or found != wanted:
+    outcome, _, _ = friction_force_square(memoryview(block), 0, n, 3, square, m, True, law == "coulomb", 2)
+    law_number = 0 if law == "coulomb" else 1
+    if outcome == UNRESOLVED or outcome != law_number:
         return None
     return block[3 * n + 5 * m : 3 * n + 6 * m].copy()

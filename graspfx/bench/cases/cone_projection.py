@@ -64,8 +64,8 @@ def _by_clarabel(solver: ByClarabel, p: Problem) -> FloatArray:
 def _gauss_seidel(kind: Problems) -> Iterator[Method]:
     kernel = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
     theta = 0.0 if kind.law == "coulomb" else 1.0
-    m, N = 3 * kind.fingers, len(kind.given)
-    blocks = np.array([np.concatenate([p.W.ravel(), p.e, np.zeros(m)]) for p in kind.given])
+    m, N = 3 * kind.fingers, len(kind.members)
+    blocks = np.array([np.concatenate([p.W.ravel(), p.e, np.zeros(m)]) for p in kind.members])
     flat = blocks.ravel()
     for tolerance in TOLERANCES:
 
@@ -82,9 +82,9 @@ def _gauss_seidel(kind: Problems) -> Iterator[Method]:
 
 def _method(name: str, kind: Problems, force: Callable[[Problem], FloatArray]) -> Method:
     def error() -> float:
-        return _error([force(p) for p in kind.given], kind)
+        return _error([force(p) for p in kind.members], kind)
 
-    return Method(name, each(force, kind.given), error, calls=len(kind.given))
+    return Method(name, each(force, kind.members), error, calls=len(kind.members))
 
 
 # Ours -------------------------------------------------------------------------------------------------------------
@@ -190,13 +190,13 @@ def pivot_all(S: Any, N: int, size: int, n: int) -> None:
 def _pivoting(kind: Problems) -> tuple[FloatArray, int]:
     m = 3 * kind.fingers
     room = np.zeros(3 * m + kind.fingers + m * m)
-    return np.array([np.concatenate([p.K.ravel(), p.e, room]) for p in kind.given]), m * m + m
+    return np.array([np.concatenate([p.K.ravel(), p.e, room]) for p in kind.members]), m * m + m
 
 
 def _square(kind: Problems) -> tuple[FloatArray, int]:
     n, m = kind.fingers, 3 * kind.fingers
-    blocks = np.zeros((len(kind.given), problem_size(n, 3, m, True) + m * m))
-    for block, p in zip(blocks, kind.given, strict=True):
+    blocks = np.zeros((len(kind.members), problem_size(n, 3, m, True) + m * m))
+    for block, p in zip(blocks, kind.members, strict=True):
         block[n : 2 * n] = kind.friction
         block[3 * n : 3 * n + m] = p.e
         block[-m * m :] = p.K.ravel()
@@ -206,10 +206,10 @@ def _square(kind: Problems) -> tuple[FloatArray, int]:
 def _modes(kind: Problems, d: int, off: float) -> tuple[FloatArray, int]:
     """Blocks for `modes_all`; with `off` they start from the answer for displacements that are off by so much."""
     n, m = kind.fingers, kind.fingers * d
-    blocks = np.zeros((len(kind.given), problem_size(n, d, MODES, False) + MODES))
+    blocks = np.zeros((len(kind.members), problem_size(n, d, MODES, False) + MODES))
     rng = np.random.default_rng(1)
     modes, unknowns = modes_offset(0, n, d, MODES), 3 * n + 5 * m
-    for block, p in zip(blocks, kind.given, strict=True):
+    for block, p in zip(blocks, kind.members, strict=True):
         e = p.e.reshape(n, 3)[:, :d].ravel()
         block[:n] = 1.0
         block[n : 2 * n] = kind.friction
@@ -227,7 +227,7 @@ def _modes(kind: Problems, d: int, off: float) -> tuple[FloatArray, int]:
     return blocks, 3 * n + 2 * m
 
 
-def _error(found: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:
+def _error(forces: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:
     """The largest over problems, relative to the largest force of each."""
-    exact = np.array([p.force for p in kind.given])
-    return float((np.abs(np.array(found) - exact).max(axis=1) / np.abs(exact).max(axis=1)).max())
+    exact = np.array([p.force for p in kind.members])
+    return float((np.abs(np.array(forces) - exact).max(axis=1) / np.abs(exact).max(axis=1)).max())

@@ -28,7 +28,7 @@ class Place(TypedDict):
     end_col_offset: int
 
 
-def rewritten_code(function: FunctionType) -> CodeType:
+def rewrite_code(function: FunctionType) -> CodeType:
     """A module with a function of a frame and a stage's arguments, which has the stage's name, file and lines.
 
     Raises:
@@ -76,8 +76,8 @@ class Rewriter:
         variables = sorted(set(_assigned(node.body)) - set(parameters))
         start: list[ast.stmt] = []
         if variables:
-            nothing = ast.Attribute(self.name(FRAME), "nothing", LOAD, **place)
-            start = [ast.Assign([self.name(v, STORE) for v in variables], nothing, **place)]
+            unbound = ast.Attribute(self.name(FRAME), "unbound", LOAD, **place)
+            start = [ast.Assign([self.name(v, STORE) for v in variables], unbound, **place)]
         body = [*start, *self.block(node.body)] or [ast.Pass(**place)]
         return ast.FunctionDef(
             node.name, _parameters([FRAME, *parameters], place), body, decorator_list=[], type_params=[], **place
@@ -101,7 +101,7 @@ class Rewriter:
         if isinstance(node, ast.Expr):
             if isinstance(node.value, ast.Constant):
                 return []  # a docstring
-            return [ast.Expr(self.frame("do", self.whole(node.value)), **place)]
+            return [ast.Expr(self.frame("do", self.statement_value(node.value)), **place)]
         if isinstance(node, ast.If):
             return self.branch(node)
         if isinstance(node, ast.For) and not node.orelse:
@@ -111,7 +111,7 @@ class Rewriter:
             self.open.pop()
             return [ast.For(self.names(node.target), turns, body, [], **place)]
         if isinstance(node, ast.Return):
-            value = None if node.value is None else self.whole(node.value)
+            value = None if node.value is None else self.statement_value(node.value)
             return [*self.leave(self.open), ast.Return(value, **place)]
         if isinstance(node, ast.Break | ast.Continue):
             first = len(self.open) - 1 - self.open[::-1].index("")
@@ -122,10 +122,12 @@ class Rewriter:
 
     def assign(self, target: ast.expr, value: ast.expr) -> ast.stmt:
         if isinstance(target, ast.Name):
-            return ast.Assign([target], self.frame("assign", self.constant(target.id), self.whole(value)), **self.place)
+            return ast.Assign(
+                [target], self.frame("assign", self.constant(target.id), self.statement_value(value)), **self.place
+            )
         if isinstance(target, ast.Subscript):
             entry = self.value(target.value), self.value(target.slice)
-            return ast.Expr(self.frame("store", *entry, self.whole(value)), **self.place)
+            return ast.Expr(self.frame("store", *entry, self.statement_value(value)), **self.place)
         return ast.Assign([self.names(target)], self.value(value), **self.place)
 
     def augment(self, node: ast.AugAssign) -> ast.stmt:
@@ -179,9 +181,9 @@ class Rewriter:
 
     # Expressions --------------------------------------------------------------------------------------------------
 
-    def whole(self, node: ast.expr) -> ast.expr:
+    def statement_value(self, node: ast.expr) -> ast.expr:
         """The value of a statement, which may be a call of another stage."""
-        return self.calling(node, "call") if isinstance(node, ast.Call) else self.value(node)
+        return self.call_of(node, "call") if isinstance(node, ast.Call) else self.value(node)
 
     def value(self, node: ast.expr) -> ast.expr:
         place = self.place
@@ -195,7 +197,7 @@ class Rewriter:
             ends = [self.constant(None) if e is None else self.value(e) for e in (node.lower, node.upper, node.step)]
             return ast.Call(self.name("slice"), ends, [], **place)
         if isinstance(node, ast.Call):
-            return self.calling(node, "inner")
+            return self.call_of(node, "call_inside")
         if isinstance(node, ast.BinOp) and type(node.op) in SIGNS:
             return ast.BinOp(self.value(node.left), node.op, self.value(node.right), **place)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
@@ -204,14 +206,14 @@ class Rewriter:
             return ast.UnaryOp(node.op, self.value(node.operand), **place)
         if isinstance(node, ast.BoolOp):
             parts = [ast.Lambda(_parameters([], place), self.value(part), **place) for part in node.values]
-            return self.frame("either" if isinstance(node.op, ast.Or) else "both", *parts)
+            return self.frame("disjunction" if isinstance(node.op, ast.Or) else "conjunction", *parts)
         if isinstance(node, ast.Compare) and len(node.ops) == 1:
             return ast.Compare(self.value(node.left), node.ops, [self.value(node.comparators[0])], **place)
         if isinstance(node, ast.IfExp):
             return ast.IfExp(self.value(node.test), self.value(node.body), self.value(node.orelse), **place)
         raise self.cannot(node, "an expression of a stage")
 
-    def calling(self, node: ast.Call, method: str) -> ast.expr:
+    def call_of(self, node: ast.Call, method: str) -> ast.expr:
         if any(isinstance(a, ast.Starred) for a in node.args) or any(k.arg is None for k in node.keywords):
             raise self.cannot(node, "arguments one by one")
         call = self.frame(method, self.value(node.func), *map(self.value, node.args))
