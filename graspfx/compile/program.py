@@ -52,11 +52,7 @@ def program_source(
             return str(entry["source"])
     if not make:
         raise LookupError("not specialised yet")
-    program = Program(frozen, unroll, lanes)
-    names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
-    [tree] = ast.parse(text).body
-    assert isinstance(tree, ast.FunctionDef)
-    program.add_text(text, names, [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
+    program = specialise(text, kernels, arrays, frozen, unroll=unroll, lanes=lanes)
     source = program.source()
     keep_lowerings()
     folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
@@ -64,6 +60,24 @@ def program_source(
     others = [[*where, number] for where, number in program.numbers_of_modules.items() if not _is_ours(where[0])]
     disk.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
     return source
+
+
+def specialise(
+    text: str,
+    kernels: Mapping[str, Callable[..., Any]],
+    arrays: Sequence[str],
+    frozen: Mapping[tuple[str, int], float],
+    *,
+    unroll: int = UNROLL,
+    lanes: int = 1,
+) -> Program:
+    """Specialise a text, whatever the cache holds; arguments as of `program_source`."""
+    program = Program(frozen, unroll, lanes)
+    names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
+    [tree] = ast.parse(text).body
+    assert isinstance(tree, ast.FunctionDef)
+    program.add_text(text, names, [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
+    return program
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,7 +84,7 @@ def test_runs_grow_and_decay_on_either_side_of_a_limit(d: int, integrator: str) 
     (found,) = certificates(scene)
     edge = limit_of(found, "external")
     assert 0.0 < edge < math.inf
-    turning = {1: {}, 2: {"object.angular_velocity": 0.02}, 3: {"object.angular_velocity": [0.02] * 3}}[d]
+    turning: dict[str, Any] = {} if d == 1 else {"object.angular_velocity": 0.02 if d == 2 else [0.02] * 3}
     for factor, sign in ((0.97, -1.0), (1.03, 1.0)):
         near = scene.replace({"coupling.external.stiffness": factor * edge})
         rec = gx.run(near.replace({"object.velocity": [1e-3] * d} | turning), duration=9.0 if d == 3 else 14.0)
@@ -127,7 +128,7 @@ def test_a_prism_held_by_friction_rings_as_its_loop_says(factor: float) -> None:
     """
     scene = gx.load("prism")
     (found,) = certificates(scene)
-    friction = scene.finger[0].device.settings["damping"]
+    friction = scene.to_dict()["finger"][0]["device"]["damping"]
     near = scene.replace(
         {
             "coupling.external.stiffness": factor * limit_of(found, "external"),

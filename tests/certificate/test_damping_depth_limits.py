@@ -173,6 +173,6 @@ def test_a_run_grows_and_decays_as_the_certificate_says() -> None:
 
 def test_passivity_is_judged_where_all_damping_is_there() -> None:
     """`graspfx check` gives limits of passivity for the damping's own value only."""
-    exact = {"object__integrator": "exact"}
+    exact: dict[str, Any] = {"object__integrator": "exact"}
     assert "grows with depth" in certificates(scene(**exact))[0].why_not_passive
     assert certificates(scene(depth=1e-4, **exact))[0].passive is not None

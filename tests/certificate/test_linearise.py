@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import control
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 import graspfx as gx
 from graspfx.certificate.linearise import linearise
 from graspfx.errors import InputError, UnknownNameError
+from tests.support.optional import require
 from tests.support.sampled_loops import stepped_object
 from tests.support.small_scenes import B_V, KEP, KIP, M_V, SPRING, B, M, attached
 
@@ -26,8 +29,8 @@ def by_hand(d: int) -> tuple[np.ndarray, np.ndarray]:
     if d == 1:
         return np.hstack(blocks), np.diag([M_V])
     x, y, *z = size**2
-    moments = [M_V * (x + y) / 12] if d == 2 else [M_V * (y + z[0]) / 12, M_V * (x + z[0]) / 12, M_V * (x + y) / 12]
-    return np.hstack(blocks), np.diag([M_V] * d + moments)
+    about = [M_V * (x + y) / 12] if d == 2 else [M_V * (y + z[0]) / 12, M_V * (x + z[0]) / 12, M_V * (x + y) / 12]
+    return np.hstack(blocks), np.diag([M_V] * d + about)
 
 
 @pytest.mark.parametrize(("d", "integrator"), [(1, "exact"), (2, "explicit"), (3, "semi-implicit")])
@@ -59,7 +62,7 @@ def test_the_reference_scene_is_its_modes() -> None:
     outer = external_limits(0.15, 0.2, 0.005, 0.1, 0.8, spring=33.0, integrator="exact")
     expected = max(inner.spectral_radius(70.0), outer.spectral_radius(30.0))
     assert gx.stability.spectral_radius(scene) == pytest.approx(expected, abs=1e-12)
-    assert {round(mode.limits.limit, 1) for mode in gx.stability.modes(scene)} == {80.1, 91.8}
+    assert {round(require(mode.limits).limit, 1) for mode in gx.stability.modes(scene)} == {80.1, 91.8}
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -69,7 +72,7 @@ def test_a_squeeze_adds_what_preloaded_says_of_a_run(d: int) -> None:
     found = linearise(scene)
     rec = gx.run(scene.replace({"finger.*.device.damping": 2.0, "object.viscosity": 3.0}), duration=6.0)
     contacts = found.contacts - rec.object_position[-1]
-    displacement = rec.true_position[-1] - rec.contact_position[-1]
+    displacement = require(rec.true_position)[-1] - rec.contact_position[-1]
     expected = gx.stability.preloaded(contacts, displacement, rec.finger_force[-1])
     assert found.at == ("squeezed",)
     assert found.linear.preload == pytest.approx(expected.preload, abs=1e-5 * KIP)
@@ -123,7 +126,7 @@ def test_delays_and_the_mass_metric_are_those_of_the_scene() -> None:
     assert inner.T @ linear.stiffness @ (inner / shares[:, None]) == pytest.approx(KIP * inner.T @ inner, abs=1e-9)
 
 
-def test_a_device_that_tells_no_mass_is_named(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_device_that_tells_no_mass_is_named(tmp_path: Path) -> None:
     (tmp_path / "mute.py").write_text(
         "from dataclasses import replace\n"
         "from graspfx.plugins import load\n"

@@ -104,7 +104,7 @@ def test_a_user_without_a_folder_compiles_every_time(monkeypatch: pytest.MonkeyP
 
     monkeypatch.delenv("GRASPFX_CACHE")
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setattr(cache.Path, "home", homeless)
+    monkeypatch.setattr(Path, "home", homeless)
     program = compiled(SOURCE)
     assert works(program) and not program.cached
     assert "GRASPFX_CACHE" in program.note and "GRASPFX_CACHE" in cache.folder_text()
@@ -141,13 +141,13 @@ def test_without_llvm_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch
 
 def test_where_the_folder_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("GRASPFX_CACHE")
-    monkeypatch.setattr(cache.sys, "platform", "linux")
+    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache.folder() == tmp_path / "xdg" / "graspfx"
-    monkeypatch.setattr(cache.sys, "platform", "win32")
+    monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
     assert cache.folder() == tmp_path / "local" / "graspfx" / "Cache"
-    monkeypatch.setattr(cache.sys, "platform", "darwin")
+    monkeypatch.setattr(sys, "platform", "darwin")
     assert cache.folder().parts[-3:] == ("Library", "Caches", "graspfx")
 
 

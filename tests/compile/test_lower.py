@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,9 +115,9 @@ def everything(grasp: Grasp) -> int:
         row[0] = -f.z
     product, difference = both(force, grasp.force)
     grasp.force, k = difference, product
-    a = b = k
+    a = b = k  # type: ignore[assignment] # a kernel's numbers are floats from there on
     while a > 1.0:
-        a *= 0.5
+        a *= 0.5  # type: ignore[assignment]
     grasp.rest[0] = a + b + weigh(grasp.fingers.part(Finger.site), grasp.rest) + residual(None)
     grasp.problem.residual += residual(grasp.problem)
     M = outer(force, difference)
@@ -221,9 +222,9 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
         (own_vector, "only the running program knows"),
     ],
 )
-def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: object, why: str) -> None:
+def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: Any, why: str) -> None:
     with pytest.raises(InputError, match=why) as error:
-        lowered_text(written(function))  # type: ignore[type-var] # a kernel
+        lowered_text(written(function))
     assert "test_lower.py:" in str(error.value)
 
 
@@ -237,7 +238,7 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
 
 def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
-    function = written(everything)
+    function: Any = written(everything)
     text, callees, _ = lowered_text(function)
     names = {alias: (callee.__module__, callee.__qualname__) for alias, callee in callees.items()}
     code = compile(text, "test", "exec")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspfx.cones.friction import ASSOCIATED, friction_force, modes_offset, problem_size
+from graspfx.cones.cone import modes_offset
+from graspfx.cones.friction import ASSOCIATED, friction_force, problem_size
 
 
 def nearest(x: np.ndarray, mu: float, limit: float) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.cones.cone import modes_offset
 from graspfx.cones.friction import (
     ASSOCIATED,
     COULOMB,
@@ -14,7 +15,6 @@ from graspfx.cones.friction import (
     UNRESOLVED,
     friction_force,
     friction_force_square,
-    modes_offset,
     problem_size,
     turn_modes,
 )

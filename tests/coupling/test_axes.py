@@ -113,9 +113,10 @@ def test_the_implicit_and_the_frictional_samples_have_the_objects_axes(friction:
     for integrator in ("exact", "implicit"):
         forces = []
         for axes, turn in (("object", np.eye(2)), ("world", R)):
+            rules["axes"] = axes
             gains = law(turn @ A @ turn.T, turn @ B @ turn.T, 0.1, 0.2, form="symmetric")
-            settings = {"inertia": 4e-5, "orientation": angle, "integrator": integrator}
-            g = grasped(2, 2, gains, Rules(axes=axes, **rules), shape=Box((0.05, 0.05)), **settings)
+            settings: dict[str, Any] = {"inertia": 4e-5, "orientation": angle, "integrator": integrator}
+            g = grasped(2, 2, gains, Rules(**rules), shape=Box((0.05, 0.05)), **settings)
             if g.implicit:
                 NativeBody(g.body_state).free_motion(0.005)
             g.meet(1.2 * fingers)

@@ -67,7 +67,7 @@ def test_they_are_those_of_the_law(outer: str, inner: str, d: int, form: str) ->
         weights = rng.uniform(0.2, 2.0, n)
         contacts = rng.normal(size=(n, d)) * 0.03
         inertia = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}[d]
-        rules = Rules(attached=True, share=weights, axes="world")
+        rules = Rules(attached=True, share=weights.tolist(), axes="world")
         g = grasped(n, d, gains, rules, contacts=contacts, inertia=inertia, orientation=turned(d))
         K, D = sampled(g, rng.normal(size=(n, d)))
         R = g.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)[:d, :d]

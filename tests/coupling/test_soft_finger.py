@@ -243,7 +243,7 @@ def test_kernels_with_torsion_compile_to_the_same_bits() -> None:
             a, b = S.copy(), S.copy()
             if kernel is rigid_modes:
                 a[3:36:12] = b[3:36:12] = np.abs(a[3:36:12])
-            told, found = kernel(memoryview(a), *arguments), twins[kernel](b, *arguments)  # type: ignore[call-arg]
+            told, found = kernel(memoryview(a), *arguments), twins[kernel](b, *arguments)
             assert told == found and np.array_equal(a, b)
 
 

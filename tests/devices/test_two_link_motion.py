@@ -287,8 +287,9 @@ def test_the_kernel_on_the_block_is_the_plant_to_the_bit(drives: tuple[str, ...]
     got = drive(other, torques, hand, T)
     np.testing.assert_array_equal(got, expected)
     np.testing.assert_array_equal(other.position, expected[-1, 0])  # the block is where the plant itself looks
-    assert other.time == one.time == 200 * T
-    np.testing.assert_array_equal(*(advanced(plant, torques[:5], hand, T) for plant in (one, other)))
+    plants: list[Any] = [one, other]
+    assert [plant.time for plant in plants] == [200 * T, 200 * T]
+    np.testing.assert_array_equal(advanced(one, torques[:5], hand, T), advanced(other, torques[:5], hand, T))
 
 
 def test_the_compiled_kernel_moves_a_block_that_stands_anywhere() -> None:

@@ -18,6 +18,7 @@ from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
 from tests.support import foreign_parts
 from tests.support.engines import recorded, same
+from tests.support.optional import require
 
 TORQUE = 0.0012  # of a motor [N m], at a gear of 15 and links of 128 mm: 0.14 N at the finger
 
@@ -53,7 +54,7 @@ def pinch(d: int = 2, n: int = 3, **changes: Any) -> gx.Scene:
     return made.replace({key.replace("__", "."): value for key, value in changes.items()})
 
 
-LIMIT = {"finger__0__device__force_limit": 0.2}
+LIMIT: dict[str, Any] = {"finger__0__device__force_limit": 0.2}
 COUPLINGS: dict[str, dict[str, Any]] = {
     "frictionless": {},
     "friction": {"coupling__friction": 0.5},
@@ -89,7 +90,7 @@ def require_consistent(rec: Recording, limits: np.ndarray, moment_error: float =
         else:
             moment = np.cross(arm, force).sum(axis=1)
         np.testing.assert_allclose(rec.wrench[:, d:], moment, rtol=0.0, atol=moment_error)
-    work = (rec.displayed_force[:-1] * np.diff(rec.true_position, axis=0)).sum(axis=2).cumsum(axis=0)
+    work = (rec.displayed_force[:-1] * np.diff(require(rec.true_position), axis=0)).sum(axis=2).cumsum(axis=0)
     np.testing.assert_allclose(rec.device_energy[1:], work, rtol=0.0, atol=1e-15)
 
 
@@ -155,7 +156,7 @@ def test_batches_are_single_runs() -> None:
     hits = 0
     for index in np.ndindex(batch.shape):
         alone = gx.run(scene.replace({key: float(v[index]) for key, v in batch.values.items()}), duration=0.2)
-        assert alone.rows.tobytes() == batch.recordings[index].rows.tobytes()
+        assert alone.rows.tobytes() == require(batch.recordings).item(index).rows.tobytes()
         assert alone.saturated is not None
         hits += bool(alone.saturated.any())
     assert 6 <= hits < 12
@@ -267,7 +268,7 @@ def arms(**settings: Any) -> gx.Scene:
     fingers = [
         {
             "start": [side * 0.0255, 0.0],
-            "device": {"name": "two-link", "base": [side * 0.04, -0.18], "elbow": elbow, **settings},
+            "device": {"name": "two-link", "base": [side * 0.04, -0.18], "elbow": elbow} | settings,
             "hand": {"stiffness": 150.0, "damping": 1.0, "squeeze": 0.006, "closing": [-side, 0.0]},
         }
         for side, elbow in ((-1.0, "left"), (1.0, "right"))
@@ -289,7 +290,11 @@ def test_torque_limits_are_the_frameworks_too(drive: str) -> None:
     assert rec.saturated is not None
     assert rec.saturated.mean() > 0.2
     device = two_link.connect(base=[-0.04, -0.18], drive=drive, torque_limit=TORQUE)
-    positions, forces, limits = rec.true_position[::25, 0], rec.displayed_force[::25, 0], rec.saturated[::25, 0]
+    positions, forces, limits = (
+        require(rec.true_position)[::25, 0],
+        rec.displayed_force[::25, 0],
+        rec.saturated[::25, 0],
+    )
     for p, f, at_limit in zip(positions, forces, limits, strict=True):
         J = device.arm.jacobian(*device.arm.angles(*p))
         if drive == "elbow":

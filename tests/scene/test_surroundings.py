@@ -68,7 +68,7 @@ def row(scene: gx.Scene, step: str) -> Any:
     return found
 
 
-LYING = {"name": "rod", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "inertia": 1e-5}
+LYING: dict[str, Any] = {"name": "rod", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "inertia": 1e-5}
 CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
     ([], {"obstacle": [FLOOR, BLOCK]}, "obstacle.1.shape.kind: box with native dynamics can meet a half-space or a"),
     ([], {"world": {"restitution": 0.5}}, "world.restitution: box with native dynamics does not bounce"),

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from graspfx.cones.friction import RESTARTS, friction_force, modes_offset, problem_size
+from graspfx.cones.cone import modes_offset
+from graspfx.cones.friction import RESTARTS, friction_force, problem_size
 
 DEEP = 0.01  # size of random displacements [m]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ def askew(
         hand: dict[str, Any] = {"stiffness": 100.0, "damping": 1.0}
         if ramp:
             aside = [side * squeeze, side * skew / 2]
-            hand |= {"squeeze": float(np.hypot(*aside)), "squeeze_ramp": ramp, "closing": aside, "damping": 4.0}
+            hand |= {"squeeze": math.hypot(*aside), "squeeze_ramp": ramp, "closing": aside, "damping": 4.0}
         else:
             hand |= {"rest": [side * (squeeze - 0.025), side * skew / 2]}
         device = {"name": "simulated", "mass": 0.15, "damping": 0.2}

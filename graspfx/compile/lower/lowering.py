@@ -38,6 +38,7 @@ def lowered(function: FunctionType) -> FunctionType:
     for name in ("__module__", "__qualname__", "__doc__"):
         setattr(result, name, getattr(function, name))
     result.__source_files__ = files  # type: ignore[attr-defined] # asked for by the specialiser
+    result.__written__ = function  # type: ignore[attr-defined] # named beside its part of a program
     return result
 
 

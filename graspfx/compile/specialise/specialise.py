@@ -76,7 +76,10 @@ class Program:
             self._specialised[key] = None
             self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
-            self._specialised[key] = self._make(kernel, arguments, f"{function.__name__}_{len(self._specialised)}")
+            source = getattr(function, "__written__", function).__code__
+            new = self._make(kernel, arguments, f"{function.__name__}_{len(self._specialised)}")
+            vars(new.node)["origin"] = (source.co_filename, source.co_firstlineno)
+            self._specialised[key] = new
         specialised = self._specialised.get(key)
         if specialised is None:
             place = f"{code.co_filename}:{code.co_firstlineno}"
@@ -97,6 +100,10 @@ class Program:
     def source(self) -> str:
         """Write the program as Python."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
+        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in self.definitions())])
+
+    def definitions(self) -> list[ast.FunctionDef]:
+        """List the functions that the program needs, each before those that call it."""
         called = {self.functions[-1].name}
         reachable = []
         for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
@@ -104,4 +111,4 @@ class Program:
                 reachable.append(node)
                 called.update(n.id for n in nodes([node]) if isinstance(n, ast.Name))
                 place(node)
-        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in reversed(reachable))])
+        return reachable[::-1]

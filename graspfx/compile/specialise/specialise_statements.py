@@ -98,6 +98,8 @@ class Body(Expressions):
         out: list[ast.stmt] = []
         for statement in statements:
             more, ended = self.statement(statement, scope)
+            for line in more:  # of which an inner block may have said already where it comes from
+                vars(line).setdefault("origin", (self.kernel.file, statement.lineno))
             out += more
             if ended:
                 return out, True

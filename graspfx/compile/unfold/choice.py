@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NoReturn
 
-from graspfx.compile.unfold.dynamic import Dynamic, NotUnfoldable
-from graspfx.compile.unfold.lines import Line, Origin, Writer
+from graspfx.compile.unfold.expression import Expression, NotUnfoldable
+from graspfx.compile.unfold.writer import Line, Origin, Writer
 
 
-class Nothing:
+class NoValue:
     """A variable without a value, or with one that depends on a choice of the program."""
 
     def __repr__(self) -> str:
@@ -20,14 +20,17 @@ class Nothing:
     def __getattr__(self, name: str) -> NoReturn:
         self.__bool__()
 
+    def __index__(self) -> NoReturn:
+        self.__bool__()
+
     def __eq__(self, other: object) -> NoReturn:
         self.__bool__()
 
     __hash__ = None  # type: ignore[assignment] # what it is equal to is not known
 
 
-UNBOUND = Nothing()  # before anything is assigned
-UNSETTLED = Nothing()  # it depends on a choice of the program
+UNBOUND = NoValue()  # before anything is assigned
+UNSETTLED = NoValue()  # it depends on a choice of the program
 
 
 class Choice:
@@ -42,7 +45,7 @@ class Choice:
 
     def __init__(self, writer: Writer, test: Any, origin: Origin, values: tuple[Any, ...]) -> None:
         self.writer, self.test, self.origin, self.values = writer, test, origin, values
-        self.dynamic = isinstance(test, Dynamic)
+        self.dynamic = isinstance(test, Expression)
         self.start = len(writer.lines)
         self.between: int | None = None  # where the other branch starts
         self.first: tuple[Any, ...] | None = None  # values after the first branch, if there is another
@@ -79,16 +82,16 @@ class Choice:
         elif self.test.calls:
             raise NotUnfoldable(text, "something to do in one of the branches: the test calls a kernel")
         if self.first is None:
-            return tuple(map(_joined, values, self.values))
-        return tuple(map(_joined, self.first, values))
+            return tuple(map(_join, values, self.values))
+        return tuple(map(_join, self.first, values))
 
 
-def _joined(one: Any, other: Any) -> Any:
-    """Join a variable after a choice of the program, by its value after each branch."""
-    if isinstance(one, Dynamic) and isinstance(other, Dynamic):
+def _join(one: Any, other: Any) -> Any:
+    """A variable after a choice of the program, by what it is after each branch."""
+    if isinstance(one, Expression) and isinstance(other, Expression):
         return one if one.text == other.text else UNSETTLED
-    if isinstance(one, Dynamic) and other is UNBOUND:
+    if isinstance(one, Expression) and other is UNBOUND:
         return one  # unbound where the other branch runs, as in Python
-    if isinstance(other, Dynamic) and one is UNBOUND:
+    if isinstance(other, Expression) and one is UNBOUND:
         return other
     return one if one is other else UNSETTLED

@@ -11,20 +11,21 @@ from typing import Any
 
 from graspfx.compile.records import Floats, Record
 from graspfx.compile.unfold.choice import UNBOUND, Choice
-from graspfx.compile.unfold.dynamic import (
+from graspfx.compile.unfold.expression import (
     AND,
     ATOM,
     COMPARISON,
     NOT,
     OR,
-    Dynamic,
+    Expression,
     NotUnfoldable,
-    joined,
+    join,
     number,
     operand,
 )
-from graspfx.compile.unfold.lines import Origin, Writer, is_memory
-from graspfx.compile.unfold.stage import FRAME, rewritten
+from graspfx.compile.unfold.rewrite import rewrite
+from graspfx.compile.unfold.stage import FRAME
+from graspfx.compile.unfold.writer import Origin, Writer, is_memory
 
 ARITHMETIC = (abs, min, max, int, float)  # of Python, that a program may call
 OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
@@ -47,7 +48,7 @@ class Frame:
         origin: of all that it writes; None for a stage of the first two, whose own lines are told.
     """
 
-    nothing = UNBOUND
+    unbound = UNBOUND
 
     def __init__(
         self, writer: Writer, occupied: frozenset[str] = frozenset(), depth: int = 0, origin: Origin | None = None
@@ -55,13 +56,13 @@ class Frame:
         self.writer, self.occupied, self.depth, self.origin = writer, occupied, depth, origin
         self.variables: dict[str, str] = {}  # the program's names of this stage's variables
 
-    def own(self, name: str) -> str:
+    def variable(self, name: str) -> str:
         """Give the program's name of a variable."""
         if name not in self.variables:
-            mine = self.writer.names.variable(name)
-            while mine in self.occupied:
-                mine = self.writer.names.variable(f"{mine}_")
-            self.variables[name] = mine
+            variable = self.writer.names.variable(name)
+            while variable in self.occupied:
+                variable = self.writer.names.variable(f"{variable}_")
+            self.variables[name] = variable
         return self.variables[name]
 
     def here(self) -> Origin:
@@ -77,14 +78,15 @@ class Frame:
     # Statements ---------------------------------------------------------------------------------------------------
 
     def assign(self, name: str, value: Any) -> Any:
-        if not isinstance(value, Dynamic):
+        if not isinstance(value, Expression):
             return value
-        to = self.own(name)
-        self.writer.write(f"{to} = {value.text}", self.here())
-        return Dynamic(to)
+        to = self.variable(name)
+        if value.text != to:  # as that of a stage which has ended may be
+            self.writer.write(f"{to} = {value.text}", self.here())
+        return Expression(to)
 
     def augment(self, name: str, value: Any, sign: str, by: Any) -> Any:
-        if isinstance(value, Dynamic) and value.text == self.variables.get(name):
+        if isinstance(value, Expression) and value.text == self.variables.get(name):
             self.writer.write(f"{value.text} {sign}= {number(by).text}", self.here())
             return value
         return self.assign(name, OPERATIONS[sign](value, by))
@@ -96,13 +98,13 @@ class Frame:
         self.writer.write(f"{self.entry(owner, index)} {sign}= {number(by).text}", self.here())
 
     def do(self, value: Any) -> None:
-        if isinstance(value, Dynamic):
+        if isinstance(value, Expression):
             if not value.calls:
                 raise NotUnfoldable(value, "a call: a number alone does nothing")
             self.writer.write(value.text, self.here())
 
     def turns(self, parts: Any) -> Iterable[Any]:
-        if is_memory(parts) or isinstance(parts, Dynamic):
+        if is_memory(parts) or isinstance(parts, Expression):
             raise NotUnfoldable(parts, "parts to go through, no numbers of the program")
         return parts  # type: ignore[no-any-return] # Python says if it cannot be gone through
 
@@ -116,20 +118,20 @@ class Frame:
     # Expressions --------------------------------------------------------------------------------------------------
 
     def item(self, owner: Any, index: Any) -> Any:
-        if is_memory(owner) or isinstance(owner, Dynamic):
-            return owner[index] if isinstance(index, slice) else Dynamic(self.entry(owner, index))
-        if isinstance(index, Dynamic):
+        if is_memory(owner) or isinstance(owner, Expression):
+            return owner[index] if isinstance(index, slice) else Expression(self.entry(owner, index))
+        if isinstance(index, Expression):
             raise NotUnfoldable(index, f"an index into {type(owner).__qualname__} that the parts settle")
         return owner[index]
 
     def entry(self, owner: Any, index: Any) -> str:
         """Write an entry of a memory."""
-        if isinstance(owner, Dynamic):
+        if isinstance(owner, Expression):
             return f"{operand(owner, ATOM)}[{number(index).text}]"
         if not is_memory(owner):
             raise NotUnfoldable(owner, "a float64 array, or one of the program")
         name, first = self.writer.place(owner)
-        if isinstance(index, Dynamic):
+        if isinstance(index, Expression):
             return f"{name}[{(index + first if first else index).text}]"
         k = operator.index(index)
         if not -len(owner) <= k < len(owner):
@@ -137,14 +139,14 @@ class Frame:
         return f"{name}[{first + k % len(owner)}]"
 
     def negate(self, value: Any) -> Any:
-        if not isinstance(value, Dynamic):
+        if not isinstance(value, Expression):
             return not value
-        return Dynamic(f"not {operand(value, NOT)}", NOT, value.calls)
+        return Expression(f"not {operand(value, NOT)}", NOT, value.calls)
 
-    def all_of(self, *parts: Callable[[], Any]) -> Any:
+    def conjunction(self, *parts: Callable[[], Any]) -> Any:
         return self._logic("and", AND, parts)
 
-    def any_of(self, *parts: Callable[[], Any]) -> Any:
+    def disjunction(self, *parts: Callable[[], Any]) -> Any:
         return self._logic("or", OR, parts)
 
     def _logic(self, sign: str, level: int, parts: Iterable[Callable[[], Any]]) -> Any:
@@ -152,57 +154,57 @@ class Frame:
         whole: Any = None
         for part in parts:
             value = part()
-            if isinstance(value, Dynamic):
-                whole = joined(whole, sign, value, level) if isinstance(whole, Dynamic) else value
+            if isinstance(value, Expression):
+                whole = join(whole, sign, value, level) if isinstance(whole, Expression) else value
                 continue
             settles = bool(value) is (sign == "or")
-            if not isinstance(whole, Dynamic):
+            if not isinstance(whole, Expression):
                 whole = value
             elif settles or whole.level != COMPARISON:  # a comparison is as true with what does not settle it
-                whole = joined(whole, sign, bool(value), level)
+                whole = join(whole, sign, bool(value), level)
             if settles:
                 break
         return whole
 
-    def inner(self, function: Any, *arguments: Any, **keywords: Any) -> Any:
+    def call_inside(self, function: Any, *arguments: Any, **named: Any) -> Any:
         """Call inside an expression, whose other parts may be read before or after."""
         before = len(self.writer.lines)
-        result = self.call(function, *arguments, **keywords)
+        result = self.call(function, *arguments, **named)
         if len(self.writer.lines) != before:
             raise NotUnfoldable(function, "a stage that only computes, or a statement of its own for the call")
         return result
 
-    def call(self, function: Any, *arguments: Any, **keywords: Any) -> Any:
+    def call(self, function: Any, *arguments: Any, **named: Any) -> Any:
         """Unfold a stage, write the call of a kernel, or call anything else now."""
         if getattr(function, "is_stage", False):
-            return self._stage(function, arguments, keywords)
-        values = [*arguments, *keywords.values()]
+            return self._stage(function, arguments, named)
+        values = [*arguments, *named.values()]
         if function in (len, isinstance) or not any(map(_is_of_program, values)):
-            return function(*arguments, **keywords)
-        if keywords:
+            return function(*arguments, **named)
+        if named:
             raise NotUnfoldable(function, "arguments in order: a kernel's have no names")
         writer = self.writer
         if isinstance(function, FunctionType):
             text = ", ".join([writer.argument(a) for a in arguments])
-            return Dynamic(f"{writer.names.kernel(function)}({text})", calls=True)
+            return Expression(f"{writer.names.kernel(function)}({text})", calls=True)
         name = getattr(function, "__name__", "")
         of_mathematics = getattr(math, name, None) is function
         if not of_mathematics and function not in ARITHMETIC:
             raise NotUnfoldable(function, "a kernel, a stage, or a function of mathematics for numbers of the program")
         text = ", ".join([number(a).text for a in arguments])
         calls = any(number(a).calls for a in arguments)
-        return Dynamic(f"math.{name}({text})" if of_mathematics else f"{name}({text})", calls=calls)
+        return Expression(f"math.{name}({text})" if of_mathematics else f"{name}({text})", calls=calls)
 
-    def _stage(self, function: FunctionType, arguments: Iterable[Any], keywords: dict[str, Any]) -> Any:
+    def _stage(self, function: FunctionType, arguments: Iterable[Any], named: dict[str, Any]) -> Any:
         origin = self.here() if self.depth else None
-        inside = Frame(self.writer, self.occupied | set(self.variables.values()), self.depth + 1, origin)
-        values = [inside.parameter(k, v) for k, v in zip(function.__code__.co_varnames, arguments, strict=False)]
-        return rewritten(function)(inside, *values, **{k: inside.parameter(k, v) for k, v in keywords.items()})
+        frame = Frame(self.writer, self.occupied | set(self.variables.values()), self.depth + 1, origin)
+        values = [frame.parameter(k, v) for k, v in zip(function.__code__.co_varnames, arguments, strict=False)]
+        return rewrite(function)(frame, *values, **{k: frame.parameter(k, v) for k, v in named.items()})
 
     def parameter(self, name: str, value: Any) -> Any:
         """Hand over an argument: a number as it is now, for what it is computed from may change in the stage."""
-        return self.assign(name, value) if isinstance(value, Dynamic) and not value.text.isidentifier() else value
+        return self.assign(name, value) if isinstance(value, Expression) and not value.text.isidentifier() else value
 
 
 def _is_of_program(value: Any) -> bool:
-    return is_memory(value) or isinstance(value, Dynamic | Record | Floats)
+    return is_memory(value) or isinstance(value, Expression | Record | Floats)

@@ -28,8 +28,8 @@ class Place(TypedDict):
     end_col_offset: int
 
 
-def rewritten_code(function: FunctionType) -> CodeType:
-    """Rewrite a module with a function of a frame and a stage's arguments, with the stage's name, file and lines.
+def rewrite_code(function: FunctionType) -> CodeType:
+    """A module with a function of a frame and a stage's arguments, which has the stage's name, file and lines.
 
     Raises:
         InputError: the stage holds something that no stage can.
@@ -45,7 +45,7 @@ def rewritten_code(function: FunctionType) -> CodeType:
 
 @cache
 def _definitions(file: str) -> dict[int, ast.FunctionDef]:
-    """Index the functions of a file by their first line; none where it cannot be read."""
+    """The functions of a file by the line on which they begin; none of one that cannot be read."""
     try:
         tree = ast.parse(Path(file).read_bytes())
     except (OSError, SyntaxError):
@@ -76,8 +76,8 @@ class Rewriter:
         variables = sorted(set(_assigned(node.body)) - set(parameters))
         start: list[ast.stmt] = []
         if variables:
-            nothing = ast.Attribute(self.name(FRAME), "nothing", LOAD, **place)
-            start = [ast.Assign([self.name(v, STORE) for v in variables], nothing, **place)]
+            unbound = ast.Attribute(self.name(FRAME), "unbound", LOAD, **place)
+            start = [ast.Assign([self.name(v, STORE) for v in variables], unbound, **place)]
         body = [*start, *self.block(node.body)] or [ast.Pass(**place)]
         return ast.FunctionDef(
             node.name, _parameters([FRAME, *parameters], place), body, decorator_list=[], type_params=[], **place
@@ -101,7 +101,7 @@ class Rewriter:
         if isinstance(node, ast.Expr):
             if isinstance(node.value, ast.Constant):
                 return []  # a docstring
-            return [ast.Expr(self.frame("do", self.whole(node.value)), **place)]
+            return [ast.Expr(self.frame("do", self.statement_value(node.value)), **place)]
         if isinstance(node, ast.If):
             return self.branch(node)
         if isinstance(node, ast.For) and not node.orelse:
@@ -111,7 +111,7 @@ class Rewriter:
             self.open.pop()
             return [ast.For(self.names(node.target), turns, body, [], **place)]
         if isinstance(node, ast.Return):
-            value = None if node.value is None else self.whole(node.value)
+            value = None if node.value is None else self.statement_value(node.value)
             return [*self.leave(self.open), ast.Return(value, **place)]
         if isinstance(node, ast.Break | ast.Continue):
             first = len(self.open) - 1 - self.open[::-1].index("")
@@ -122,10 +122,12 @@ class Rewriter:
 
     def assign(self, target: ast.expr, value: ast.expr) -> ast.stmt:
         if isinstance(target, ast.Name):
-            return ast.Assign([target], self.frame("assign", self.constant(target.id), self.whole(value)), **self.place)
+            return ast.Assign(
+                [target], self.frame("assign", self.constant(target.id), self.statement_value(value)), **self.place
+            )
         if isinstance(target, ast.Subscript):
             entry = self.value(target.value), self.value(target.slice)
-            return ast.Expr(self.frame("store", *entry, self.whole(value)), **self.place)
+            return ast.Expr(self.frame("store", *entry, self.statement_value(value)), **self.place)
         return ast.Assign([self.names(target)], self.value(value), **self.place)
 
     def augment(self, node: ast.AugAssign) -> ast.stmt:
@@ -142,7 +144,7 @@ class Rewriter:
         raise self.cannot(node, "a name or an entry to change")
 
     def branch(self, node: ast.If) -> list[ast.stmt]:
-        """Write both sides of a choice, of which the frame runs one now, or writes both down."""
+        """Both sides of a choice, of which the frame runs one now, or writes both down."""
         place = self.place
         self.choices += 1
         choice = f"_choice{self.choices}"
@@ -159,7 +161,7 @@ class Rewriter:
         return [*lines, close]
 
     def hand_over(self, choice: str, method: str, changed: Sequence[str]) -> ast.stmt:
-        """Hand over the values that variables have from here on, by a choice and what they are now."""
+        """The values that variables have from here on, by a choice and what they are now."""
         call = self.call(choice, method, *map(self.name, changed))
         if not changed:
             return ast.Expr(call, **self.place)
@@ -167,7 +169,7 @@ class Rewriter:
         return ast.Assign([names], call, **self.place)
 
     def leave(self, choices: Sequence[str]) -> list[ast.stmt]:
-        """Check that no choice which the program makes stands around a way out."""
+        """A check that no choice which the program makes stands around what leaves it."""
         names = [self.name(name) for name in choices if name]
         return [ast.Expr(self.frame("leave", *names), **self.place)] if names else []
 
@@ -179,9 +181,9 @@ class Rewriter:
 
     # Expressions --------------------------------------------------------------------------------------------------
 
-    def whole(self, node: ast.expr) -> ast.expr:
-        """Write the value of a statement, which may be a call of another stage."""
-        return self.calling(node, "call") if isinstance(node, ast.Call) else self.value(node)
+    def statement_value(self, node: ast.expr) -> ast.expr:
+        """The value of a statement, which may be a call of another stage."""
+        return self.call_of(node, "call") if isinstance(node, ast.Call) else self.value(node)
 
     def value(self, node: ast.expr) -> ast.expr:
         place = self.place
@@ -195,7 +197,7 @@ class Rewriter:
             ends = [self.constant(None) if e is None else self.value(e) for e in (node.lower, node.upper, node.step)]
             return ast.Call(self.name("slice"), ends, [], **place)
         if isinstance(node, ast.Call):
-            return self.calling(node, "inner")
+            return self.call_of(node, "call_inside")
         if isinstance(node, ast.BinOp) and type(node.op) in SIGNS:
             return ast.BinOp(self.value(node.left), node.op, self.value(node.right), **place)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
@@ -204,14 +206,14 @@ class Rewriter:
             return ast.UnaryOp(node.op, self.value(node.operand), **place)
         if isinstance(node, ast.BoolOp):
             parts = [ast.Lambda(_parameters([], place), self.value(part), **place) for part in node.values]
-            return self.frame("any_of" if isinstance(node.op, ast.Or) else "all_of", *parts)
+            return self.frame("disjunction" if isinstance(node.op, ast.Or) else "conjunction", *parts)
         if isinstance(node, ast.Compare) and len(node.ops) == 1:
             return ast.Compare(self.value(node.left), node.ops, [self.value(node.comparators[0])], **place)
         if isinstance(node, ast.IfExp):
             return ast.IfExp(self.value(node.test), self.value(node.body), self.value(node.orelse), **place)
         raise self.cannot(node, "an expression of a stage")
 
-    def calling(self, node: ast.Call, method: str) -> ast.expr:
+    def call_of(self, node: ast.Call, method: str) -> ast.expr:
         if any(isinstance(a, ast.Starred) for a in node.args) or any(k.arg is None for k in node.keywords):
             raise self.cannot(node, "arguments one by one")
         call = self.frame(method, self.value(node.func), *map(self.value, node.args))
@@ -245,7 +247,7 @@ def _parameters(names: Sequence[str], place: Place) -> ast.arguments:
 
 
 def _assigned(statements: Sequence[ast.stmt]) -> Iterator[str]:
-    """List the names that some statements assign to."""
+    """The names that some statements assign to."""
     for node in statements:
         targets: Sequence[ast.expr] = ()
         if isinstance(node, ast.Assign):

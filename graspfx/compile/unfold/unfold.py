@@ -15,10 +15,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import FunctionType
 
-from graspfx.compile.unfold.dynamic import Dynamic, NotUnfoldable
+from graspfx.compile.unfold.expression import Expression, NotUnfoldable
 from graspfx.compile.unfold.frame import Frame
-from graspfx.compile.unfold.lines import Line, Names, Writer
-from graspfx.compile.unfold.stage import FRAME, rewritten
+from graspfx.compile.unfold.rewrite import rewrite
+from graspfx.compile.unfold.stage import FRAME
+from graspfx.compile.unfold.writer import Line, Names, Writer
 from graspfx.errors import InputError
 
 
@@ -37,18 +38,18 @@ def unfold(function: Callable[..., None], names: Names, **parts: object) -> list
     writer = Writer(names)
     frame = Frame(writer)
     parameters = function.__code__.co_varnames[: function.__code__.co_argcount]
-    values = [parts[name] if name in parts else Dynamic(frame.own(name)) for name in parameters]
+    values = [parts[name] if name in parts else Expression(frame.variable(name)) for name in parameters]
     try:
-        rewritten(function)(frame, *values)
+        rewrite(function)(frame, *values)
     except NotUnfoldable as error:
-        raise InputError(_place(error), error.actual, error.expected, error.do) from error
+        raise InputError(_place(error), error.found, error.expected, error.do) from error
     except (AttributeError, IndexError, TypeError) as error:
         raise InputError(_place(error), str(error), "what the parts have, and arithmetic that a program has") from error
     return writer.lines
 
 
 def _place(error: BaseException) -> str:
-    """Give the file and the line of the innermost stage in which an error happened."""
+    """The file and the line of the innermost stage in which an error happened."""
     place, trace = "stage", error.__traceback__
     while trace is not None:
         code = trace.tb_frame.f_code

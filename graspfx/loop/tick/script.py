@@ -14,7 +14,8 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-OWN = ("begin", "end", "run", "k", "count", "r", "i", "row", "rows", "code", "ahead", "int", "range")  # of the text
+OF_TEXTS = ("begin", "end", "run", "k", "count", "r", "i", "rows")  # names that the text around a tick's lines has
+OF_PYTHON = ("abs", "float", "int", "math", "max", "min", "range")
 
 
 class Script:
@@ -24,7 +25,7 @@ class Script:
         self.arrays: dict[str, FloatArray] = {}
         self.frozen: dict[tuple[str, int], float] = {}
         self.kernels: dict[str, Callable[..., Any]] = {}
-        self.variables = set(OWN)
+        self.variables = {*OF_TEXTS, *OF_PYTHON}
         self._addresses: list[tuple[int, str]] = []  # of the arrays' first entries, in order
 
     def memory(self, kind: str, array: FloatArray, structure: Iterable[int] = ()) -> str:

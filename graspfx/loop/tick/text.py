@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from graspfx.compile.unfold.lines import Line
-from graspfx.compile.unfold.stage import keep_stages
+from graspfx.compile.unfold.rewrite import keep_stages
 from graspfx.compile.unfold.unfold import unfold
+from graspfx.compile.unfold.writer import Line
 from graspfx.loop.parts import Parts
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.loop.tick.tick import begin, end

@@ -1,7 +1,8 @@
-"""The tick of a scene, as code: read, couple, watch, limit, display; record, move.
+"""The tick of a scene, as code: read, couple, limit, watch, display; record, move.
 
-Every function here runs as it stands over a scene's parts, and is unfolded over them into the program that runs
-(`graspfx.compile.unfold`).
+A tick is `begin`, then `end`; where a device is plain Python it is read before the one and written between the two.
+Every function here runs as it stands over a scene's parts, and is unfolded over them into the program that a run
+executes (`graspfx.compile.unfold`): `graspfx check SCENE --tick` prints it.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ def begin(scene: Wiring, k: int) -> None:
     take(scene, k)
     read(scene, k)
     predict(scene)
-    touch(scene, k)
-    work(scene, k)
+    couple_objects(scene, k)
+    add_work(scene, k)
     if scene.servo[FAULTED] != 0.0:
         release(scene)
     display(scene, k)
@@ -66,13 +67,13 @@ def copy(to: FloatArray, source: FloatArray) -> None:
 
 @stage
 def take(scene: Wiring, k: int) -> None:
-    """Take what other software made of its bodies after the last tick."""
+    """Take the motion that other software gave its bodies after the last tick."""
     servo = scene.servo
     for body in scene.bodies:
         if isinstance(body, GuestWires):
             for part in body.parts:
                 if servo[body.stuck] == 0.0:
-                    code = body.taking(part.block, at.BODY, part.buffer, part.first, servo[PERIOD])
+                    code = body.taking(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
                     if code != 0:
                         latch(servo, k - 1, MOVER, body.index, code)
                         servo[body.stuck] = 1.0
@@ -97,7 +98,7 @@ def read(scene: Wiring, k: int) -> None:
 
 @stage
 def take_reading(channels: Sequence[Channel]) -> None:
-    """Hand what a device has read to its fingers."""
+    """Hand a device's reading to its fingers."""
     for channel in channels:
         finger = channel.finger
         copy(finger.position, channel.position)
@@ -111,15 +112,15 @@ def take_reading(channels: Sequence[Channel]) -> None:
 
 @stage
 def predict(scene: Wiring) -> None:
-    """Tell the implicit integrator's couplings where their bodies would be without them."""
+    """Tell couplings under the implicit integrator where their bodies would be without them."""
     for body in scene.bodies:
         if isinstance(body, BodyWires) and body.predicting is not None:
             body.predicting(body.block, at.BODY, body.floor, scene.servo[PERIOD])
 
 
 @stage
-def touch(scene: Wiring, k: int) -> None:
-    """Couple the fingers to the objects: forces, within their limits, and what becomes of energy."""
+def couple_objects(scene: Wiring, k: int) -> None:
+    """Couple the fingers to the objects: forces, limits on them, and the energies that a ledger watches."""
     servo = scene.servo
     for grasp in scene.grasps:
         if servo[FAULTED] == 0.0:
@@ -134,11 +135,11 @@ def touch(scene: Wiring, k: int) -> None:
                 if code == LOST:
                     servo[grasp.stuck] = 1.0
             if grasp.ledger is not None and servo[FAULTED] == 0.0:
-                book(grasp.block, grasp.ledger, servo)
+                watch_energy(grasp.block, grasp.ledger, servo)
 
 
 @stage
-def book(block: FloatArray, ledger: LedgerWires, servo: FloatArray) -> None:
+def watch_energy(block: FloatArray, ledger: LedgerWires, servo: FloatArray) -> None:
     """Watch the energies of a grasp."""
     if ledger.met is not None and ledger.contact_wrench is not None:
         copy(ledger.met, ledger.contact_wrench)
@@ -146,15 +147,15 @@ def book(block: FloatArray, ledger: LedgerWires, servo: FloatArray) -> None:
 
 
 @stage
-def work(scene: Wiring, k: int) -> None:
+def add_work(scene: Wiring, k: int) -> None:
     """Add the work of the last sample's forces at the fingertips; keep where these are now."""
     servo = scene.servo
     if k > 0 and servo[FAULTED] == 0.0:
         for finger in scene.fingers:
-            done = finger.displayed[0] * (finger.tip[0] - finger.before[0])
+            step = finger.displayed[0] * (finger.tip[0] - finger.before[0])
             for a in range(1, scene.dimensions):
-                done += finger.displayed[a] * (finger.tip[a] - finger.before[a])
-            finger.energy[0] += done
+                step += finger.displayed[a] * (finger.tip[a] - finger.before[a])
+            finger.energy[0] += step
     for finger in scene.fingers:
         copy(finger.before, finger.tip)
 
@@ -213,13 +214,13 @@ def record(scene: Wiring, r: int, rows: FloatArray) -> None:
 
 @stage
 def move(scene: Wiring, k: int) -> None:
-    """Move the bodies; hand those that other software moves what it needs."""
+    """Move the bodies; tell other software the wrenches on those that it moves."""
     servo = scene.servo
     for body in scene.bodies:
         if servo[body.stuck] == 0.0:
             if isinstance(body, GuestWires):
                 for part in body.parts:
-                    body.handing(part.block, at.BODY, part.buffer, part.first, servo[PERIOD])
+                    body.handing(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
             else:
                 code = body.stepping(body.block, at.BODY, body.floor, servo[PERIOD])
                 if code != 0:
@@ -264,7 +265,7 @@ def aim(to: Target, target: Target) -> None:
 
 @stage
 def look_up(plant: PlantWires, table: TableWires, k: int, servo: FloatArray) -> None:
-    """Look the targets up that a hand in plain Python was asked for beforehand."""
+    """Look up the targets that a hand in plain Python gave beforehand."""
     ahead = (k - int(servo[AHEAD])) * table.width
     if plant.middle is not None:
         look_up_target(plant.middle, table, ahead, table.width // 2)
@@ -272,10 +273,10 @@ def look_up(plant: PlantWires, table: TableWires, k: int, servo: FloatArray) -> 
 
 
 @stage
-def look_up_target(to: Target, table: TableWires, ahead: int, first: int) -> None:
+def look_up_target(to: Target, table: TableWires, ahead: int, start: int) -> None:
     """Hand a plant one row of a table: r, then r'."""
     size = len(to.position)
     for a in range(size):
-        to.position[a] = table.memory[ahead + (first + a)]
+        to.position[a] = table.memory[ahead + (start + a)]
     for a in range(size):
-        to.velocity[a] = table.memory[ahead + (first + size + a)]
+        to.velocity[a] = table.memory[ahead + (start + size + a)]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port
@@ -95,13 +96,14 @@ class Wirer:
         fingers: dict[int, FingerWires] = {}
         for held in self.parts.objects:
             block, limited = held.grasped.block, held.grasped.limit is not None
+            group = GraspState(block).fingers
+            quantities = [group.array(q) for q in (FingerState.position, FingerState.velocity, FingerState.force)]
             for j, f in enumerate(held.fingers.tolist()):
-                row = block[at.ROW + j * at.STRIDE :]
-                position = row[at.POSITION : at.POSITION + d]
+                position, velocity, force = (rows[j, :d] for rows in quantities)
                 fingers[f] = FingerWires(
                     position=position,
-                    velocity=row[at.VELOCITY : at.VELOCITY + d],
-                    force=row[at.FORCE : at.FORCE + d],
+                    velocity=velocity,
+                    force=force,
                     limit=block[at.device_limits(block) + j :][:1] if limited else None,
                     displayed=displayed[f],
                     tip=self._tip(f, position),

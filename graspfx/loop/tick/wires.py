@@ -100,7 +100,7 @@ class GuestPart:
 
     block: FloatArray
     buffer: FloatArray
-    first: int
+    start: int
 
 
 @dataclass(eq=False, repr=False)

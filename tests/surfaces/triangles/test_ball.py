@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -66,12 +68,13 @@ def test_on_a_box_of_triangles_it_is_the_closed_form() -> None:
     M = flatten(*plate(*(2.0 * half)), closed=True)
     rng = np.random.default_rng(0)
     held = 0
+    nearest: Any = closest_to_ball
     for _ in range(20):
         path = wandering(rng, half, 200)
         e, gaps, _ = Ball(M).along(path)
         face, c = -1, np.zeros(3)
         for g, ours, gap in zip(path, e, gaps, strict=True):
-            found = closest_to_ball(BOX, 3, *half, R, *g, face, *c)
+            found = nearest(BOX, 3, *half, R, *g, face, *c)
             face, c, n = found[0], np.array(found[1:4]), np.array(found[4:7])
             np.testing.assert_allclose(ours, g - c + R * n, atol=1e-15)
             assert gap == pytest.approx(found[7], abs=1e-15)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.records import Floats, Record
-from graspfx.compile.unfold.dynamic import NotUnfoldable, number
+from graspfx.compile.unfold.expression import NotUnfoldable, number
 
 FloatArray = NDArray[np.float64]
 
@@ -59,12 +59,12 @@ class Writer:
 
     def place(self, array: FloatArray) -> tuple[str, int]:
         """Give the name of an array's memory, and the entry of it that is the array's first."""
-        entry = self._places.get(id(array))
-        if entry is None:
+        place = self._places.get(id(array))
+        if place is None:
             if array.ndim != 1 or not array.flags.c_contiguous:
                 raise NotUnfoldable(f"an array {array.shape}", "a flat contiguous array")
-            entry = self._places[id(array)] = (array, *self.names.place(array))
-        return entry[1], entry[2]
+            place = self._places[id(array)] = (array, *self.names.place(array))
+        return place[1], place[2]
 
     def argument(self, value: Any) -> str:
         """Write an argument of a kernel: a whole memory, a record as memory and entry, or a number."""

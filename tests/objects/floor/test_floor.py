@@ -65,7 +65,7 @@ def test_a_dropped_box_comes_to_rest_and_stays(integrator: str, T: float) -> Non
     within 2e-4 m, a share of the 0.31 m/s after 5 mm, below it.
     """
     state, body = made(CUBE, position=(0.0, 0.0, 0.03), integrator=integrator)
-    heights = []
+    heights: list[Any] = []
     for _ in range(round(0.4 / T)):
         body.step(T)
         if body.touching or heights:
@@ -202,7 +202,7 @@ def test_energy_never_grows_at_contact(shape: Any, most: float) -> None:
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_free_flight_above_a_floor_is_that_without_one(integrator: str) -> None:
     """Bit by bit, tumbling with viscosity."""
-    given = {
+    given: dict[str, Any] = {
         "position": (0.0, 0.0, 5.0),
         "velocity": (0.1, 0.2, 0.3),
         "angular_velocity": (3.0, 2.0, 1.0),
@@ -318,13 +318,14 @@ def test_the_lowest_point_is_the_least_of_the_surface(shape: Any) -> None:
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     a, b, c = shape.parameters
     round_off = np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 5000)), np.sin(t), 0 * t], axis=1)
-    surface = {
+    kinds: dict[Any, Any] = {
         Box: np.sign(u) * [a, b, c],
         Sphere: a * u,
         Capsule: a * u + np.sign(u[:, 2:]) * [0, 0, b],
         Cylinder: np.concatenate([a * round_off + [0, 0, b], a * round_off - [0, 0, b]]),
         Ellipsoid: u * [a, b, c],
-    }[type(shape)]
+    }
+    surface = kinds[type(shape)]
     for _ in range(20):
         turn, normal = rng.normal(size=4), rng.normal(size=3)
         state, _ = made(shape, position=rng.normal(size=3), orientation=turn / np.linalg.norm(turn))

@@ -41,6 +41,8 @@ class Finger:
         self.m, self.o = m, o
         whole = shifted(M, m)
         self._kernel = kernel or mesh_contact
+        self._M: Any
+        self._S: Any
         self._M, self._S = (whole, self.state) if kernel else (memoryview(whole), memoryview(self.state))
 
     def to(self, p: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -110,9 +112,10 @@ def test_a_box_as_a_mesh_is_the_box() -> None:
     finger, face = Finger(flatten(*plate(0.05, 0.04, 0.02), closed=True)), -1
     p, before = np.array([0.04, 0.01, 0.0]), np.zeros(3)
     free = held = 0
+    nearest: Any = closest
     for _ in range(2000):
         p = np.clip(p + rng.normal(size=3) * 0.0008 - 0.01 * p, -0.04, 0.04)
-        face, *rest = closest(BOX, 3, *half, *p.tolist(), face, *before.tolist())
+        face, *rest = nearest(BOX, 3, *half, *p.tolist(), face, *before.tolist())
         c, n, gap = finger.to(p)
         if (np.abs(p) > half).any():
             if finger.mode == FREE and rest[6] > 0:

@@ -19,7 +19,7 @@ from graspfx.objects.body import Body, NativeBody, fill_body
 from graspfx.objects.bullet.bullet import BulletBody, create
 
 Array = NDArray[np.float64]
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 T = 0.005
 CUBE = 0.1 * 0.05**2 / 6
 CROOKED = (3e-5, 5e-5, 6e-5)

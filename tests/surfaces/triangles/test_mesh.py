@@ -277,7 +277,9 @@ def test_mass_properties_of_a_shell() -> None:
     v, f = bumpy_sphere(5, 0.03, 0.0)
     found = make_mesh(v, f, shell=True).mass_properties(mass=0.2)
     np.testing.assert_allclose(found.moments, 2 / 3 * 0.2 * 0.03**2, rtol=2e-3)
-    square = make_mesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], [[0, 1, 2], [0, 2, 3]], shell=True)
+    square = make_mesh(
+        [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]], [[0, 1, 2], [0, 2, 3]], shell=True
+    )
     found = square.mass_properties(mass=0.3)
     np.testing.assert_allclose(found.centre, [0.05, 0.05, 0.0], rtol=1e-14)
     np.testing.assert_allclose(found.moments, 0.3 * 0.01 / 12 * np.array([1, 1, 2]), rtol=1e-13)
