@@ -127,7 +127,7 @@ def _kernel(
     name: str, kernel: Callable[..., None], S: Any, block: FloatArray | None, force: int, more: Sequence[Any],
     kind: Problems, d: int,
 ) -> Method:  # fmt: skip
-    """A kernel for all problems of a kind: a block each, N of one size, with the answers from `force` on."""
+    """Make a kernel for all problems of a kind: a block each, N of one size, with the answers from `force` on."""
     blocks: FloatArray = S if block is None else block
     N, size = blocks.shape
     flat = S.ravel() if isinstance(S, np.ndarray) else S
@@ -145,7 +145,7 @@ def _kernel(
 
 
 def modes_all(S: Any, N: int, size: int, n: int, d: int, external: float, internal: float, coulomb: bool) -> None:
-    """`friction_force` from the unknowns that stand at the end of each block."""
+    """Solve by `friction_force` from the unknowns that stand at the end of each block."""
     for k in range(N):
         o = k * size
         for j in range(MODES):
@@ -154,7 +154,7 @@ def modes_all(S: Any, N: int, size: int, n: int, d: int, external: float, intern
 
 
 def newton_all(S: Any, N: int, size: int, n: int, coulomb: bool) -> None:
-    """`friction_force_square` from zero."""
+    """Solve by `friction_force_square` from zero."""
     m = 3 * n
     for k in range(N):
         o = k * size
@@ -164,7 +164,7 @@ def newton_all(S: Any, N: int, size: int, n: int, coulomb: bool) -> None:
 
 
 def pivot_all(S: Any, N: int, size: int, n: int) -> None:
-    """Principal pivoting for blocks of K, e, then room for what `unilateral_force` needs."""
+    """Solve by principal pivoting, for blocks of K, e, then room for what `unilateral_force` needs."""
     m = 3 * n
     for k in range(N):
         K = k * size
@@ -204,7 +204,7 @@ def _square(kind: Problems) -> tuple[FloatArray, int]:
 
 
 def _modes(kind: Problems, d: int, off: float) -> tuple[FloatArray, int]:
-    """Blocks for `modes_all`; with `off` they start from the answer for displacements that are off by so much."""
+    """Write blocks for `modes_all`; with `off` they start from the answer for displacements that are off by so much."""
     n, m = kind.fingers, kind.fingers * d
     blocks = np.zeros((len(kind.members), problem_size(n, d, MODES, False) + MODES))
     rng = np.random.default_rng(1)
@@ -228,6 +228,6 @@ def _modes(kind: Problems, d: int, off: float) -> tuple[FloatArray, int]:
 
 
 def _error(forces: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:
-    """The largest over problems, relative to the largest force of each."""
+    """Find the largest error over problems, relative to the largest force of each."""
     exact = np.array([p.force for p in kind.members])
     return float((np.abs(np.array(forces) - exact).max(axis=1) / np.abs(exact).max(axis=1)).max())

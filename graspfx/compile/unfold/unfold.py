@@ -42,14 +42,14 @@ def unfold(function: Callable[..., None], names: Names, **parts: object) -> list
     try:
         rewrite(function)(frame, *values)
     except NotUnfoldable as error:
-        raise InputError(_place(error), error.found, error.expected, error.do) from error
+        raise InputError(_place(error), error.actual, error.expected, error.do) from error
     except (AttributeError, IndexError, TypeError) as error:
         raise InputError(_place(error), str(error), "what the parts have, and arithmetic that a program has") from error
     return writer.lines
 
 
 def _place(error: BaseException) -> str:
-    """The file and the line of the innermost stage in which an error happened."""
+    """Give the file and the line of the innermost stage in which an error happened."""
     place, trace = "stage", error.__traceback__
     while trace is not None:
         code = trace.tb_frame.f_code
