@@ -39,7 +39,7 @@ UPWARD = {
     "Recording.beside": "graspfx.certificate.comparison.beside",
     "Scene.faults": "graspfx.build.checks.faults.find_faults",
     "Scene.linearise": "graspfx.certificate.linearise.linearise",
-    "Scene.require_reach": "graspfx.build.wiring.placing_faults",
+    "Scene.reach_faults": "graspfx.build.resolve.reach_faults",
 }
 
 

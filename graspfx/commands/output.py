@@ -27,9 +27,10 @@ CODES = f"""exit codes:
 
 def doubts(scene: Scene) -> list[str]:
     """List warnings about likely mistakes in a scene."""
+    from graspfx.build.resolve import resolve
     from graspfx.certificate.notes import doubts as notes
 
-    return notes.doubts(scene)
+    return notes.doubts(resolve(scene))
 
 
 def note(notes: Iterable[str]) -> None:

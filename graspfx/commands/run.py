@@ -92,8 +92,8 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:
     """Load the scene, and warnings about likely mistakes."""
-    from graspfx.build.meshes import mesh_notes
+    from graspfx.build.resolve import resolve
     from graspfx.scene.load import load
 
     scene = load(options.scene, dict(options.overrides))
-    return scene, [*mesh_notes(scene.object, scene.source.folder), *doubts(scene)]
+    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]

@@ -12,7 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
-from graspfx.build.holdings import hold, holdings
+from graspfx.build.holdings import holdings
+from graspfx.build.resolve import resolve
 from graspfx.certificate.plan import packages
 from graspfx.errors import SceneError
 from tests.support.optional import require
@@ -64,7 +65,7 @@ def hands(given: dict[str, Any], inward: Any = None) -> list[Any]:
     scene = gx.Scene(**given)
     start = np.array([finger.start for finger in scene.finger])
     normals = -start / np.linalg.norm(start, axis=1, keepdims=True) if inward is None else np.array(inward)
-    return [hold(scene, None, each, start, normals) for each in holdings(scene)]
+    return [hand.hold(start, normals) for hand in resolve(scene).hands]
 
 
 def test_a_squeeze_goes_along_the_normals_to_the_centre_or_where_it_is_told() -> None:
@@ -309,7 +310,7 @@ def test_a_hand_from_a_file_holds(sway: str, shared: bool) -> None:
     assert rec.touching[:, 0].any()  # 10 mm sin(0.45) along the normals, over a gap of 3 mm
     assert packages(scene) == ["numpy", "pydantic (scene)", "h5py (recording)"]
     start = np.array([finger.start for finger in scene.finger])
-    hand = hold(scene, None, holdings(scene)[0], start, np.ones((3, 3)))
+    hand = resolve(scene).hands[0].hold(start, np.ones((3, 3)))
     held = 3 if shared else 1
     np.testing.assert_array_equal(hand.stiffness, 400.0 * np.array([np.eye(held)] * 3))
     np.testing.assert_allclose(hand.target(np.pi / 2)[0], start[:held] + 0.01, atol=1e-17)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.resolve import resolve
 from graspfx.certificate.notes.settling import unsettled
 
 T, M, B = 0.005, 0.1, 0.5  # [s, kg, N s/m]
@@ -33,7 +34,7 @@ def scene(kep: float = 10.0, kip: float = 10.0, free: bool = True, rest: tuple[f
 
 
 def named_factor(made: gx.Scene) -> float:
-    [said] = unsettled(made)
+    [said] = unsettled(resolve(made))
     return float(re.findall(r"grows ([\d.]+)-fold", said)[0])
 
 
@@ -73,7 +74,7 @@ def test_the_limit_of_a_held_spring() -> None:
     assert limit == pytest.approx(2.0 * B / T, rel=0.02)  # k T/2 = b, less what the mass gives
 
     def lone(kip: float) -> list[str]:
-        return unsettled(scene(kip=kip).replace({"finger.*.hand": {"stiffness": 0.0}}))
+        return unsettled(resolve(scene(kip=kip).replace({"finger.*.hand": {"stiffness": 0.0}})))
 
     assert not lone(0.999 * limit)
     assert lone(1.5 * limit)
@@ -88,9 +89,9 @@ def test_the_limit_of_a_held_spring() -> None:
     ],
 )
 def test_what_it_knows_nothing_of_is_passed_over(changes: dict[str, Any]) -> None:
-    assert not unsettled(scene().replace(changes))
+    assert not unsettled(resolve(scene().replace(changes)))
 
 
 @pytest.mark.parametrize("name", ["paper-waving", "paper-spring-arms", "pick-and-place", "mug", "prism"])
 def test_the_shelf_settles(name: str) -> None:
-    assert not unsettled(gx.load(name))
+    assert not unsettled(resolve(gx.load(name)))

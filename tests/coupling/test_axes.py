@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.build.axes import axes_notes
+from graspfx.build.resolve import resolve
 from graspfx.certificate.linearise import linearise
 from graspfx.coupling.closed_motion import worst_turn
 from graspfx.coupling.grasped import GraspedObject
@@ -180,8 +181,8 @@ def scene(**coupling: Any) -> gx.Scene:
 
 
 def test_check_and_run_warn_of_world_axes_with_the_figure() -> None:
-    assert axes_notes(scene()) == []
-    (note,) = axes_notes(scene(axes="world"))
+    assert axes_notes(resolve(scene())) == []
+    (note,) = axes_notes(resolve(scene(axes="world")))
     assert "world axes create energy on object as it turns: up to " in note and "axes = 'object'" in note
     with pytest.warns(ActiveCouplingWarning, match="world axes create energy"):
         gx.run(scene(axes="world"), duration=0.05)
