@@ -45,7 +45,7 @@ OF_OBJECT = {  # of the first object, named as a `Recording` does
 
 @dataclass(frozen=True)
 class Batch:
-    """What many runs gave. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
+    """The outcome of many runs. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
 
     Attributes:
         values: by key, its value in each variant, arrays of the grid's shape; numbers as floats where all are.
@@ -73,17 +73,17 @@ class Batch:
         return self.fault_tick.shape
 
     def __len__(self) -> int:
-        """How many variants."""
+        """Count the variants."""
         return self.fault_tick.size
 
     def __getitem__(self, quantity: str) -> dict[str, FloatArray]:
-        """The statistics of a quantity, by name."""
+        """Look up the statistics of a quantity, by name."""
         if quantity not in self.measures:
             raise UnknownNameError("measure", quantity, self.measures)
         return self.measures[quantity]
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
-        """The largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows."""
+        """Find the largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows."""
         found = self[quantity]
         if "growth" not in found:
             raise UnknownNameError("statistic", "growth", found)
@@ -91,14 +91,14 @@ class Batch:
         return np.asarray(np.nanmax(np.where(np.isnan(values).all(axis=-1, keepdims=True), np.inf, values), axis=-1))
 
     def stacked(self, quantity: str) -> FloatArray:
-        """A quantity over time, (*grid, N, *quantity), where recordings were kept and are alike."""
+        """Stack a quantity over time, (*grid, N, *quantity), where recordings were asked for and are alike."""
         if self.recordings is None:
             raise InputError("keep", "measures", "recordings", "run the batch with keep='recordings'")
         found = np.array([each.array(quantity) for each in self.recordings.ravel()])
         return found.reshape(*self.shape, *found.shape[1:])
 
     def to_dict(self) -> dict[str, Any]:
-        """Values, faults, measures and summaries as nested lists, for JSON."""
+        """Write values, faults, measures and summaries as nested lists, for JSON."""
         found: dict[str, Any] = {
             "values": {key: each.tolist() for key, each in self.values.items()},
             "fault_tick": self.fault_tick.tolist(),
@@ -266,7 +266,7 @@ class Runs:
 
 
 def _outcome(group: Group, ended: Ended) -> Outcome:
-    """How a run went, by what its buffers hold at the end."""
+    """Tell how a run went, by what its buffers hold at the end."""
     program = group.program
     servo, tick = program.servo, program.tick
     for name, array in tick.script.arrays.items():
@@ -282,7 +282,7 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
 def _grid(
     values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
 ) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
-    """The grid's shape, the values of each key, and the number of each variant's."""
+    """Give the grid's shape, the values of each key, and the number of each variant's."""
     for key, given in values.items():
         if isinstance(given, str | bytes) or not isinstance(given, Iterable):
             raise InputError(f"values[{key!r}]", given, "a list of values")
@@ -302,7 +302,7 @@ def _grid(
 
 
 def _plain(value: Any) -> Any:
-    """A value without arrays, of which numpy writes out the beginning and the end."""
+    """Write a value without arrays, of which numpy writes out the beginning and the end."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -332,7 +332,7 @@ def _column(layout: Layout, quantity: str) -> str:
 
 
 def _names(argument: str, given: Sequence[str]) -> Sequence[str]:
-    """Names in a list, also where one stands alone."""
+    """List names, also where one stands alone."""
     if isinstance(given, str):
         return [given]
     if not isinstance(given, Iterable):

@@ -51,7 +51,7 @@ class LanesText:
 
 
 def lanes_text(program: Traceable, turns: Turns, columns: int, statistics: Collection[str]) -> LanesText:
-    """The program of some turns that have been written down."""
+    """Write the program of some turns that have been written down."""
     return _Lanes(program, turns, columns, {m for name in statistics for m in NEEDS[name]}).text()
 
 
@@ -128,7 +128,7 @@ class _Lanes:
         return [*lines, *text.lines, *after.lines, *stores], tuple(n.args[0] for n in inputs)
 
     def _steady_names(self, text: Text, known: Mapping[Slot, Any]) -> dict[int, str]:
-        """Names of the body's steady inputs, of the graph without what is left out."""
+        """Name the body's steady inputs, for the graph without omitted parts."""
         found: dict[int, str] = {}
         body = self.body
         left = [*body.bounded, *body.divisors, *body.steady]
@@ -188,7 +188,7 @@ class _Lanes:
         ]
 
     def _kept(self, which: Sequence[int], outputs: int, *, late: bool = False) -> list[str]:
-        """Measures to where the lanes give them; the least and the largest then begin anew."""
+        """Store measures where the lanes give them; the least and the largest then begin anew."""
         lines = []
         for c, m in self.measures:
             if m in which:
@@ -213,7 +213,7 @@ def _measure(c: int, m: int) -> str:
 
 
 def _measured(measured: Sequence[int], c: int, x: str, *, begin: bool) -> list[str]:
-    """Lines that take one number of a column into its measures."""
+    """Write lines that take one number of a column into its measures."""
     lines = []
     for m in measured:
         name = _measure(c, m)

@@ -37,14 +37,14 @@ LONG = 10_000_000  # and for which a program is worth the time that the best cod
 
 
 class Beginnings(Protocol):
-    """What the buffers of variants hold at the beginning."""
+    """The buffers of variants at the beginning."""
 
     def arenas(self, which: Any) -> FloatArray:
-        """All of it, (v, arena)."""
+        """Give all of it, (v, arena)."""
         ...
 
     def entry(self, k: int, which: Any) -> FloatArray:
-        """One entry that is not the same in all of them, (v,)."""
+        """Give one entry that varies, (v,)."""
         ...
 
 
@@ -92,7 +92,7 @@ class Job:
     spent: float = 0.0  # on runs [s]
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
-        """Measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
+        """Give measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
         found = np.empty((self.variants, len(self.columns), MEASURES))
         faults = np.full(self.variants, -1)
         rest = np.arange(self.variants)
@@ -110,7 +110,7 @@ class Job:
         return found, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
-        """Every variant in turn, with its rows."""
+        """Run every variant in turn, with its rows."""
         single = _Single(self)
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
@@ -121,7 +121,7 @@ class Job:
     # Side by side -------------------------------------------------------------------------------------------------
 
     def _lanes(self) -> tuple[LanesText, Native] | None:
-        """The program for lanes, if there is one and it is worth it."""
+        """Write the program for lanes, if there is one and it is worth it."""
         work = self.variants * self.ticks
         if work < LOOK or self.look is not None or self.ticks > LARGEST_TICK:
             return None
@@ -147,7 +147,7 @@ class Job:
             return None
 
     def _side_by_side(self, text: LanesText, native: Native, found: FloatArray, threads: int) -> Index:
-        """Runs all variants in lanes; which of them are not as was taken for granted."""
+        """Run all variants in lanes; list those that are not as was taken for granted."""
         early = self.ticks // 2
         late = self.ticks - early
         entries = [self.places[name].start + k for name, k in text.inputs]
@@ -208,7 +208,7 @@ class _Single:
         self.taking = compiled(source)
 
     def measure(self, which: Index, found: FloatArray, faults: Index) -> None:
-        """Runs variants and puts down their measures and faults."""
+        """Run variants and note their measures and faults."""
         job = self.job
         arena, run, rows = self._bound(min(BLOCK, job.ticks))
         begin = job.begin.arenas(which)
@@ -235,7 +235,7 @@ class _Single:
                     job.look(arena)
 
     def record(self, variant: int) -> Ended:
-        """Runs one variant and keeps its rows."""
+        """Run one variant and record its rows."""
         arena, run, rows = self._bound(self.job.ticks)
         arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
         k, told = 0, arena
@@ -250,7 +250,7 @@ class _Single:
         return int(own[TICK]) if own[FAULTED] else -1
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
-        """An arena, the program on it, and the rows that it writes."""
+        """Bind the program to an arena, and give the rows that it writes."""
         job = self.job
         arena = np.zeros(max(place.stop for place in job.places.values()))
         rows = np.zeros((count, job.width))
@@ -259,7 +259,7 @@ class _Single:
 
 
 def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:
-    """Jobs by some threads, each the next one that is left."""
+    """Share jobs among some threads, each taking the next one."""
     left = iter(jobs)
     lock = Lock()
 

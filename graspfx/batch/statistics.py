@@ -1,4 +1,4 @@
-"""What is kept of a run instead of its rows: first, last, least, largest, sums and squares of each number asked for."""
+"""Statistics instead of rows: first, last, least, largest, sums and squares of each number asked for."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STATISTICS = tuple(NEEDS)
 
 
 def take(rows: Any, columns: Any, found: Any, count: int, width: int, numbers: int, low: int) -> None:
-    """Takes rows into measures.
+    """Take rows into measures.
 
     Args:
         rows: a buffer of rows.
@@ -40,7 +40,7 @@ def take(rows: Any, columns: Any, found: Any, count: int, width: int, numbers: i
 
 
 def empty(numbers: int) -> FloatArray:
-    """Measures of no row, (numbers, MEASURES)."""
+    """Make measures of no row, (numbers, MEASURES)."""
     found = np.zeros((numbers, MEASURES))
     found[:, [LOW, LATE_LOW]] = np.inf
     found[:, [HIGH, LATE_HIGH]] = -np.inf
@@ -48,7 +48,7 @@ def empty(numbers: int) -> FloatArray:
 
 
 def statistic(name: str, found: FloatArray, ticks: int) -> FloatArray:
-    """A statistic from measures (..., MEASURES) of a run of so many ticks; NaN where no number was one.
+    """Compute a statistic from measures (..., MEASURES) of a run of so many ticks; NaN where no number was one.
 
     growth is the peak magnitude of the second half of the ticks over that of the first (half of them, rounded down).
     """

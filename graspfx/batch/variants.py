@@ -33,7 +33,7 @@ FULL = 16  # variants that are all built: fewer are not worth a thought
 
 @dataclass(frozen=True)
 class Program:
-    """What variants with the same programs share: a servo that was built for one of them, and its tick."""
+    """The program of variants that share it: a servo that was built for one of them, and its tick."""
 
     servo: Servo
     tick: Tick
@@ -48,12 +48,12 @@ class Program:
         return found
 
     def fill(self, arena: FloatArray) -> None:
-        """Puts what a variant's buffers hold into those of the servo."""
+        """Fill a variant's buffers into those of the servo."""
         for name, array in self.tick.script.arrays.items():
             array[...] = arena[self.places[name]]
 
     def check_activity(self, arena: FloatArray) -> None:
-        """Warns as `gx.run` does where matrices for gains, as a variant's buffers hold them, can create energy."""
+        """Warn like `gx.run` where matrices for gains, as a variant's buffers hold them, can create energy."""
         self.fill(arena)
         for held in self.servo.objects:
             held.grasped.check_activity()
@@ -94,7 +94,7 @@ class Group:
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
 
     def arenas(self, which: Any) -> FloatArray:
-        """What the buffers of some members hold, (v, arena)."""
+        """Give the buffers of some members, (v, arena)."""
         count = len(self.members[which])
         found = np.repeat(self.base[None], count, axis=0)
         for entries, rows, choice in self.factors:
@@ -102,7 +102,7 @@ class Group:
         return found
 
     def entry(self, k: int, which: Any) -> FloatArray:
-        """One of the entries that vary, of some members, (v,)."""
+        """Give one of the entries that vary, of some members, (v,)."""
         entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
         return np.asarray(rows[choice[which], np.searchsorted(entries, k)])
 
@@ -127,7 +127,7 @@ class Variants:
         return {key: self.values[key][number] for key, number in zip(self.keys, numbers, strict=True)}
 
     def built(self, numbers: Index) -> Built:
-        """The variant with these values.
+        """Build the variant with these values.
 
         Raises:
             SceneError: of the scene, with the values.
@@ -163,7 +163,7 @@ class Variants:
         return len(self._built)
 
     def groups(self) -> list[Group]:
-        """The variants by their programs.
+        """Group the variants by their programs.
 
         Raises:
             SceneError, InputError: as `built`.
@@ -176,7 +176,7 @@ class Variants:
     # Values that meet ---------------------------------------------------------------------------------------------
 
     def _patterns(self) -> Iterator[Index]:
-        """Variants by which of their values are equal: kep = kip is another scene than two gains that differ."""
+        """Group variants by which of their values are equal: kep = kip is another scene than two gains that differ."""
         same = [
             np.array([[_equal(a, b) for b in self.values[other]] for a in self.values[key]])[
                 self.numbers[:, i], self.numbers[:, j]
@@ -189,7 +189,7 @@ class Variants:
             yield np.flatnonzero(which.ravel() == k)
 
     def _tied(self, members: Index) -> list[list[int]]:
-        """Keys that have equal values in all of these variants, together; each other key by itself."""
+        """Tie keys that have equal values in all of these variants; each other key stands by itself."""
         together: list[list[int]] = []
         for i, key in enumerate(self.keys):
             for group in together:
@@ -205,7 +205,7 @@ class Variants:
     # Putting together ---------------------------------------------------------------------------------------------
 
     def _split(self, members: Index) -> list[Group]:
-        """Variants of which some may have other programs."""
+        """Split variants of which some may have other programs."""
         if len(members) <= FULL:
             return self._each(members)
         middle = self.numbers[members[len(members) // 2]]
@@ -246,12 +246,12 @@ class Variants:
         return self._all(members, "their keys do not act by themselves")
 
     def _choices(self, members: Index, keys: Sequence[int]) -> tuple[Index, Index]:
-        """The values that some keys have together, and which of them each variant has."""
+        """List the values that some keys have together, and which of them each variant has."""
         rows, choice = np.unique(self.numbers[members][:, keys], axis=0, return_inverse=True)
         return rows, choice.ravel()
 
     def _is_grid(self, members: Index) -> bool:
-        """Whether every value is there with those of the variant in the middle."""
+        """Tell whether every value is there with those of the variant in the middle."""
         have = {tuple(row) for row in self.numbers.tolist()}
         middle = self.numbers[members[len(members) // 2]]
         return all(
@@ -261,7 +261,7 @@ class Variants:
         )
 
     def _holds(self, group: Group, structure: str) -> bool:
-        """Whether variants that are built are what was put together: those of all extremes, and some others."""
+        """Check that built variants are what was put together: those of all extremes, and some others."""
         found = self.numbers[group.members]
         ends = [np.isin(found[:, i], _extremes(self.values[key], found[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))
@@ -281,7 +281,7 @@ class Variants:
         return self._each(members)
 
     def _each(self, members: Index) -> list[Group]:
-        """Every variant built."""
+        """Build every variant."""
         kinds: dict[str, list[tuple[int, Built]]] = {}
         for member in members.tolist():
             built = self.built(self.numbers[member])
@@ -314,13 +314,13 @@ def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:
 
 
 def _changed(base: Built, built: Sequence[Built]) -> set[int]:
-    """Entries of the arena that are another number, to the last bit, in some of these."""
+    """List entries of the arena that are another number, to the last bit, in some of these."""
     first = base.arena.view(np.int64)
     return {int(k) for each in built for k in np.flatnonzero(each.arena.view(np.int64) != first)}
 
 
 def _extremes(values: Sequence[Any], used: Index) -> list[int]:
-    """The first and the last of some values, and the least and the largest."""
+    """List the first and the last of some values, and the least and the largest."""
     numbers = np.unique(used).tolist()
     found = [numbers[0], numbers[-1]]
     if all(isinstance(values[n], int | float) for n in numbers):
@@ -329,7 +329,7 @@ def _extremes(values: Sequence[Any], used: Index) -> list[int]:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    """Whether two values are the same numbers, one for all or many."""
+    """Tell whether two values are the same numbers, one for all or many."""
     if type(a) in (int, float) and type(b) in (int, float):
         return bool(a == b)
     if not isinstance(a, list) and not isinstance(b, list):

@@ -26,7 +26,7 @@ def axes_notes(parts: Parts) -> list[str]:
 
 
 def _has_axes(scene: Scene) -> bool:
-    """Whether a gain is a matrix, and stands where springs may create energy."""
+    """Tell whether a gain is a matrix, and stands where springs may create energy."""
     rules = scene.coupling
     sound = rules.axes != "world" and rules.reaction == "fingertip"
     gains = [gain for part in (rules.external, rules.internal) for gain in (part.stiffness, part.damping)]

@@ -31,7 +31,7 @@ class Holding:
 
 
 def holdings(scene: SceneTable) -> list[Holding]:
-    """The hands of a scene in the order of their first fingers; a finger without one stands alone."""
+    """List the hands of a scene in the order of their first fingers; a finger without one stands alone."""
     shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
     hands: dict[Location, Holding] = {}
     for i, finger in enumerate(scene.finger):
@@ -42,14 +42,14 @@ def holdings(scene: SceneTable) -> list[Holding]:
 
 
 def axis_of(axis: AxisTable, dimensions: int) -> FloatArray:
-    """The unit vector (d,) along an axis by its name or number, or along a vector."""
+    """Give the unit vector (d,) along an axis by its name or number, or along a vector."""
     if isinstance(axis, tuple):
         return motions.direction(axis, dimensions)
     return motions.direction(AXES[axis] if isinstance(axis, str) else axis, dimensions)
 
 
 def descriptions(scene: SceneTable) -> Iterator[str]:
-    """Every hand in words: its name, the fingers that it holds, what it does in time."""
+    """Describe every hand: its name, the fingers that it holds, what it does in time."""
     own: dict[str, list[str]] = {}
     for holding in holdings(scene):
         names = [scene.finger_names[i] for i in holding.fingers]
@@ -62,7 +62,7 @@ def descriptions(scene: SceneTable) -> Iterator[str]:
 
 
 def doing(table: OwnHand | SharedHand | MadeHand) -> str:
-    """What a hand does in time, in words."""
+    """Describe what a hand does in time."""
     if table.form == "made":
         return f"as {table.kind} has it"
     said = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]

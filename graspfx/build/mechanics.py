@@ -1,4 +1,4 @@
-"""What moves the fingers of a scene, as matrices: masses and dampings of devices, springs and dampers of hands."""
+"""Mechanics of a scene's fingers, as matrices: masses and dampings of devices, springs and dampers of hands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Postured(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """Of n fingers in d dimensions, where they are.
+    """Matrices of n fingers in d dimensions, where they are.
 
     Attributes:
         mass, friction: (n, d, d) [kg], [N s/m].

@@ -36,7 +36,7 @@ class SceneMesh:
     unit: MassProperties
 
     def volume(self) -> float:
-        """[m^3].
+        """Compute the volume [m^3].
 
         Raises:
             InputError: a shell has none.
@@ -46,7 +46,7 @@ class SceneMesh:
         return self.unit.mass
 
     def moments(self, mass: float) -> Numbers:
-        """Principal moments at that mass, (3,) [kg m^2]."""
+        """Compute the principal moments at that mass, (3,) [kg m^2]."""
         return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
 
     @property
@@ -55,7 +55,7 @@ class SceneMesh:
         return quaternion(self.unit.axes.ravel().tolist())
 
     def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
-        """Where the centre of mass and the principal axes are when the file's frame has that pose in the world."""
+        """Place the centre of mass and the principal axes for a pose of the file's frame in the world."""
         x, y, z = position or (0.0, 0.0, 0.0)
         q = orientation or (0.0, 0.0, 0.0, 1.0)
         u, v, w = rotate(q[0], q[1], q[2], q[3], *self.unit.centre.tolist())
@@ -70,7 +70,7 @@ class SceneMesh:
 
 
 def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
-    """The mesh of an object or obstacle; None if its shape is none.
+    """Load the mesh of an object or obstacle; None if its shape is none.
 
     Raises:
         InputError: naming the key of the shape's table that cannot be.
@@ -89,7 +89,7 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
 
 
 def mesh_name(table: Object) -> str:
-    """What a mesh is called: its file's name."""
+    """Name a mesh after its file."""
     path = getattr(table.shape, "mesh", None)
     return Path(path).name if path else f"mesh of {table.name}"
 

@@ -109,7 +109,7 @@ def _ticks(scene: Scene, duration: float | None, size: int) -> int:
 
 
 def ticks_of(duration: float, period: float) -> int:
-    """Whole periods in a time.
+    """Count the whole periods in a time.
 
     Raises:
         InputError: a time that is none, or shorter than a period.
@@ -122,7 +122,7 @@ def ticks_of(duration: float, period: float) -> int:
 
 
 def require_memory(ticks: float, size: int) -> None:
-    """Raises InputError where so many ticks of so many bytes have no room in memory."""
+    """Raise InputError where so many ticks of so many bytes have no room in memory."""
     _require_room(ticks, size, "this machine's memory", _memory())
 
 
@@ -138,7 +138,7 @@ def _require_room(ticks: float, size: int, where: str, limit: float) -> None:
 
 
 def _memory() -> float:
-    """Bytes in this machine; where it does not say, those that it could address."""
+    """Count the bytes in this machine; where it does not say, those that it could address."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):

@@ -45,7 +45,7 @@ class KeptTable:
 
 
 class KeptScene(Readable, KeptTable):
-    """What a run reads of a `Scene`."""
+    """A scene from the disk cache, as a run reads it."""
 
     _stock = None
 
@@ -54,7 +54,7 @@ class KeptScene(Readable, KeptTable):
         self.source, self._written = source, written
 
     def to_dict(self) -> dict[str, Any]:
-        """As `Scene.to_dict`."""
+        """Write the scene as nested tables, like `Scene.to_dict`."""
         return self._written
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
@@ -63,7 +63,7 @@ class KeptScene(Readable, KeptTable):
 
 
 def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
-    """Where the scene of a TOML file is kept; None for what cannot be.
+    """Find where the scene of a TOML file is cached; None for a scene that cannot be.
 
     The key holds the file's text and path, the overrides, what is installed, and the time and size of every source file
     of GraspFX and of the shelf of devices, as Python judges its own bytecode.
@@ -84,7 +84,7 @@ def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
 
 
 def kept(where: Place) -> tuple[Scene, list[str]] | None:
-    """A scene and the notes on it, as they were kept there; None if they were not."""
+    """Load a cached scene and the notes on it; None if there are none."""
     content = cache.load(where.key)
     if content is None:
         return None
@@ -93,7 +93,7 @@ def kept(where: Place) -> tuple[Scene, list[str]] | None:
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
-    """Keeps a scene that has been run, and the notes on it, if nothing else than its place says what becomes of it."""
+    """Cache a scene that has been run, and its notes, if its place alone says what becomes of it."""
     if scene.source.text != where.source.text or not _is_self_contained(scene):
         return
     try:
@@ -114,7 +114,7 @@ def _sources() -> Iterator[tuple[str, int, int]]:
 
 
 def _is_self_contained(scene: Scene) -> bool:
-    """Whether the scene names no other file, no other distribution, and nothing that depends on the machine."""
+    """Tell whether the scene names no other file, no other distribution, and nothing that depends on the machine."""
     from graspfx.build.resolve import resolve
 
     folder = scene.source.folder
@@ -131,7 +131,7 @@ def _is_self_contained(scene: Scene) -> bool:
 
 
 def _written(value: Any) -> Any:
-    """A table, tuple or list as a name and a list; TypeError for what is none, nor plain."""
+    """Write a table, tuple or list as a name and a list; TypeError for anything else that is not plain."""
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, tuple | list):

@@ -54,7 +54,7 @@ class Wire:
 
 
 def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
-    """A driver's device with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
+    """Connect a driver with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
     settings = table.settings
     if AUTOMATIC in signature(driver.connect).parameters:
         settings.setdefault(AUTOMATIC, dimensions)
@@ -63,7 +63,7 @@ def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
 
 
 def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
-    """The table of finger i's device, and where it stands."""
+    """Find the table of finger i's device, and where it stands."""
     named = scene.finger[i].device
     if not isinstance(named, str):
         return ("finger", i, "device"), named
@@ -99,7 +99,7 @@ def _wires(scene: SceneTable, folder: Path | None, devices: dict[Location, Devic
 
 
 def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Found]:
-    """Faults between the fingers and the devices that could be connected."""
+    """Find faults between the fingers and the devices that could be connected."""
     from graspfx.scene.tables.fields import NotValid
 
     channels: dict[Location, list[int]] = {at: [] for at in connected}

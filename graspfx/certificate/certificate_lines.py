@@ -18,7 +18,7 @@ PLACES = {
 
 
 def lines(certificate: Certificate) -> Iterator[str]:
-    """A certificate as lines of text: one per mode, fingers that push alike in one, of larger sets the weakest."""
+    """Write a certificate as lines: one per mode, fingers that push alike in one, of larger sets the weakest."""
     of = f"of {certificate.object}, {PLACES[certificate.at]}"
     radius = certificate.spectral_radius
     yield f"stability {of}: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"

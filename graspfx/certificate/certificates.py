@@ -18,7 +18,7 @@ from graspfx.scene.model import Scene
 
 
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
-    """One for every object that fingers touch.
+    """Judge every object that fingers touch.
 
     Gains are those of the scene; a limit is that of one gain with the others as they are (half the common limit where
     as they are nothing is stable), the squeeze held.
@@ -54,7 +54,7 @@ def _certificate(scene: Scene, found: Linearised) -> Certificate:
 
 
 def _sliding(scene: Scene, found: Linearised) -> Iterator[str]:
-    """What contacts on their cones' edges could do if they slid; soft ones, which slide and spin at once, are named."""
+    """Say what contacts on their cones' edges could do if they slid; soft ones, which also spin, are named."""
     soft = [k for k, i in enumerate(found.edge) if scene.finger[i].patch]
     hard = [k for k in range(len(found.edge)) if k not in soft]
     T, V = found.slip

@@ -37,7 +37,7 @@ class Certificates(Sequence[Certificate]):
         return all(certificate.stable for certificate in self.each)
 
     def to_dict(self) -> dict[str, Any]:
-        """The certificates for JSON."""
+        """Write the certificates for JSON."""
         return {
             "scene": self.scene,
             "stable": self.stable,

@@ -52,7 +52,7 @@ class Sweep:
 
     @classmethod
     def read(cls, text: str) -> Sweep:
-        """KEY=FROM:TO:COUNT, evenly spaced, both ends among them.
+        """Read KEY=FROM:TO:COUNT, evenly spaced, both ends among them.
 
         Raises:
             InputError: anything else.
@@ -94,13 +94,13 @@ class SweptLimits:
     seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
+        """Write for JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
         values = [sweep.values.tolist() for sweep in self.sweeps]
         found = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
         return found | {f"{name}_limit": bounded(part.tolist()) for name, part in self._parts()}
 
     def lines(self) -> Iterator[str]:
-        """Ranges, how limits begin and end over them, and how they were found."""
+        """Write ranges, how limits begin and end over them, and how they were computed."""
         for sweep in self.sweeps:
             yield f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values"
         for name, part in self._parts():
@@ -116,7 +116,7 @@ class SweptLimits:
 
 
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
-    """The limits of a scene with one object in fingers, over its keys.
+    """Compute the limits of a scene with one object in fingers, over its keys.
 
     Where modes separate and the keys are parameters of their closed forms, those are taken for all points at once;
     else a scene is made and linearised for each.
@@ -151,7 +151,7 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
 
 
 def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
-    """The three limits of a scene as it is, each an array without axes."""
+    """Compute the three limits of an unchanged scene, each an array without axes."""
     _require_numbers(scene)
     began = perf_counter()
     internal, external, conventional = (np.array(value) for value in _point(scene, at))
@@ -191,7 +191,7 @@ def _is_modal(scene: Scene, sweeps: Sequence[Sweep], found: Linearised) -> bool:
 
 
 def _plain(scene: Scene, key: str) -> str:
-    """object.0.mass and object.*.mass of a lone object as object.mass."""
+    """Write object.0.mass and object.*.mass of a lone object as object.mass."""
     first, *rest = key.split(".")
     if first == "object" and len(scene.object) == 1 and rest and rest[0] in ("0", "*"):
         rest = rest[1:]
@@ -201,7 +201,7 @@ def _plain(scene: Scene, key: str) -> str:
 def _modal(
     scene: Scene, found: Linearised, sweeps: Sequence[Sweep]
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """All limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i, linear in what is swept."""
+    """Compute all limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i, linear in what is swept."""
     linear, table = found.linear, scene.object[scene.finger_objects[0]]
     m, r = linear.coordinates
     root = np.sqrt(linear.mass / linear.mass.mean())

@@ -112,7 +112,7 @@ class _Share:
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
 ) -> Linearised:  # fmt: skip
-    """The scene's small motions about its grasp at rest.
+    """Linearise the scene's small motions about its grasp at rest.
 
     "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
     coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
@@ -264,13 +264,13 @@ def _matrices(
 
 
 def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
-    """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
     frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
     return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
-    """G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
+    """Form G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
     d = grip.d
     wide = np.zeros((grip.n, 3))
     wide[:, :d] = arms

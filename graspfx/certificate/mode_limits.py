@@ -26,7 +26,7 @@ ROOM = 0.5  # of the common limit: where the other gains are put when as they ar
 
 
 def mode_limits(scene: Scene, found: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
-    """Of the internal and the external gain, and of the external one's shifts and turns by themselves."""
+    """Find the limits of the internal and the external gain, and of the external one's shifts and turns alone."""
     kep, kip = (number_of(part.stiffness) for part in (scene.coupling.external, scene.coupling.internal))
     exact = reduced(found)
     rows = []
@@ -68,7 +68,7 @@ def reduced(found: Linearised) -> dict[str, tuple[float, float]]:
 
 
 def _parts(found: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
-    """The modes that there are, and which of the gains for shifts, turns and squeezing each is."""
+    """List the modes, and which of the gains for shifts, turns and squeezing each is."""
     m, _ = found.linear.coordinates
     rank = sum(split.rank for split in found.splits)
     d = found.contacts.shape[1]
@@ -100,7 +100,7 @@ def _name(mode: Mode, found: Linearised) -> str:
 
 
 def _others(found: Linearised) -> float:
-    """The factor at which the other gains are held: 1 where that is stable."""
+    """Find the factor at which the other gains are held: 1 where that is stable."""
     if Family(found.linear, lambda s: found.linear.stiffness).radius(1.0) < 1.0:
         return 1.0
     return min(1.0, ROOM * reach(found.linear, lambda s: found.stiffness(s, s, s)).factor)
@@ -114,7 +114,7 @@ def _reach(found: Linearised, which: tuple[bool, bool, bool], others: float) -> 
 
 
 def standing_limits(found: Linearised) -> Iterator[Limit]:
-    """The grasp with its object on what carries it at the start, all gains growing together."""
+    """Find the limit of the grasp with its object on what carries it at the start, all gains growing together."""
     ground = found.standing[0]
     if ground is None or len(found.standing) > 1:
         return
@@ -125,7 +125,7 @@ def standing_limits(found: Linearised) -> Iterator[Limit]:
 
 
 def pushing_limits(scene: Scene, found: Linearised) -> Iterator[Limit]:
-    """Every set of fingers that may touch without the others; none where contacts cannot be left."""
+    """Find limits of every set of fingers that may touch without the others; none where contacts cannot be left."""
     n = len(found.fingers)
     if scene.coupling.contact == "attached" or n == 1:
         return
@@ -143,7 +143,7 @@ def pushing_limits(scene: Scene, found: Linearised) -> Iterator[Limit]:
 def _pushes(
     scene: Scene, found: Linearised, touching: NDArray[np.bool_], chosen: tuple[int, ...]
 ) -> Iterator[tuple[float, Reach]]:
-    """The stiffest that is left and how far it can grow: near fingers without force, and where they fade, gone ones."""
+    """Find how far the stiffest rest can grow: near fingers without force, and where they fade, gone ones."""
     near = without_freedoms(found.linear, touching)
     yield _stiffest(near), reach(near, lambda s: s * near.stiffness)
     if scene.coupling.absent == "fade":
@@ -153,7 +153,7 @@ def _pushes(
 
 
 def gone_without(scene: Scene, found: Linearised, near: Linearisation, chosen: tuple[int, ...]) -> Linearisation | None:
-    """The loop of fingers that alone are in the split; None for gains per finger, or contacts that slip."""
+    """Build the loop of fingers that alone are in the split; None for gains per finger, or contacts that slip."""
     coupling = scene.coupling
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)
     if math.isnan(kep + kip) or coupling.metric != "equal":

@@ -1,4 +1,4 @@
-"""What each sample of a scene will do, what it will skip, and why."""
+"""Plan of a scene: each sample's steps, those that it skips, and why."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PlanRow:
 
 
 def plan(scene: Scene) -> list[PlanRow]:
-    """The steps of one sample in their order, then the packages that the run imports."""
+    """List the steps of one sample in their order, then the packages that the run imports."""
     return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(resolve(scene))]
 
 
@@ -92,7 +92,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
 
 
 def packages(scene: Scene) -> list[str]:
-    """What the framework imports for a run of the scene, figures and tables aside."""
+    """List what the framework imports for a run of the scene, figures and tables aside."""
     found = ["numpy", "pydantic (scene)", "h5py (recording)"]
     tables = [holding.table for holding in holdings(scene)]
     if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
@@ -179,7 +179,7 @@ def _weights(parts: Parts) -> Row:
 
 
 def _weighed_by(scene: Scene) -> str:
-    """Who weighs fingers although gains are equal."""
+    """Say why fingers are weighed although gains are equal."""
     if any(scene.coefficients):
         return "friction weighs"
     if scene.coupling.passivity != "off":
@@ -191,7 +191,7 @@ def _weighed_by(scene: Scene) -> str:
 
 
 def _resplit(scene: Scene) -> str:
-    """When the split is made anew."""
+    """Say when the split is made anew."""
     d = scene.dimensions
     for free in map(scene.free, scene.object):
         shifts, turns = free[:d], free[d:]
@@ -227,7 +227,7 @@ def _impedance(scene: Scene) -> Row:
 
 
 def _scalar(scene: Scene) -> bool:
-    """Whether each gain is one number."""
+    """Tell whether each gain is one number."""
     gains = (scene.coupling.external, scene.coupling.internal)
     return all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping))
 
@@ -269,7 +269,7 @@ def _torsion(scene: Scene) -> Row:
 
 
 def _limits(parts: Parts) -> Iterator[Row]:
-    """The limits that devices tell, how forces are brought within them, and devices that may have one unseen."""
+    """Say the limits that devices tell, how forces are brought within them, and devices that may have a hidden one."""
     scene, wired = parts.scene, parts.wires
     given, hidden = limit_text(scene, wired), hidden_text(scene, wired)
     if given:
@@ -286,7 +286,7 @@ def _limits(parts: Parts) -> Iterator[Row]:
 
 
 def limits_inside(scene: Scene, thing: Object) -> bool:
-    """Whether the projection itself keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
+    """Tell whether the projection keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
     attached = scene.coupling.contact == "attached"
     if thing.dynamics == "native" and thing.integrator == "implicit":
         return False
@@ -335,6 +335,6 @@ def _named(scene: Scene, thing: Object, step: str) -> str:
 
 
 def equal_gains(scene: Scene) -> bool:
-    """kep = kip and ked = kid: the conventional method."""
+    """Tell whether kep = kip and ked = kid: the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
     return external.stiffness == internal.stiffness and external.damping == internal.damping

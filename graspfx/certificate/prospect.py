@@ -28,7 +28,7 @@ INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
 @dataclass(frozen=True)
 class Prospect:
-    """What is known of a scene's ticks before it runs.
+    """The facts about a scene's ticks that are known before it runs.
 
     Attributes:
         foreign: parts that are no kernels.
@@ -52,7 +52,7 @@ class Prospect:
 
 
 def prospect(scene: Scene) -> Prospect:
-    """Builds the scene, specialises its program and runs the first ticks where nothing but simulations moves.
+    """Build the scene, specialise its program and run the first ticks where nothing but simulations moves.
 
     Raises:
         GraspFXError: it cannot be built, or a part of it is not what it says.
@@ -74,7 +74,7 @@ def prospect(scene: Scene) -> Prospect:
 
 
 def kernels(servo: Servo) -> frozenset[str]:
-    """The names of the kernels that the program of a servo holds."""
+    """List the names of the kernels in a servo's program."""
     return frozenset(name for source in sources(servo.script).values() for name in KERNEL.findall(source))
 
 

@@ -46,12 +46,12 @@ class ScaledGains:
         return self.held(K_e + internal * inner.stiffness(self.split))
 
     def alone(self, k: float) -> FloatArray:
-        """Every finger by itself with stiffness k, in the metric."""
+        """Give K for every finger by itself with stiffness k, in the metric."""
         law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
         return self.held(law.stiffness(self.split))
 
     def held(self, K: FloatArray) -> FloatArray:
-        """K with the tangents of contacts that slip let go of."""
+        """Release the tangents of contacts that slip from K."""
         if self.normals is None:
             return K
         m, p = self.normals.shape

@@ -78,7 +78,7 @@ def excess(text: str) -> Fault | None:
 
 
 def outline(text: str) -> str:
-    """TOML text with long values written as 0, each key on its line: what takes little to be looked through."""
+    """Write TOML with long values as 0, each key on its line: a text that is quick to look through."""
     pieces, last, depth, value = [], 0, 0, -1
     for token in TOKEN.finditer(text):
         kind, at = token.lastgroup, token.start()
@@ -108,7 +108,7 @@ def too_deep(data: Any) -> Fault | None:
 
 
 def _parts(holder: Any) -> list[tuple[Any, Any]]:
-    """What a table or list holds that may hold more."""
+    """List the parts of a table or list that may hold more."""
     items: Iterable[tuple[Any, Any]] = holder.items() if isinstance(holder, Mapping) else ()
     if isinstance(holder, list | tuple):
         items = enumerate(holder)

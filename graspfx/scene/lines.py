@@ -54,7 +54,7 @@ class KeyLines:
                 self._pair(at, pair)
 
     def _open(self, at: Key, path: Sequence[str], name: Node) -> Key:
-        """The key of a table, through arrays of tables to their last one; tables that its name makes begin here."""
+        """Open the key of a table, through arrays of tables to their last one; tables that its name makes begin."""
         for part in path:
             at = (*at, part)
             if at in self._last:

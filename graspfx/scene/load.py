@@ -24,7 +24,7 @@ SIMPLE = re.compile(r"^[A-Za-z_]\w*$")
 
 
 def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
-    """The scene behind a name on the shelf or the path of a .toml or .py file.
+    """Load the scene behind a name on the shelf or the path of a .toml or .py file.
 
     Args:
         name: of a scene, or a path.
@@ -100,7 +100,7 @@ def _from_python(path: Path, source: Source) -> Scene:
 
 
 def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[Fault]:
-    """Overrides that are neither parameters nor keys of a scene: said before `scene()` makes something of the rest."""
+    """Find overrides that are neither parameters nor keys of a scene, before `scene()` makes something of the rest."""
     known = parameters | Scene.model_fields.keys()
     for key in sorted(keys):
         if key.split(".")[0] not in known:

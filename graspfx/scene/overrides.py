@@ -13,7 +13,7 @@ from graspfx.scene.keys import Key, dotted
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Overrides as a dictionary of their own.
+    """Copy overrides into a dictionary of their own.
 
     Raises:
         InputError: something else than values by dotted key, or tables and lists too deep in one another.
@@ -28,7 +28,7 @@ def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
-    """A copy of nested tables with values replaced, the keys that were, and a fault for each that leads nowhere.
+    """Copy nested tables with values replaced; list the replaced keys, and a fault for each that leads nowhere.
 
     A number picks a table or value of a list, a name one of several tables, `*` takes all of them; a lone table counts
     as a list of one. Tables on the way that are missing are made: whether a key exists is for the scene's validation
@@ -47,7 +47,7 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
 
 
 def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key | str]:
-    """Follows the path into a table or list; yields what it replaced, or why it could not."""
+    """Follow the path into a table or list; yield what it replaced, or why it could not."""
     part, *rest = path
     if not part:
         yield "an override needs a key between its dots"

@@ -1,4 +1,4 @@
-"""What the fields of a scene must be to one another; each check skips what has a fault of its own."""
+"""Checks of fields against one another; each skips a field that has a fault of its own."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ NAMED = {"object": "name", "device": "label", "hand": "name"}
 
 
 def cross_faults(scene: SceneTable, stock: Stock) -> list[Found]:
-    """Faults between the valid fields of a scene, or of a draft of one."""
+    """Find faults between the valid fields of a scene, or of a draft of one."""
     faults: list[Found] = []
     for check in _checks(scene, stock, faults):
         with suppress(NotValid):
@@ -188,7 +188,7 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
 
 
 def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Found]) -> Iterator[Found]:
-    """What the body itself refuses, where nothing else has been found."""
+    """Find what the body itself refuses, where there is no other fault."""
     if any(found[: len(at)] == at or found == ("gravity",) for found, _ in faults):
         return
     try:

@@ -98,14 +98,14 @@ def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[K
 
 
 def _meant(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
-    """For every key that is not known, the one that it comes close to: one slip of the pen is one fault."""
+    """Pair every unknown key with a known one that it comes close to: one slip of the pen is one fault."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     close = {at: _near(str(at[-1]), part_at(draft, at[:-1])) for at in unknown}
     return {at: (*at[:-1], name) for at, name in close.items() if name is not None}
 
 
 def _near(key: str, table: Any) -> str | None:
-    """A key that is given already is meant only where it is very near, as by an override."""
+    """Tell whether a key that is there already could be meant: only where it is very near, as by an override."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:
@@ -122,7 +122,7 @@ def _hint(at: Key, meant: Mapping[Key, Key], draft: SceneTable) -> str:
 
 
 def message(error: Any) -> str:
-    """One of pydantic's faults in the words of this project."""
+    """Write one of pydantic's faults in the words of this project."""
     kind, context, given = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"
@@ -145,7 +145,7 @@ def message(error: Any) -> str:
 
 
 def part_at(draft: SceneTable, location: Sequence[str | int]) -> Any:
-    """The table at a validator's location; None where that is not valid."""
+    """Find the table at a validator's location; None where that is not valid."""
     part: Any = draft
     try:
         for step in location:

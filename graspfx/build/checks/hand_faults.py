@@ -1,4 +1,4 @@
-"""What keeps a scene's hands from holding: axes, directions, times, recorded paths, and hands of a plug-in's own."""
+"""Checks of a scene's hands: axes, directions, times, recorded paths, and hands of a plug-in's own."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their round
 
 
 def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Found]:
-    """Faults of the hand that finger i has for itself."""
+    """Find faults of finger i's own hand."""
     finger, at = scene.finger[i], ("finger", i, "hand")
     hand = finger.hand
     if hand is None or isinstance(hand, str):
@@ -45,7 +45,7 @@ def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Found]:
 
 
 def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock) -> Iterator[Found]:
-    """Faults of a hand that several fingers may name."""
+    """Find faults of a hand that several fingers may name."""
     name = getattr(hand, "name", None)  # none if it has a fault of its own
     fingers = [i for i, finger in enumerate(scene.finger) if name and getattr(finger, "hand", None) == name]
     if isinstance(hand, MadeHand):
@@ -85,7 +85,7 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
 
 
 def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
-    """The tables of a field that takes one or a list, with where each stands."""
+    """List the tables of a field that takes one or a list, with where each stands."""
     try:
         value = getattr(hand, field)
     except NotValid:
@@ -254,7 +254,7 @@ def _made(scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[in
 
 
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
-    """The objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
+    """List the objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
     things = {thing.name: thing for thing in scene.object}
     if not things:
         raise NotValid("object")

@@ -1,4 +1,4 @@
-"""What the objects of a scene cannot meet, or not with their dynamics."""
+"""Checks of what objects can meet with their dynamics."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more 
 
 
 def meeting_faults(scene: SceneTable, stock: Stock, known: Sequence[Found]) -> Iterator[Found]:
-    """What objects cannot meet, or not with these dynamics; nothing where an object or obstacle has its own fault."""
+    """Find what objects cannot meet with these dynamics; nothing where an object or obstacle has its own fault."""
     if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in known):
         return
     yield from _together(scene, stock)
@@ -106,7 +106,7 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
 
 
 def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Found]:
-    """Where a shape begins below a half-space or across a plane; other pairs would need a search."""
+    """Tell whether a shape begins below a half-space or across a plane; other pairs would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)

@@ -50,7 +50,7 @@ def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """An error's text without the name that it begins with, where the fault's key says that already."""
+    """Write an error's text without the name that it begins with, where the fault's key says that already."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
@@ -79,7 +79,7 @@ def signature_faults(
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
 ) -> Iterator[Found]:
-    """Settings that a plug-in of this name does not take, and those that it needs; it is given the automatic ones."""
+    """Find settings that a plug-in does not take, and missing ones that it needs; the automatic ones are filled in."""
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"

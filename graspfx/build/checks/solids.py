@@ -1,4 +1,4 @@
-"""What an object's shape and mass must be: in the scene's dimensions, readable, and weighed one way."""
+"""Checks of an object's shape and mass: in the scene's dimensions, readable, and weighed one way."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Itera
 
 
 def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
-    """Faults of how an object is weighed: by its mass, or in space by its density."""
+    """Find faults of how an object is weighed: by its mass, or in space by its density."""
     if thing.density is None:
         if thing.mass is None:
             yield (*at, "mass"), "required, but not given" + (" (or density)" if scene.dimensions == 3 else "")

@@ -15,7 +15,7 @@ Found = tuple[Location, str]
 
 
 def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Found]:
-    """A coefficient that a finger has beside a coupling which leaves no room for it."""
+    """Find a coefficient of a finger's own beside a coupling which leaves no room for it."""
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
@@ -25,7 +25,7 @@ def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Fo
 
 
 def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
-    """What a soft finger lacks, or a hard one has of it."""
+    """Find what a soft finger lacks, or what a hard one has of it."""
     at: Location = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
@@ -75,7 +75,7 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Found]:
 
 
 def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
-    """Devices that do not tell the mass that limits the damping which control adds."""
+    """Find devices that do not tell the mass that limits the damping which control adds."""
     if scene.coupling.passivity != "control":
         return
     for at, device in connected.items():
@@ -86,7 +86,7 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
 
 
 def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
-    """Devices that do not tell the mass by which the metric would count them."""
+    """Find devices that do not tell the mass by which the metric would count them."""
     if scene.coupling.metric != "mass":
         return
     for at, device in connected.items():

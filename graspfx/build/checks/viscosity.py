@@ -20,13 +20,13 @@ Found = tuple[Location, str]
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
-    """Whether a rotation of an object is free, as far as `free` has the right length to tell."""
+    """Tell whether a rotation of an object is free, as far as `free` has the right length to tell."""
     free = scene.free(thing)
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
 
 def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Found]:
-    """Faults of viscosities that explicit and semi-implicit integration does not stand."""
+    """Find viscosities that explicit and semi-implicit integration does not stand."""
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
     with suppress(GraspFXError):  # a mass or a shape that cannot be has its own fault

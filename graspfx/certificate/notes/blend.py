@@ -27,7 +27,7 @@ def blend_notes(parts: Parts) -> list[str]:
 
 
 def arms(grasped: GraspedObject) -> list[float]:
-    """The rms arms of the free rotations about their principal axes, the least first [m].
+    """Compute the rms arms of the free rotations about their principal axes, the least first [m].
 
     They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, less what the free translations
     move, over the root of the weights' sum; those that are rounding are left out.

@@ -19,7 +19,7 @@ Spring = tuple[float, float]  # K [N/m], B [N s/m]
 
 
 def unsettled(parts: Parts) -> list[str]:
-    """A sentence for each motion that grows from sample to sample, with the finger of which it grows fastest.
+    """Write a sentence for each motion that grows from sample to sample, with the finger where it grows fastest.
 
     Each finger is taken as one of n alike. Squeezing, it swings against an object that stays: kip, and the grip.
     Moving, all n swing along with the object: kep, and the arm. Velocities count as known and forces as undelayed, and
@@ -74,7 +74,7 @@ def _devices(parts: Parts) -> dict[int, Spring]:
 
 
 def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
-    """By finger the softest arm and grip along an axis; a hand that holds one finger is both."""
+    """Find by finger the softest arm and grip along an axis; a hand that holds one finger is both."""
     arms: dict[int, Spring] = {}
     grips: dict[int, Spring] = {}
     for holding in holdings(scene):
@@ -97,7 +97,7 @@ def _softest(table: object) -> Spring:
 def _growth(
     T: float, device: Spring, hand: Spring, gains: Spring, body: tuple[int, float, float, str] | None = None
 ) -> float:
-    """The fastest growth [1/s] of a device m, b behind a hand K, B and gains k, d, held for T.
+    """Find the fastest growth [1/s] of a device m, b behind a hand K, B and gains k, d, held for T.
 
     Against an object that stays; or with `body`, n such devices that swing with an object of mass M and viscosity c,
     moved by the integrator named.

@@ -18,7 +18,7 @@ HEAVIEST = 100.0  # [kg]
 
 
 def unit_notes(scene: Scene) -> list[str]:
-    """A sentence for each such value, by its key."""
+    """Write a sentence for each such value, by its key."""
     return [f"{key} = {given:g} {unit}: check the unit" for key, given, unit in _suspects(scene)]
 
 

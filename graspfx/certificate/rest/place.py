@@ -45,7 +45,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What pulls a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
+    """The pull on a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
 
     hands: FloatArray
     course: FloatArray
@@ -112,7 +112,7 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
-    """Whether hands close to their last targets by another way than a straight one from where the fingers start."""
+    """Tell whether hands close to their last targets by another way than a straight one from the fingers' start."""
     way = course[-1] - start
     length = float(np.linalg.norm(way))
     along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)

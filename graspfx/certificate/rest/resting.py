@@ -49,13 +49,13 @@ class Grip:
         self.rows_of_wrench = np.flatnonzero(self.free)
 
     def forces(self) -> FloatArray | None:
-        """(f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
+        """Compute (f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
         if self.grasped.sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
     def move(self, y: FloatArray) -> None:
-        """Fingers and object by y from where they are."""
+        """Move fingers and object by y from where they are."""
         g, S = self.grasped, self.grasped.block
         g.finger_position += y[: self.m].reshape(self.n, self.d)
         shift = np.zeros(6)
@@ -69,7 +69,7 @@ class Grip:
             R[:] = turn.reshape(3, 3) @ R
 
     def tried(self, y: FloatArray) -> FloatArray | None:
-        """`forces` after a motion y, from which nothing remains."""
+        """Compute `forces` after a motion y, from which nothing remains."""
         kept = self.grasped.block.copy()
         self.move(y)
         found = self.forces()
@@ -78,7 +78,7 @@ class Grip:
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
-        """Contacts that touch stick where they are, also on their cones' edges; those without friction slip on."""
+        """Make touching contacts stick where they are, also on their cones' edges; those without friction slip on."""
         mu = self.grasped.rows[:, at.COEFFICIENT]
         coefficients = mu.copy()
         mu *= ROUGH
@@ -88,7 +88,7 @@ class Grip:
             mu[:] = coefficients
 
     def stiffness(self, lengths: FloatArray, *, both: bool = True) -> FloatArray | None:
-        """d(f, wrench)/dy, (m + r, m + r), by difference quotients over `lengths`, central if `both`."""
+        """Compute d(f, wrench)/dy, (m + r, m + r), by difference quotients over `lengths`, central if `both`."""
         size = self.m + self.r
         J = np.zeros((size, size))
         here = None if both else self.tried(np.zeros(size))
@@ -103,7 +103,7 @@ class Grip:
         return J
 
     def turning_damping(self) -> FloatArray:
-        """-d wrench/d(angular velocity) on the free freedoms (r, r), the damping of torsion included."""
+        """Compute -d wrench/d(angular velocity) on the free freedoms (r, r), the damping of torsion included."""
         o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
@@ -120,7 +120,7 @@ class Grip:
         return B
 
     def lengths(self) -> FloatArray:
-        """A small motion for each coordinate: that of `SHIFT` at the fingertips."""
+        """Give a small motion for each coordinate: that of `SHIFT` at the fingertips."""
         g = self.grasped
         arms = g.finger_position - g.body_state[body.POSITION : body.POSITION + self.d]
         far = max(float(np.linalg.norm(arms, axis=1).max(initial=0.0)), 1e-3)
@@ -129,7 +129,7 @@ class Grip:
 
 
 def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArray:
-    """J of contacts that slide on the way that they slide now; J itself where friction leaves them no answer."""
+    """Give J of contacts that slide on the way that they slide now; J itself where friction leaves no answer."""
     wide = np.zeros((2, len(J), int(sliding.sum())))
     wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
     found = released(J, *wide)
