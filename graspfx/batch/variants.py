@@ -41,11 +41,11 @@ class Program:
     @cached_property
     def places(self) -> dict[str, slice]:
         """Where each buffer is in the arena, all of them in one."""
-        found, start = {}, 0
+        starts, start = {}, 0
         for name, array in self.tick.script.arrays.items():
-            found[name] = slice(start, start + array.size)
+            starts[name] = slice(start, start + array.size)
             start += array.size
-        return found
+        return starts
 
     def fill(self, arena: FloatArray) -> None:
         """Fill a variant's buffers into those of the servo."""
@@ -55,8 +55,8 @@ class Program:
     def check_activity(self, arena: FloatArray) -> None:
         """Warn like `gx.run` where matrices for gains, as a variant's buffers hold them, can create energy."""
         self.fill(arena)
-        for held in self.servo.objects:
-            held.grasped.check_activity()
+        for part in self.servo.objects:
+            part.grasped.check_activity()
 
 
 @dataclass(frozen=True)
@@ -93,18 +93,18 @@ class Group:
         """Entries of the arena that are not the same in all members."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
 
-    def arenas(self, which: Any) -> FloatArray:
+    def arenas(self, members: Any) -> FloatArray:
         """Give the buffers of some members, (v, arena)."""
-        count = len(self.members[which])
-        found = np.repeat(self.base[None], count, axis=0)
+        count = len(self.members[members])
+        copies = np.repeat(self.base[None], count, axis=0)
         for entries, rows, choice in self.factors:
-            found[:, entries] = rows[choice[which]]
-        return found
+            copies[:, entries] = rows[choice[members]]
+        return copies
 
-    def entry(self, k: int, which: Any) -> FloatArray:
+    def entry(self, k: int, members: Any) -> FloatArray:
         """Give one of the entries that vary, of some members, (v,)."""
         entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
-        return np.asarray(rows[choice[which], np.searchsorted(entries, k)])
+        return np.asarray(rows[choice[members], np.searchsorted(entries, k)])
 
 
 class Variants:
@@ -117,7 +117,7 @@ class Variants:
     """
 
     def __init__(self, scene: Scene, values: Mapping[str, Sequence[Any]], numbers: Index) -> None:
-        self.scene, self.values, self.numbers = scene, {key: list(given) for key, given in values.items()}, numbers
+        self.scene, self.values, self.numbers = scene, {key: list(items) for key, items in values.items()}, numbers
         self.keys = list(self.values)
         self.notes: list[str] = []
         self._built: dict[Numbers, Built] = {}
@@ -139,14 +139,14 @@ class Variants:
         return self._built[at]
 
     def _make(self, overrides: Mapping[str, Any]) -> Built:
-        shown = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())
+        text = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())
         try:
             with build(self.scene.replace(overrides)) as servo:
                 tick = write(servo.parts)
                 built = Built(np.concatenate(list(tick.script.arrays.values())), _structure(tick))
         except SceneError as error:
             faults = [Fault(fault.key, fault.message) for fault in error.faults]
-            raise SceneError(f"{error.source} with {shown}", faults) from error
+            raise SceneError(f"{error.source} with {text}", faults) from error
         if built.structure not in self._programs:
             others = [*foreign(servo), *guests(servo), *looked_ahead(servo)]
             if others:
@@ -168,10 +168,10 @@ class Variants:
         Raises:
             SceneError, InputError: as `built`.
         """
-        found: list[Group] = []
+        groups_: list[Group] = []
         for members in self._patterns():
-            found += self._split(members)
-        return found
+            groups_ += self._split(members)
+        return groups_
 
     # Values that meet ---------------------------------------------------------------------------------------------
 
@@ -184,9 +184,11 @@ class Variants:
             for (i, key), (j, other) in itertools.combinations(enumerate(self.keys), 2)
         ]
         pattern = np.array(same, dtype=int).reshape(len(same), len(self.numbers)).T
-        _, which = np.unique(pattern, axis=0, return_inverse=True) if same else (None, np.zeros(len(self.numbers), int))
-        for k in np.unique(which):
-            yield np.flatnonzero(which.ravel() == k)
+        _, pattern_of = (
+            np.unique(pattern, axis=0, return_inverse=True) if same else (None, np.zeros(len(self.numbers), int))
+        )
+        for k in np.unique(pattern_of):
+            yield np.flatnonzero(pattern_of.ravel() == k)
 
     def _tied(self, members: Index) -> list[list[int]]:
         """Tie keys that have equal values in all of these variants; each other key stands by itself."""
@@ -262,17 +264,17 @@ class Variants:
 
     def _holds(self, group: Group, structure: str) -> bool:
         """Check that built variants are what was put together: those of all extremes, and some others."""
-        found = self.numbers[group.members]
-        ends = [np.isin(found[:, i], _extremes(self.values[key], found[:, i])) for i, key in enumerate(self.keys)]
+        numbers = self.numbers[group.members]
+        ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))
-        random = np.random.default_rng(len(found))
-        some = random.choice(len(found), size=min(CHECKED, len(found)), replace=False)
+        random = np.random.default_rng(len(numbers))
+        some = random.choice(len(numbers), size=min(CHECKED, len(numbers)), replace=False)
         lone = [int(np.flatnonzero(end)[0]) for end in ends if end.any()]
-        for which in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
-            built = self.built(found[which])
+        for variant in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
+            built = self.built(numbers[variant])
             if built.structure != structure:
                 return False
-            if built.arena.tobytes() != group.arenas(slice(which, which + 1))[0].tobytes():
+            if built.arena.tobytes() != group.arenas(slice(variant, variant + 1))[0].tobytes():
                 return False
         return True
 
@@ -308,9 +310,9 @@ def _structure(tick: Tick) -> str:
 
 
 def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:
-    found = numbers.copy()
-    found[list(keys)] = row
-    return found
+    changed = numbers.copy()
+    changed[list(keys)] = row
+    return changed
 
 
 def _changed(base: Built, built: Sequence[Built]) -> set[int]:
@@ -322,10 +324,10 @@ def _changed(base: Built, built: Sequence[Built]) -> set[int]:
 def _extremes(values: Sequence[Any], used: Index) -> list[int]:
     """List the first and the last of some values, and the least and the largest."""
     numbers = np.unique(used).tolist()
-    found = [numbers[0], numbers[-1]]
+    extremes = [numbers[0], numbers[-1]]
     if all(isinstance(values[n], int | float) for n in numbers):
-        found += [min(numbers, key=lambda n: values[n]), max(numbers, key=lambda n: values[n])]
-    return found
+        extremes += [min(numbers, key=lambda n: values[n]), max(numbers, key=lambda n: values[n])]
+    return extremes
 
 
 def _equal(a: Any, b: Any) -> bool:

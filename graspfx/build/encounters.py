@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
 def moves(scene: SceneTable, thing: Object) -> bool:
@@ -29,14 +29,14 @@ def collide(scene: SceneTable) -> bool:
 
 def groups(scene: SceneTable) -> list[list[int]]:
     """List the objects that are moved together, by number: natively each alone, otherwise those of a world."""
-    found: list[list[int]] = []
+    groups_: list[list[int]] = []
     for i, thing in enumerate(scene.object):
-        mates = [group for group in found if scene.object[group[0]].dynamics == thing.dynamics != "native"]
+        mates = [group for group in groups_ if scene.object[group[0]].dynamics == thing.dynamics != "native"]
         if mates and (scene.obstacle or collide(scene)):
             mates[0].append(i)
         else:
-            found.append([i])
-    return found
+            groups_.append([i])
+    return groups_
 
 
 def in_world(scene: SceneTable, group: Sequence[int]) -> bool:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Numbers = tuple[float, ...]
 
-KEPT = 8  # meshes that are remembered, so that a check and a run read each file once
+CACHED = 8  # meshes that are remembered, so that a check and a run read each file once
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
         status = path.stat()
         limits = shape.most_bytes, shape.most_triangles
         return _read(str(path), (status.st_mtime_ns, status.st_size), shape.scale, shape.shell, limits)
-    return _made(shape.vertices, shape.faces, shape.scale, shape.shell)
+    return _scene_mesh(shape.vertices, shape.faces, shape.scale, shape.shell)
 
 
 def mesh_name(table: Object) -> str:
@@ -94,7 +94,7 @@ def mesh_name(table: Object) -> str:
     return Path(path).name if path else f"mesh of {table.name}"
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED)
 def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits: tuple[int, int]) -> SceneMesh:
     from graspfx.surfaces.triangles.mesh import load_mesh
 
@@ -102,8 +102,8 @@ def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits
     return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
 
 
-@lru_cache(KEPT)
-def _made(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
+@lru_cache(CACHED)
+def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
     from graspfx.surfaces.triangles.mesh import make_mesh
 
     return _weighed(make_mesh(np.array(vertices), np.array(faces), scale=scale, shell=shell, name="vertices"))

@@ -80,9 +80,9 @@ def run(
         with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()
             servo.run(ticks, recorder, stop)
-            took, done = perf_counter() - began, servo.ticks == ticks
+            took, complete = perf_counter() - began, servo.ticks == ticks
             recording = recorder.finish(
-                took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
+                took if complete else None, complete=complete, engine=servo.engine.name, **servo.coupling
             )
     finished = recording if out is None else Recording.load(file)
     finished.beside = plugins.upward("Recording.beside")(scene)

@@ -72,24 +72,24 @@ def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
         UnknownNameError, InputError: as `load` has it.
     """
     path = plugins.find("scenes", name)
-    known = installed.distributions()
-    if path.suffix != ".toml" or known is None:
+    installed_ = installed.distributions()
+    if path.suffix != ".toml" or installed_ is None:
         return None
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):  # `load` says what is wrong
         return None
-    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), known, list(_sources())
+    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), installed_, list(_sources())
     return Place(sha256(repr(parts).encode()).hexdigest(), Source(plugins.shown_path(path), text, path, overrides))
 
 
-def kept(where: Place) -> tuple[Scene, list[str]] | None:
+def cached(where: Place) -> tuple[Scene, list[str]] | None:
     """Load a cached scene and the notes on it; None if there are none."""
     content = cache.load(where.key)
     if content is None:
         return None
-    found = json.loads(content)
-    return cast("Scene", KeptScene(vars(_read(found["scene"])), where.source, found["written"])), found["notes"]
+    entry = json.loads(content)
+    return cast("Scene", KeptScene(vars(_read(entry["scene"])), where.source, entry["written"])), entry["notes"]
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
@@ -97,10 +97,10 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     if scene.source.text != where.source.text or not _is_self_contained(scene):
         return
     try:
-        found = {"scene": _written(scene), "written": scene.to_dict(), "notes": notes}
+        entry = {"scene": _written(scene), "written": scene.to_dict(), "notes": notes}
     except TypeError:  # a setting of a kind that JSON has not
         return
-    cache.store(where.key, json.dumps(found, allow_nan=False).encode())
+    cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
 
 
 def _sources() -> Iterator[tuple[str, int, int]]:
@@ -150,7 +150,7 @@ def _read(value: Any) -> Any:
     name, parts = value
     if name == "dict":
         return {key: _read(each) for key, each in parts}
-    found = [_read(each) for each in parts]
+    items = [_read(each) for each in parts]
     if name == "table":
-        return KeptTable(*found)
-    return tuple(found) if name == "tuple" else found
+        return KeptTable(*items)
+    return tuple(items) if name == "tuple" else items

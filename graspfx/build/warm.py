@@ -16,7 +16,7 @@ from graspfx.errors import GraspFXError
 from graspfx.loop.tick.engine import Compiled
 from graspfx.scene.load import load
 
-COMPILED, KNOWN, CANNOT = "compiled", "was there", "cannot"
+COMPILED, CACHED, CANNOT = "compiled", "was there", "cannot"
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def warm(name: str, overrides: Mapping[str, Any]) -> Warmed:
     notes = [program.note for program in programs if program.note]
     if notes:
         return Warmed(name, CANNOT, seconds, size, notes[0])
-    return Warmed(name, KNOWN if all(program.cached for program in programs) else COMPILED, seconds, size)
+    return Warmed(name, CACHED if all(program.cached for program in programs) else COMPILED, seconds, size)
 
 
 def warm_all(names: Sequence[str], overrides: Mapping[str, Any]) -> Iterator[Warmed]:

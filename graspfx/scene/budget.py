@@ -115,7 +115,7 @@ def _parts(holder: Any) -> list[tuple[Any, Any]]:
     return [(name, value) for name, value in items if isinstance(value, Mapping | list | tuple)]
 
 
-def read_bytes(path: Path, shown: str) -> bytes:
+def read_bytes(path: Path, name: str) -> bytes:
     """Read a scene's file, if it is no longer than what is taken.
 
     Raises:
@@ -125,8 +125,8 @@ def read_bytes(path: Path, shown: str) -> bytes:
         with path.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
     except OSError as error:
-        raise InputError("scene", shown, "a file that can be read", str(error.strerror)) from error
+        raise InputError("scene", name, "a file that can be read", str(error.strerror)) from error
     if len(data) > LARGEST_FILE:
         most = f"a file of at most {LARGEST_FILE / 1e6:g} MB"
-        raise InputError("scene", shown, most, "a mesh or a path goes into a file of its own")
+        raise InputError("scene", name, most, "a mesh or a path goes into a file of its own")
     return data

@@ -31,6 +31,6 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
     return tuple(key)
 
 
-def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
+def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> list[Fault]:
     """Write faults by dotted key, as the data writes it."""
-    return [Fault(dotted(key_in(data, at)), text) for at, text in found]
+    return [Fault(dotted(key_in(data, at)), text) for at, text in findings]

@@ -98,9 +98,9 @@ class Scene(SceneTable):
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """Copy the scene with values replaced by dotted key, as on the command line."""
-        given = by_key(overrides)
-        source = Source(self._source.name, self._source.text, self._source.path, {**self._source.overrides, **given})
-        return make_scene(self.to_dict(), given, source)
+        changes = by_key(overrides)
+        source = Source(self._source.name, self._source.text, self._source.path, {**self._source.overrides, **changes})
+        return make_scene(self.to_dict(), changes, source)
 
 
 def make_scene(
@@ -131,9 +131,9 @@ def _placed(source: Source, faults: Sequence[Fault], replaced: set[Key], lines_f
 def _with_line(fault: Fault, source: Source, replaced: set[Key], lines: KeyLines | None) -> Fault:
     key = tuple(int(part) if part.isdecimal() else part for part in fault.key.split("."))
     if any(key[:length] in replaced for length in range(1, len(key) + 1)):
-        given = source.overrides.get(fault.key)
-        quotes = isinstance(given, int | float) and fault.message.startswith("expected text")
-        hint = f"text needs quotes: --set '{fault.key}=\"{str(given).lower()}\"'; " if quotes else ""
+        value = source.overrides.get(fault.key)
+        quotes = isinstance(value, int | float) and fault.message.startswith("expected text")
+        hint = f"text needs quotes: --set '{fault.key}=\"{str(value).lower()}\"'; " if quotes else ""
         return Fault(fault.key, f"{fault.message} ({hint}set by an override)")
     return Fault(fault.key, fault.message, lines[key] if lines is not None else None)
 

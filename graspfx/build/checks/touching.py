@@ -11,10 +11,10 @@ from graspfx.loop.device import Device
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
-def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Found]:
+def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Finding]:
     """Find a coefficient of a finger's own beside a coupling which leaves no room for it."""
     if finger.friction is None:
         return
@@ -24,7 +24,7 @@ def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Fo
         yield at, "coupling.friction = 'stick' holds every finger; a coefficient there lets each have its own"
 
 
-def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
+def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
     """Find what a soft finger lacks, or what a hard one has of it."""
     at: Location = ("finger", i, "patch")
     if finger.model == "hard":
@@ -52,7 +52,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
         yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
 
 
-def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Found]:
+def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
     """Find matrices that are none in contact axes: k_n along the normal, one k_t along the surface."""
     coupling, d = scene.coupling, scene.dimensions
     if coupling.axes != "contact":
@@ -74,7 +74,7 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Found]:
         yield ("coupling", "axes"), "'contact' expects objects with a shape, which have normals"
 
 
-def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
+def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
     """Find devices that do not tell the mass that limits the damping which control adds."""
     if scene.coupling.passivity != "control":
         return
@@ -85,7 +85,7 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
             yield ("coupling", "passivity"), f"{text} ('observe' needs none)"
 
 
-def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
+def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
     """Find devices that do not tell the mass by which the metric would count them."""
     if scene.coupling.metric != "mass":
         return

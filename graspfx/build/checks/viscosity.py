@@ -16,7 +16,7 @@ from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
@@ -25,7 +25,7 @@ def may_turn(scene: SceneTable, thing: Any) -> bool:
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
 
-def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Found]:
+def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
     """Find viscosities that explicit and semi-implicit integration does not stand."""
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
@@ -45,7 +45,7 @@ def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) 
 
 def _slowed(
     scene: SceneTable, at: Location, thing: Any, key: str, viscosity: float, by: str, inertia: float
-) -> Iterator[Found]:
+) -> Iterator[Finding]:
     ratio = viscosity * scene.period / inertia
     if ratio >= VISCOUS_LIMIT:
         yield (

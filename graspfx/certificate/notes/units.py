@@ -19,7 +19,7 @@ HEAVIEST = 100.0  # [kg]
 
 def unit_notes(scene: Scene) -> list[str]:
     """Write a sentence for each such value, by its key."""
-    return [f"{key} = {given:g} {unit}: check the unit" for key, given, unit in _suspects(scene)]
+    return [f"{key} = {value:g} {unit}: check the unit" for key, value, unit in _suspects(scene)]
 
 
 def _suspects(scene: Scene) -> Iterator[tuple[str, float, str]]:

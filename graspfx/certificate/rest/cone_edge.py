@@ -86,8 +86,8 @@ def sliding_notes(
     count = len(names)
     sizes = range(1, count + 1) if count <= ALL_SETS else (1, count)
     for size in sizes:
-        for chosen in combinations(range(count), size):
-            some, of = list(chosen), ", ".join(names[i] for i in chosen)
+        for sliders in combinations(range(count), size):
+            some, of = list(sliders), ", ".join(names[i] for i in sliders)
             t, v = T[:, some], V[:, some]
             K = released(linear.stiffness, t, v)
             if K is None:
@@ -102,7 +102,7 @@ def sliding_notes(
 def said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
     """Say how near the fingers are to sliding, the nearest first."""
     ranked = sorted(grip.items(), key=lambda item: -item[1])
-    shown = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
+    margins = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
     more = f", {len(ranked) - MOST_GRIPS} more down to {ranked[-1][1]:.2f}" if len(ranked) > MOST_GRIPS else ""
     on = f"; on the cone's edge, and sticking: {', '.join(edge)}" if edge else ""
-    return f"friction in use, f_t/(mu f_n): {shown}{more}{on}"
+    return f"friction in use, f_t/(mu f_n): {margins}{more}{on}"

@@ -70,11 +70,11 @@ class Grip:
 
     def tried(self, y: FloatArray) -> FloatArray | None:
         """Compute `forces` after a motion y, from which nothing remains."""
-        kept = self.grasped.block.copy()
+        block = self.grasped.block.copy()
         self.move(y)
-        found = self.forces()
-        self.grasped.block[:] = kept
-        return found
+        forces = self.forces()
+        self.grasped.block[:] = block
+        return forces
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
@@ -95,11 +95,11 @@ class Grip:
         for i in range(size):
             y = np.zeros(size)
             y[i] = lengths[i]
-            ahead = self.tried(y)
+            forward = self.tried(y)
             behind = self.tried(-y) if both else here
-            if ahead is None or behind is None:
+            if forward is None or behind is None:
                 return None
-            J[:, i] = (ahead - behind) / (2 * lengths[i] if both else lengths[i])
+            J[:, i] = (forward - behind) / (2 * lengths[i] if both else lengths[i])
         return J
 
     def turning_damping(self) -> FloatArray:
@@ -107,16 +107,16 @@ class Grip:
         o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
-            kept = self.grasped.block.copy()
+            block = self.grasped.block.copy()
             if axis >= 3:
-                found = []
+                columns = []
                 for rate in (RATE, -RATE):
-                    self.grasped.block[:] = kept
+                    self.grasped.block[:] = block
                     self.grasped.block[o + axis - 3] = rate
                     now = self.forces()
-                    found.append(np.zeros(self.m + self.r) if now is None else now)
-                B[:, i] = (found[1] - found[0])[self.m :] / (2 * RATE)
-            self.grasped.block[:] = kept
+                    columns.append(np.zeros(self.m + self.r) if now is None else now)
+                B[:, i] = (columns[1] - columns[0])[self.m :] / (2 * RATE)
+            self.grasped.block[:] = block
         return B
 
     def lengths(self) -> FloatArray:
@@ -132,8 +132,8 @@ def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArra
     """Give J of contacts that slide on the way that they slide now; J itself where friction leaves no answer."""
     wide = np.zeros((2, len(J), int(sliding.sum())))
     wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
-    found = released(J, *wide)
-    return J if found is None else found
+    softer = released(J, *wide)
+    return J if softer is None else softer
 
 
 @dataclass(frozen=True)

@@ -46,10 +46,10 @@ class Table(BaseModel):
     def _tolerate(cls, data: Any, info: ValidationInfo) -> Any:
         if info.context is not DRAFT:
             return data
-        given: Mapping[str, Any] = data if isinstance(data, Mapping) else {}
+        values: Mapping[str, Any] = data if isinstance(data, Mapping) else {}
         missing = {name: INVALID for name, field in cls.model_fields.items() if field.is_required()}
         open_ended = cls.model_config["extra"] == "allow"
-        return missing | {key: value for key, value in given.items() if open_ended or key in cls.model_fields}
+        return missing | {key: value for key, value in values.items() if open_ended or key in cls.model_fields}
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -205,7 +205,7 @@ Gain = Annotated[
 
 
 def by_kind(
-    known: tuple[str, ...], *, what: str, implied: Mapping[str, str] | None = None
+    kinds: tuple[str, ...], *, field: str, implied: Mapping[str, str] | None = None
 ) -> tuple[BeforeValidator, Discriminator]:
     """Make the choice among tables by their key `kind`: one fault about the kind, else those of the chosen table.
 
@@ -225,10 +225,10 @@ def by_kind(
         if not isinstance(value, Mapping):
             raise PydanticCustomError("kind", "expected a table; given {given}", {"given": abbreviate(value)})
         kind = kind_of(value)
-        if not isinstance(kind, str) or kind not in known:
-            close = closest(kind, known) if isinstance(kind, str) else None
+        if not isinstance(kind, str) or kind not in kinds:
+            close = closest(kind, kinds) if isinstance(kind, str) else None
             hint = f"; did you mean {close!r}?" if close else ""
-            context = {"given": abbreviate(kind), "known": ", ".join(known), "what": what, "hint": hint}
+            context = {"given": abbreviate(kind), "known": ", ".join(kinds), "what": field, "hint": hint}
             raise PydanticCustomError("kind", "unknown kind of {what} {given}{hint} (known: {known})", context)
         return value
 

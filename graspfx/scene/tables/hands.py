@@ -70,7 +70,7 @@ class Path(Table):
 
 
 MOTIONS = ("rest", "sine", "reach", "path")
-_check_motion, _motion_by_kind = by_kind(MOTIONS, what="motion")
+_check_motion, _motion_by_kind = by_kind(MOTIONS, field="motion")
 Motion = Annotated[
     Annotated[Rest, Tag("<rest>")]
     | Annotated[Sine, Tag("<sine>")]
@@ -110,7 +110,7 @@ class TurnReach(Turning):
     duration: Positive = Field(description="[s]")
 
 
-_check_turn, _turn_by_kind = by_kind(("sine", "reach"), what="turn")
+_check_turn, _turn_by_kind = by_kind(("sine", "reach"), field="turn")
 Turn = Annotated[Annotated[TurnSine, Tag("<sine>")] | Annotated[TurnReach, Tag("<reach>")], _turn_by_kind, _check_turn]
 Turns = Annotated[Annotated[Turn, Tag("<table>")] | Annotated[tuple[Turn, ...], Tag("<list>")], by_table_or_list]
 
@@ -216,8 +216,8 @@ class SharedMadeHand(MadeHand):
 def _hand_form(value: Any) -> str:
     if isinstance(value, str):
         return "<name>"
-    made = "kind" in value if isinstance(value, Mapping) else isinstance(value, MadeHand)
-    return "<made>" if made else "<table>"
+    is_plugin = "kind" in value if isinstance(value, Mapping) else isinstance(value, MadeHand)
+    return "<made>" if is_plugin else "<table>"
 
 
 HandOrName = Annotated[

@@ -41,10 +41,10 @@ class Readable:
     @property
     def coefficients(self) -> tuple[float, ...]:
         """Each finger's coefficient of friction; 0 where it slips freely or sticks."""
-        given = self.coupling.friction
-        if isinstance(given, str) or self.coupling.contact == "attached":
+        shared = self.coupling.friction
+        if isinstance(shared, str) or self.coupling.contact == "attached":
             return (0.0,) * len(self.finger)
-        return tuple(given if finger.friction is None else finger.friction for finger in self.finger)
+        return tuple(shared if finger.friction is None else finger.friction for finger in self.finger)
 
     def free(self, thing: Object) -> tuple[bool, ...]:
         """Tell which of an object's w freedoms move."""
