@@ -58,7 +58,7 @@ class Path:
     ticks: Sequence[int]
 
     def error(self, ways: Sequence[Way]) -> float:
-        """The largest distance [m] of the ways (fingers, 3) of the ticks from the nearest true one."""
+        """Find the largest distance [m] of the ways (fingers, 3) of the ticks from the nearest true one."""
         worst = 0.0
         for k, way in zip(self.ticks, ways, strict=True):
             for finger in range(FINGERS):
@@ -68,7 +68,7 @@ class Path:
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Spheres of growing numbers of triangles, then a plate of 1 mm that is pressed 6 mm deep."""
+    """Yield spheres of growing numbers of triangles, then a plate of 1 mm that is pressed 6 mm deep."""
     for subdivisions in (1, 3) if quick else (1, 3, 5, 6):
         path = on_sphere(subdivisions, every=16 if quick else 4)
         yield Case("contact", f"sphere, {len(path.faces)} triangles", "m", methods(path))
@@ -77,7 +77,7 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def on_sphere(subdivisions: int, every: int) -> Path:
-    """From 1 mm outside the corners to 5 mm inside and out again, while they slide by 8 mm to and fro."""
+    """Lead fingers from 1 mm outside the corners to 5 mm inside and out again, while they slide by 8 mm to and fro."""
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=RADIUS)
@@ -106,7 +106,7 @@ def on_sphere(subdivisions: int, every: int) -> Path:
 
 
 def on_plate(subdivisions: int) -> Path:
-    """From 1 mm outside to 6 mm behind the surface, from both sides, sliding at 0.5 mm a tick."""
+    """Lead fingers from 1 mm outside to 6 mm behind the surface, from both sides, sliding at 0.5 mm a tick."""
     import trimesh
 
     box = trimesh.creation.box(extents=(0.1, 0.08, THICKNESS))
@@ -131,7 +131,7 @@ def on_plate(subdivisions: int) -> Path:
 
 
 def methods(path: Path) -> list[Method]:
-    """Ours and the peers on one path; an operation is a tick of five fingers."""
+    """List GraspFX and the peers on one path; an operation is a tick of five fingers."""
     entries = ours(path)
     for name, package, make in (
         ("trimesh", "rtree", ByTrimesh),
@@ -146,7 +146,7 @@ def methods(path: Path) -> list[Method]:
 
 
 def peer(name: str, path: Path, make: Callable[[FloatArray, IntArray], MeshPeer]) -> Method:
-    """A library that is asked tick by tick."""
+    """Ask a library tick by tick."""
     surface = make(path.vertices, path.faces)
 
     def call() -> None:
@@ -160,7 +160,7 @@ def peer(name: str, path: Path, make: Callable[[FloatArray, IntArray], MeshPeer]
 
 
 def ours(path: Path) -> list[Method]:
-    """The walk: interpreted; compiled with a call for each tick; and compiled with one call for all of them."""
+    """Walk on the mesh: interpreted; compiled with a call for each tick; and compiled with one call for all of them."""
     M = flatten(path.vertices, path.faces, closed=True)
     bound = 32.0 * EXACT * float(np.ptp(path.vertices, axis=0).max())
     one = _method("GraspFX, interpreted", path, memoryview(M), fingers_on_mesh, memoryview, 1, bound)
@@ -202,7 +202,7 @@ def _method(
 
 
 def fingers_on_mesh(M: Any, S: Any, P: Any, out: Any, first: int, ticks: int, fingers: int) -> None:
-    """Contacts of the fingers (STATE entries of S each) at the positions P of some ticks, seven numbers each."""
+    """Find contacts of the fingers (STATE entries of S each) at positions P of some ticks, seven numbers each."""
     for k in range(first * fingers, (first + ticks) * fingers):
         o = k % fingers * STATE
         cx, cy, cz, nx, ny, nz, gap = mesh_contact(M, 0, S, o, P[3 * k], P[3 * k + 1], P[3 * k + 2])

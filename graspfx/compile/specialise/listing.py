@@ -46,16 +46,16 @@ def listings(program: Program) -> list[Listing]:
     return list(order.values())
 
 
-def _listing(node: ast.FunctionDef, known: Container[str]) -> Listing:
+def _listing(node: ast.FunctionDef, names: Container[str]) -> Listing:
     _, *text = ast.unparse(node).splitlines()
-    calls = [(name, arguments) for name, arguments in _calls(node) if name in known]
+    calls = [(name, arguments) for name, arguments in _calls(node) if name in names]
     parameters = tuple(a.arg for a in node.args.args)
     lines = tuple(zip(text, _origins(node.body), strict=True))
     return Listing(node.name, parameters, vars(node).get("origin"), lines, tuple(dict.fromkeys(calls)))
 
 
 def _calls(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Calls by name with the texts of their arguments, as they stand from top to bottom."""
+    """List calls by name with the texts of their arguments, from top to bottom."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         yield node.func.id, tuple(map(ast.unparse, node.args))
     for part in ast.iter_child_nodes(node):
@@ -63,7 +63,7 @@ def _calls(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _origins(statements: Sequence[ast.stmt]) -> Iterator[Origin | None]:
-    """Where each line of some statements comes from, as `ast.unparse` sets them, one line each."""
+    """Trace where each line of some statements comes from; `ast.unparse` sets them one line each."""
     for statement in statements:
         origin = vars(statement).get("origin")
         yield origin

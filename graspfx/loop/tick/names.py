@@ -90,7 +90,7 @@ def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
     for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "AHEAD"):
         yield servo, getattr(memory, name), f"servo.{name.lower()}"
     stuck = [f"body[{i}].stuck" for i in range(len(parts.movers))]
-    stuck += [f"plant[{j}].stuck" for j in range(len(parts.moved))]
+    stuck += [f"plant[{j}].stuck" for j in range(len(parts.plants))]
     yield from ((servo, memory.STUCK + i, name) for i, name in enumerate(stuck))
     n, d = len(parts.layout.fingers), parts.layout.dimensions
     start = memory.STUCK + len(stuck)
@@ -123,7 +123,7 @@ def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
 
 def _plants(parts: Parts) -> Iterator[Named]:
     d = parts.layout.dimensions
-    for m in parts.moved:
+    for m in parts.plants:
         if isinstance(m.plant, FusedPlant):
             state, ports, n = m.plant.state, m.plant.ports, len(m.fingers)
             for quantity in ("effort", "position", "velocity"):
@@ -135,7 +135,7 @@ def _plants(parts: Parts) -> Iterator[Named]:
 
 
 def _hands(parts: Parts) -> Iterator[Named]:
-    for m in parts.moved:
+    for m in parts.plants:
         if isinstance(m.hand, FusedHand):
             for quantity in ("position", "velocity"):
                 first = getattr(m.hand.ports, quantity)
