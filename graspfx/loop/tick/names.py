@@ -92,7 +92,7 @@ def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
     """Memories with the records that they are."""
     yield from ((held.grasped.block, GraspState) for held in parts.objects)
     owners: list[tuple[object, object]] = [(s.device, getattr(s.device, "state", None)) for s in parts.stations]
-    for m in parts.moved:
+    for m in parts.plants:
         owners += [(part, getattr(part, "state", None)) for part in (m.plant, m.hand)]
     owners += [(mover.body, getattr(mover.body, "buffer", None)) for mover in parts.movers]
     owners += [(observer, observer.buffer) for observer in parts.observers]
