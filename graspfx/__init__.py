@@ -79,7 +79,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
 
 
 def __getattr__(name: str) -> object:
-    """A public name, from the module where it lives, loaded now that it is used."""
+    """Load a public name from the module where it lives, when it is first used."""
     if name not in _HOMES:
         raise AttributeError(f"module 'graspfx' has no attribute {name!r}")
     home = _HOMES[name]

@@ -64,7 +64,7 @@ def scene(
     start = (radius * np.cos(np.pi / sides) - pinch / KIP) * outward
     rest = start - pinch / HAND * outward
     lift = {"kind": "reach", "displacement": [0.0, 0.0, 0.03], "begin": 0.5, "duration": 0.6}
-    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+    device = {"name": "simulated", "mass": 0.1, "damping": 0.5}
     hand = {"stiffness": HAND, "damping": 6.0, "motion": lift}
     return gx.Scene(
         title=f"A prism of {sides} sides in {fingers} fingers",

@@ -1,4 +1,4 @@
-"""Simulated point devices: masses with friction, read through encoders, with output delay and force limit."""
+"""Simulated point devices: masses with viscous damping, read through encoders, with output delay and force limit."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx.devices.simulated.point_device import PointDevice
 from graspfx.errors import InputError
+from graspfx.loop.device import former_settings
 from graspfx.loop.velocity import WINDOW
 from graspfx.numeric import LARGEST, SMALLEST, finite
 
@@ -17,11 +18,12 @@ __all__ = ["PointDevice", "connect"]
 MOST = 1_000_000  # fingers, or samples of delay
 
 
+@former_settings(friction="damping")
 def connect(
     *,
     mass: float,
     dimensions: int,
-    friction: float = 0.0,
+    damping: float = 0.0,
     fingers: int = 1,
     resolution: float = 0.0,
     velocity_window: int = WINDOW,
@@ -34,7 +36,7 @@ def connect(
     Args:
         mass: m of each fingertip [kg].
         dimensions: d.
-        friction: b [N s/m].
+        damping: viscous, b [N s/m].
         fingers: k, the channels of this one device.
         resolution: of its encoders [m]: positions are read to the nearest multiple of it; 0 reads them as they are.
         velocity_window: the longest window of the velocity estimate [samples] (`graspfx.loop.velocity`).
@@ -44,7 +46,7 @@ def connect(
     """
     return PointDevice(
         mass=_number("mass", mass, "a finite mass above zero [kg]", zero=False),
-        friction=_number("friction", friction, "a finite friction of zero or more [N s/m]"),
+        damping=_number("damping", damping, "a finite damping of zero or more [N s/m]"),
         fingers=_count("fingers", fingers, 1),
         dimensions=_count("dimensions", dimensions, 1, 3),
         resolution=_number("resolution", resolution, "a finite length of zero or more [m]"),

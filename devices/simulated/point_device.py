@@ -32,7 +32,7 @@ class PointDevice:
         self,
         *,
         mass: float,
-        friction: float,
+        damping: float,
         fingers: int,
         dimensions: int,
         resolution: float,
@@ -41,7 +41,7 @@ class PointDevice:
         force_limit: float | None,
         workspace: tuple[FloatArray, FloatArray] | None,
     ) -> None:
-        self.mass, self.friction, self.resolution = mass, friction, resolution
+        self.mass, self.damping, self.resolution = mass, damping, resolution
         self._window = velocity_window if resolution else 1
         k, d = self._shape = fingers, dimensions
         entries, each = k * d, size(self._window)
@@ -70,7 +70,7 @@ class PointDevice:
             workspace=workspace,
             peak_force=force_limit,
             mass=mass,
-            friction=friction,
+            friction=damping,
             resolution=resolution or None,
             delay=delay,
         )
@@ -101,7 +101,7 @@ class PointDevice:
         if len(dimensions) > 1:
             raise InputError("devices", sorted(dimensions), "devices of the same number of dimensions")
         each = [device for device in points for _ in range(device.features.fingers)]
-        plant = PointPlant([device.mass for device in each], [device.friction for device in each], dimensions.pop())
+        plant = PointPlant([device.mass for device in each], [device.damping for device in each], dimensions.pop())
         start = 0
         for device in points:
             stop = start + device.features.fingers

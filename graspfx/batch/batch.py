@@ -16,6 +16,7 @@ from graspfx.analysis.arguments import count
 from graspfx.batch.many import Ended, Job
 from graspfx.batch.statistics import STATISTICS, statistic
 from graspfx.batch.variants import Group, Variants
+from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.coupling import block as at
 from graspfx.environment import processors
@@ -169,7 +170,7 @@ def run_batch(
     with plugins.unchanged():
         variants = Variants(scene, lists, numbers)
         groups = variants.groups()
-    warn_of_axes(scene)
+    warn_of_axes(resolve(scene))
     done = Runs(scene, variants, len(numbers), duration, threads)
     if keep == "measures":
         measures = done.measured(groups, measure, statistics)
@@ -228,7 +229,7 @@ class Runs:
 
     def recorded(self, groups: Sequence[Group], make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
         found: list[Any] = [None] * len(self.faults)
-        header = header_of(self.scene)
+        header = header_of(resolve(self.scene))
         for group in groups:
             layout = group.program.servo.layout
             job = self._job(group, [], ())

@@ -76,11 +76,11 @@ class Benchmark(Protocol):
 
 def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[], object]:
     """A call that does one operation per input, function(input), for a method with calls = len(inputs)."""
-    given = tuple(inputs)
+    arguments = tuple(inputs)
 
     def call() -> object:
         result = None
-        for x in given:
+        for x in arguments:
             result = function(x)
         return result
 

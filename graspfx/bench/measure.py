@@ -77,11 +77,11 @@ def measure(case: Case, effort: Effort) -> list[Row]:
                 single[i] = [1e-3 * clocked(method.call, 1) / method.calls]
         checked.append(check(case, method))
     right = [i for i, row in enumerate(checked) if row.state == TIMED]
-    several = [i for i in right if i not in single]
+    repeated = [i for i in right if i not in single]
     times = {i: single[i] for i in right if i in single}
-    times |= zip(several, interleaved([case.methods[i] for i in several], effort), strict=True)
-    for i, taken in times.items():
-        checked[i] = _timed(checked[i], taken, case.methods[i].singly)
+    times |= zip(repeated, interleaved([case.methods[i] for i in repeated], effort), strict=True)
+    for i, seconds in times.items():
+        checked[i] = _timed(checked[i], seconds, case.methods[i].singly)
     return with_ratios(checked, case.reference)
 
 
@@ -110,7 +110,7 @@ def check(case: Case, method: Method) -> Row:
 
 def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
     """Times of one operation [us] of each method, round by round; every round starts with another method."""
-    taken: list[list[float]] = [[] for _ in methods]
+    seconds: list[list[float]] = [[] for _ in methods]
     rounds, spent = [0] * len(methods), [0] * len(methods)
     with collector_off():
         numbers = [0 if m.singly else _repetitions(m.call, effort.batch) for m in methods]
@@ -121,11 +121,11 @@ def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
                     continue
                 each = numbers[i] or 1
                 times = [clocked(methods[i].call, each) for _ in range(1 if numbers[i] else effort.singles)]
-                taken[i] += [1e-3 * ns / (each * methods[i].calls) for ns in times]
+                seconds[i] += [1e-3 * ns / (each * methods[i].calls) for ns in times]
                 rounds[i] += 1
                 spent[i] += sum(times)
             gc.collect()
-    return taken
+    return seconds
 
 
 def clocked(call: Callable[[], object], number: int) -> int:
@@ -164,8 +164,8 @@ def _repetitions(call: Callable[[], object], batch: int) -> int:
     return number
 
 
-def _timed(row: Row, taken: Sequence[float], singly: bool) -> Row:
-    ordered = sorted(taken)
+def _timed(row: Row, seconds: Sequence[float], singly: bool) -> Row:
+    ordered = sorted(seconds)
     last = len(ordered) - 1
     spread = {name: ordered[math.ceil(share * last)] for name, share in QUANTILES.items()}
     return replace(row, time_us=ordered[0], median_us=median(ordered), quantiles=spread if singly else None)
@@ -173,5 +173,5 @@ def _timed(row: Row, taken: Sequence[float], singly: bool) -> Row:
 
 def _row(case: Case, method: Method, error: float | None, state: str, note: str) -> Row:
     notes = "; ".join(text for text in (method.note, note) if text)
-    shown = error if case.unit else None
-    return Row(case.benchmark, case.name, method.name, None, shown, notes, case.unit, state=state)
+    shown_error = error if case.unit else None
+    return Row(case.benchmark, case.name, method.name, None, shown_error, notes, case.unit, state=state)

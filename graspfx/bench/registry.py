@@ -25,7 +25,7 @@ BENCHMARKS = {
 }
 
 
-def chosen(names: Sequence[str]) -> list[str]:
+def select(names: Sequence[str]) -> list[str]:
     """The names, all there are if none is given, in the order of the report; an unknown one is an error."""
     for name in names:
         if name not in BENCHMARKS:

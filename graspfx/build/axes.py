@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspfx.build.grasps import grasps
+from graspfx.build.resolve import Parts
 from graspfx.coupling import block as at
 from graspfx.coupling.closed_motion import CREATES, TURN, worst_turn
 
@@ -15,13 +16,13 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 
-def axes_notes(scene: Scene) -> list[str]:
+def axes_notes(parts: Parts) -> list[str]:
     """Say how much energy the gains of each object create on a closed turn, where they stand in axes that allow it.
 
     Those are the world's axes, and any axes where the reaction acts at the contact. The figure is the line integral of
     `worst_turn` about the grasp at the start, without cones.
     """
-    return list(_notes(scene)) if _has_axes(scene) else []
+    return list(_notes(parts)) if _has_axes(parts.scene) else []
 
 
 def _has_axes(scene: Scene) -> bool:
@@ -32,9 +33,9 @@ def _has_axes(scene: Scene) -> bool:
     return scene.dimensions > 1 and not sound and any(np.ndim(gain) > 1 for gain in gains)
 
 
-def _notes(scene: Scene) -> Iterator[str]:
-    rules = scene.coupling
-    for held in grasps(scene):
+def _notes(parts: Parts) -> Iterator[str]:
+    rules = parts.scene.coupling
+    for held in grasps(parts):
         if not held.grasped.block[at.TURNS]:
             continue
         energy = worst_turn(held.grasped, held.grasped.finger_position.copy())

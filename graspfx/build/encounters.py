@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx.build import bodies
+from graspfx.build.stock import Stock
 from graspfx.objects.surroundings import Obstacle, placed
 
 if TYPE_CHECKING:
@@ -47,11 +47,12 @@ def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
     return len(group) > 1
 
 
-def obstacles(scene: SceneTable, folder: Path | None) -> list[Obstacle]:
-    """The scene's obstacles in their places."""
+def obstacles(scene: SceneTable, stock: Stock) -> list[Obstacle]:
+    """Put the scene's obstacles in their places."""
+    solids = [stock.solid(("obstacle", i), table) for i, table in enumerate(scene.obstacle)]
     return [
-        placed(table.name, bodies.make_shape(table, folder), scene.dimensions, *bodies.place(table, folder))
-        for table in scene.obstacle
+        placed(table.name, solid.shape, scene.dimensions, *bodies.place(table, solid))
+        for table, solid in zip(scene.obstacle, solids, strict=True)
     ]
 
 

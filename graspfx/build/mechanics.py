@@ -1,4 +1,4 @@
-"""What moves the fingers of a scene, as matrices: masses and frictions of devices, springs and dampers of hands."""
+"""What moves the fingers of a scene, as matrices: masses and dampings of devices, springs and dampers of hands."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.still_hands import Held
-from graspfx.build.wiring import wires
+from graspfx.build.resolve import Parts
+from graspfx.build.still_hands import StillHand
 from graspfx.errors import InputError
 from graspfx.loop.device import Features
 from graspfx.scene.model import Scene
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 @runtime_checkable
 class Postured(Protocol):
-    """A device whose mass and friction depend on where its finger is, as those of an arm do."""
+    """A device whose mass and damping depend on where its finger is, as those of an arm do."""
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray: ...
 
@@ -46,28 +46,19 @@ class Mechanics:
     assumed: tuple[str, ...]
 
 
-def device_masses(scene: Scene) -> FloatArray:
-    """Of the device at each fingertip, as its features tell it, (n,) [kg]: what the mass metric weighs with."""
-    masses = np.zeros(len(scene.finger))
-    for wire in wires(scene, scene.source.folder):
-        used = wire.fingers[wire.fingers >= 0]
-        masses[used] = _told(scene, used, wire.device.features).mass
-    return masses
-
-
-def mechanics(scene: Scene, position: FloatArray, hands: Sequence[Held]) -> Mechanics:
-    """Devices with their fingers at positions (n, d) [m], and hands.
+def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) -> Mechanics:
+    """Give the mechanics of devices with their fingers at positions (n, d) [m], and of hands.
 
     Raises:
-        InputError: a device that does not tell its mass or friction, by its finger.
+        InputError: a device that does not tell its mass or damping, by its finger.
     """
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))
     delay = np.zeros(n, dtype=np.int64)
     assumed: set[str] = set()
-    for wire in wires(scene, scene.source.folder):
-        used = wire.fingers[wire.fingers >= 0]
-        told = _told(scene, used, wire.device.features)
+    for wire in parts.wires:
+        used = wire.used
+        told = _told(parts.scene, used, wire.features)
         if told.delay is None:
             assumed.add("no output delay, where devices tell none")
         if told.resolution:
@@ -80,10 +71,10 @@ def mechanics(scene: Scene, position: FloatArray, hands: Sequence[Held]) -> Mech
             else:
                 mass[i], friction[i] = told.mass * np.eye(d), told.friction * np.eye(d)
     K, B = np.zeros((n, d, n, d)), np.zeros((n, d, n, d))
-    for held in hands:
-        for total, part in ((K, held.hand.stiffness), (B, held.hand.damping)):
+    for still in hands:
+        for total, part in ((K, still.hand.stiffness), (B, still.hand.damping)):
             for a in range(d):
-                total[np.ix_(held.fingers, [a], held.fingers, [a])] = part[a][:, None, :, None]
+                total[np.ix_(still.fingers, [a], still.fingers, [a])] = part[a][:, None, :, None]
     return Mechanics(mass, friction, K.reshape(n * d, n * d), B.reshape(n * d, n * d), delay, tuple(sorted(assumed)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -93,18 +93,6 @@ def mesh_name(table: Object) -> str:
     """What a mesh is called: its file's name."""
     path = getattr(table.shape, "mesh", None)
     return Path(path).name if path else f"mesh of {table.name}"
-
-
-def mesh_notes(objects: Sequence[Object], folder: Path | None) -> list[str]:
-    """What was repaired in the meshes of a scene and what looks wrong, a sentence each."""
-    found = [(thing, scene_mesh(thing, folder)) for thing in objects]
-    return [f"{mesh_name(thing)}: {note}" for thing, made in found if made is not None for note in made.mesh.notes]
-
-
-def frames(objects: Sequence[Object], folder: Path | None) -> dict[str, Mapping[str, list[float]]]:
-    """By object with a mesh, its `SceneMesh.frame`."""
-    found = [(thing.name, scene_mesh(thing, folder)) for thing in objects]
-    return {name: made.frame for name, made in found if made is not None}
 
 
 @lru_cache(KEPT)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from graspfx import installed, plugins
 from graspfx.compile import cache
+from graspfx.errors import Fault, SceneError
+from graspfx.scene.keys import Key
 from graspfx.scene.source import Source
 from graspfx.scene.tables.reading import Readable, listed
 
@@ -45,6 +47,8 @@ class KeptTable:
 class KeptScene(Readable, KeptTable):
     """What a run reads of a `Scene`."""
 
+    _stock = None
+
     def __init__(self, fields: Mapping[str, Any], source: Source, written: dict[str, Any]) -> None:
         super().__init__(fields, {})
         self.source, self._written = source, written
@@ -53,8 +57,9 @@ class KeptScene(Readable, KeptTable):
         """As `Scene.to_dict`."""
         return self._written
 
-    def require_reach(self) -> None:
-        """Nothing: the devices were placed in the run from which the scene was kept."""
+    def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
+        """Make the error of faults that its checks did not find."""
+        return SceneError(self.source.name, [Fault(".".join(map(str, at)), text) for at, text in faults])
 
 
 def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
@@ -110,8 +115,7 @@ def _sources() -> Iterator[tuple[str, int, int]]:
 
 def _is_self_contained(scene: Scene) -> bool:
     """Whether the scene names no other file, no other distribution, and nothing that depends on the machine."""
-    from graspfx.build.wiring import wires
-    from graspfx.loop.device import SimulatedDevice
+    from graspfx.build.resolve import resolve
 
     folder = scene.source.folder
     hands = [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
@@ -122,7 +126,7 @@ def _is_self_contained(scene: Scene) -> bool:
         and all(thing.dynamics == "native" for thing in scene.object)
         and not any(hand.form == "made" or "path" in [each.kind for each in listed(hand.motion)] for hand in hands)
         and all(plugins.find("devices", each.name, folder).is_relative_to(plugins.shelf("devices")) for each in devices)
-        and all(isinstance(wire.device, SimulatedDevice) for wire in wires(scene, folder))
+        and resolve(scene).simulated
     )
 
 

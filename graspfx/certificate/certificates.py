@@ -24,7 +24,7 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
     as they are nothing is stable), the squeeze held.
 
     Raises:
-        InputError: a device that does not tell its mass or friction.
+        InputError: a device that does not tell its mass or damping.
     """
     touched = sorted(set(scene.finger_objects))
     return [_certificate(scene, linearise(scene, at, scene.object[i].name, recording)) for i in touched]

@@ -36,6 +36,7 @@ MODAL = {
     "coupling.external.stiffness": "",
     "coupling.internal.stiffness": "",
     "finger.*.device.mass": "m",
+    "finger.*.device.damping": "b",
     "finger.*.device.friction": "b",
     "finger.*.hand.stiffness": "k_s",
     "finger.*.hand.damping": "b_s",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.pushing import kept
+from graspfx.analysis.pushing import without_freedoms
 from graspfx.analysis.series import in_series
 from graspfx.analysis.stability.modal import Mode, modes
 from graspfx.certificate.certificate import STANDING, Limit
@@ -144,7 +144,7 @@ def _pushes(
     scene: Scene, found: Linearised, touching: NDArray[np.bool_], chosen: tuple[int, ...]
 ) -> Iterator[tuple[float, Reach]]:
     """The stiffest that is left and how far it can grow: near fingers without force, and where they fade, gone ones."""
-    near = kept(found.linear, touching)
+    near = without_freedoms(found.linear, touching)
     yield _stiffest(near), reach(near, lambda s: s * near.stiffness)
     if scene.coupling.absent == "fade":
         gone = gone_without(scene, found, near, chosen)

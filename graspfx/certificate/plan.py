@@ -9,8 +9,8 @@ from graspfx.build.encounters import meeting
 from graspfx.build.force_limits import hidden_text, limit_text
 from graspfx.build.grasps import grasps
 from graspfx.build.holdings import descriptions, holdings
-from graspfx.build.meshes import mesh_name, mesh_notes, scene_mesh
-from graspfx.build.wiring import wires
+from graspfx.build.meshes import mesh_name
+from graspfx.build.resolve import Parts, resolve
 from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
 from graspfx.coupling import block as at
 from graspfx.scene.model import Scene
@@ -36,7 +36,7 @@ class PlanRow:
 
 def plan(scene: Scene) -> list[PlanRow]:
     """The steps of one sample in their order, then the packages that the run imports."""
-    return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(scene)]
+    return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(resolve(scene))]
 
 
 Row = tuple[str, bool, str]
@@ -60,21 +60,22 @@ def _kernel(scene: Scene, step: str) -> str:
     return KERNELS.get(step, "")
 
 
-def _rows(scene: Scene) -> Iterator[Row]:
+def _rows(parts: Parts) -> Iterator[Row]:
+    scene = parts.scene
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:
         yield _named(scene, thing, "predict"), *_prediction(thing)
-    yield from _contact_points(scene)
+    yield from _contact_points(parts)
     yield _fingertips(scene)
-    yield _weights(scene)
+    yield _weights(parts)
     yield from _split(scene)
     yield _metric(scene)
     yield _impedance(scene)
     yield _projection(scene)
     yield _gradual(scene)
     yield _torsion(scene)
-    yield from _limits(scene)
+    yield from _limits(parts)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
     yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
@@ -128,7 +129,8 @@ def _prediction(thing: Object) -> tuple[bool, str]:
     return False, "forces follow from the object's present state (integrator = 'implicit' would solve both at once)"
 
 
-def _contact_points(scene: Scene) -> Iterator[Row]:
+def _contact_points(parts: Parts) -> Iterator[Row]:
+    scene = parts.scene
     if scene.coupling.contact == "attached":
         yield "contact points", False, "attached: they are fixed in the object, and nothing lets go"
     else:
@@ -136,16 +138,15 @@ def _contact_points(scene: Scene) -> Iterator[Row]:
         kinds = sorted({shape.kind for shape in shapes if not isinstance(shape, MeshShape)})
         if kinds:
             yield "contact points", True, f"closed form on {' and '.join(kinds)}, a proxy that stays on its face"
-        for thing in scene.object:
-            made = scene_mesh(thing, scene.source.folder)
-            if made is not None:
-                faces = f"{len(made.mesh.faces):,} triangles"
+        for part in parts.objects:
+            if part.solid.mesh is not None:
+                faces = f"{len(part.solid.mesh.mesh.faces):,} triangles"
                 yield (
                     "contact points",
                     True,
-                    f"adjacency walk on {mesh_name(thing)}, {faces}; a tree of boxes while free",
+                    f"adjacency walk on {mesh_name(part.table)}, {faces}; a tree of boxes while free",
                 )
-    for note in mesh_notes(scene.object, scene.source.folder):
+    for note in parts.mesh_notes:
         yield "mesh", True, note
 
 
@@ -157,8 +158,8 @@ def _fingertips(scene: Scene) -> Row:
     return "ball fingertips", True, f"{len(radii)} of {len(scene.finger)}, radius {sizes}: on the shape grown by it"
 
 
-def _weights(scene: Scene) -> Row:
-    coupling = scene.coupling
+def _weights(parts: Parts) -> Row:
+    scene, coupling = parts.scene, parts.scene.coupling
     if coupling.contact == "attached":
         return "fade", False, "attached: every finger stays in the split"
     if equal_gains(scene):
@@ -169,7 +170,7 @@ def _weights(scene: Scene) -> Row:
     if coupling.absent == "follow":
         return "fade", False, "absent = 'follow': a free finger stays in the split"
     if coupling.fade == "auto":
-        gaps = {held.name: 1e3 * held.grasped.block[[at.NEAR, at.FAR]] for held in grasps(scene)}
+        gaps = {held.name: 1e3 * held.grasped.block[[at.NEAR, at.FAR]] for held in grasps(parts)}
         between = {f"{low:.3g} and {high:.3g} mm": name for name, (low, high) in gaps.items()}
         said = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
         return "fade", True, f"auto: a free finger leaves the split between {said} from the surface"
@@ -267,9 +268,9 @@ def _torsion(scene: Scene) -> Row:
     return "torsion", True, f"{why}, and devices that display forces do not display it"
 
 
-def _limits(scene: Scene) -> Iterator[Row]:
+def _limits(parts: Parts) -> Iterator[Row]:
     """The limits that devices tell, how forces are brought within them, and devices that may have one unseen."""
-    wired = wires(scene, scene.source.folder)
+    scene, wired = parts.scene, parts.wires
     given, hidden = limit_text(scene, wired), hidden_text(scene, wired)
     if given:
         ways = {limits_inside(scene, thing) for thing in scene.object}

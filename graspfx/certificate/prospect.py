@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from graspfx.build.build import build
 from graspfx.certificate.plan import PlanRow
 from graspfx.compile.cache import folder_text
-from graspfx.errors import GraspFXError
+from graspfx.errors import GraspFXError, SceneError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.recording.header import Header
@@ -79,9 +79,15 @@ def kernels(servo: Servo) -> frozenset[str]:
 
 
 def engine_plan(scene: Scene) -> list[PlanRow]:
-    """The calls of a run, its program, and which engine runs it: rows to stand below those of `plan`."""
+    """Tell the calls of a run, its program, and which engine runs it: rows to stand below those of `plan`.
+
+    Raises:
+        SceneError: a finger that starts out of its device's reach.
+    """
     try:
         found = prospect(scene)
+    except SceneError:
+        raise
     except GraspFXError as error:
         return [PlanRow("engine", False, f"cannot be told: {' '.join(str(error).split())}")]
     return [PlanRow("calls", True, _calls(found)), _program(found), *_engine(scene, found)]

@@ -123,21 +123,23 @@ def report(scene: Scene) -> Report:
         SceneError: a finger that starts out of its device's reach.
     """
     from graspfx.build.axes import axes_notes
+    from graspfx.build.resolve import resolve
     from graspfx.certificate.certificates import certificates
     from graspfx.certificate.notes.blend import blend_notes
     from graspfx.certificate.notes.doubts import doubts
     from graspfx.certificate.plan import plan
     from graspfx.certificate.prospect import engine_plan
 
-    scene.require_reach()
+    parts = resolve(scene)
+    program = engine_plan(scene)  # places the fingers, as a run does
     why, answers = "", []
     try:
         answers = sorted(certificates(scene), key=_room)
         why = "" if answers else "no finger touches an object"
     except GraspFXError as error:
         why = " ".join(str(error).split())
-    notes = (*doubts(scene), *axes_notes(scene), *blend_notes(scene))
-    return Report(scene.source.name, (), tuple(answers), why, notes, (*plan(scene), *engine_plan(scene)))
+    notes = (*doubts(parts), *axes_notes(parts), *blend_notes(parts))
+    return Report(scene.source.name, (), tuple(answers), why, notes, (*plan(scene), *program))
 
 
 def _room(certificate: Certificate) -> tuple[bool, float]:

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_scene
-from graspfx.commands.output import DONE, REFUSED, print_json
+from graspfx.commands.output import REFUSED, SUCCESS, print_json
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -26,28 +26,28 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.certificate.verdict import report
     from graspfx.scene.load import load
 
-    scene = load(chosen.scene, dict(chosen.overrides))
-    if chosen.tick:
+    scene = load(options.scene, dict(options.overrides))
+    if options.tick:
         lines = _tick(scene)
-        if chosen.json:
+        if options.json:
             print_json({"tick": lines})
         else:
             print(*lines, sep="\n")
-        return DONE
+        return SUCCESS
     answer = report(scene)
-    if chosen.json:
+    if options.json:
         print_json(answer.to_dict())
     else:
-        print(*([answer.verdict] if chosen.brief else answer.lines()), sep="\n")
-    return DONE if answer.ok or not chosen.strict else REFUSED
+        print(*([answer.verdict] if options.brief else answer.lines()), sep="\n")
+    return SUCCESS if answer.ok or not options.strict else REFUSED
 
 
 def _tick(scene: Scene) -> list[str]:
-    """The program that a run of the scene would run, line by line."""
+    """List the program that a run of the scene would run."""
     from graspfx.build.build import build
     from graspfx.loop.tick.tick_listing import listing
 

@@ -43,13 +43,13 @@ class Grasp(GraspMatrix):
     """
 
     def split(self, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> Split:
-        """The split of contact forces into external and internal ones (eq. 3); see `Split`."""
+        """Split contact forces into external and internal ones (eq. 3); see `Split`."""
         return Split(self, metric=metric, tolerance=tolerance)
 
     def virtual_linkage(
         self, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
     ) -> VirtualLinkage:
-        """The split of a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
+        """Split by a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
         from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
         return VirtualLinkage(self, actuators=actuators, tolerance=tolerance)
@@ -61,7 +61,7 @@ class Grasp(GraspMatrix):
         about: ArrayLike | None = None,
         torsion_length: float | None = None,
     ) -> Measures:
-        """Singular values, isotropy, volume and minimum; see `grasp.quality.measures.measures`."""
+        """Measure singular values, isotropy, volume and minimum; see `grasp.quality.measures.measures`."""
         from graspfx.grasp.quality.measures import measures
 
         return measures(self, length=length, about=about, torsion_length=torsion_length)
@@ -69,7 +69,7 @@ class Grasp(GraspMatrix):
     def force_closure(
         self, friction: ArrayLike = 0.0, torsion: ArrayLike = 0.0, *, limit: Limit = "elliptic"
     ) -> ForceClosure:
-        """Whether contacts that push can make every wrench, with proof; see `grasp.quality.closure.force_closure`."""
+        """Test whether contacts that push can make every wrench; see `grasp.quality.closure.force_closure`."""
         from graspfx.grasp.quality.closure import force_closure
 
         return force_closure(self, friction, torsion, limit=limit)
@@ -85,7 +85,7 @@ class Grasp(GraspMatrix):
         about: ArrayLike | None = None,
         tolerance: float = 1e-3,
     ) -> Margin:
-        """The largest ball of wrenches that bounded pushes can make; see `grasp.quality.margin.wrench_margin`."""
+        """Find the largest ball of wrenches that bounded pushes can make; see `grasp.quality.margin.wrench_margin`."""
         from graspfx.grasp.quality.margin import wrench_margin
 
         return wrench_margin(

@@ -27,7 +27,7 @@ def grasp_matrix(
     origin: ArrayLike | None = None,
     free: ArrayLike | None = None,
 ) -> FloatArray:
-    """G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m); the arguments are those of `Grasp`."""
+    """Compute G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m); the arguments are those of `Grasp`."""
     return GraspMatrix(points, normals, model=model, frames=frames, origin=origin, free=free).matrix
 
 
@@ -74,7 +74,7 @@ class GraspMatrix:
         return np.hstack([a, moments]).T[self.free]
 
     def unit_free(self) -> tuple[FloatArray, float]:
-        """A matrix (w, m) with the row space of G once its torsion columns are multiplied by a length, and that length.
+        """Give a matrix (w, m) with the row space of G, its torsion columns multiplied by a length, and that length.
 
         The rows are the object's free motions as the contacts see them: translations, and rotations about the contacts'
         centroid divided by the rms contact radius R, the length. What a locked translation would have to do to bring a
@@ -97,7 +97,7 @@ class GraspMatrix:
         return np.vstack([a.T[free[:d]], turns]), size
 
     def metric(self, *, torsion_length: float | None = None, weights: ArrayLike | None = None) -> FloatArray:
-        """M for `split`, (m,): weight of the finger, times torsion_length^2 for a moment [m^2].
+        """Compute M for `split`, (m,): weight of the finger, times torsion_length^2 for a moment [m^2].
 
         Args:
             torsion_length: radius of a fingertip's contact patch [m], which makes 1 rad of torsion comparable with a
@@ -118,9 +118,9 @@ def _mask(free: ArrayLike | None, w: int) -> NDArray[np.bool_]:
     if free is None:
         return np.ones(w, dtype=bool)
     try:
-        given = np.asarray(free)
+        mask = np.asarray(free)
     except ValueError as error:
         raise InputError("free", free, f"{w} booleans, True where the object can move") from error
-    if given.shape != (w,) or not np.isin(given, (0, 1)).all():
-        raise InputError("free", given.tolist(), f"{w} booleans, True where the object can move")
-    return given.astype(bool)
+    if mask.shape != (w,) or not np.isin(mask, (0, 1)).all():
+        raise InputError("free", mask.tolist(), f"{w} booleans, True where the object can move")
+    return mask.astype(bool)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import PrivateAttr
 
@@ -30,22 +30,29 @@ class Scene(SceneTable):
     """
 
     _source: Source = PrivateAttr(default_factory=Source)
+    _stock: Any = PrivateAttr(default=None)  # what the checks connected and loaded, for `graspfx.build.resolve`
 
     def __init__(self, source: Source | None = None, /, **table: Any) -> None:
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
-        faults: list[Fault] = plugins.upward("Scene.faults")(table, origin)
+        faults, stock = plugins.upward("Scene.faults")(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         super().__init__(**table)
-        self._source = origin
+        self._source, self._stock = origin, stock
 
     def __eq__(self, other: object) -> bool:
         """Equal as descriptions, wherever they came from."""
         return isinstance(other, Scene) and self.to_dict() == other.to_dict()
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __copy__(self) -> Self:
+        """Copy the description: a copy whose fields are then replaced has devices and shapes of its own."""
+        copy = super().__copy__()
+        copy._stock = None
+        return copy
 
     @property
     def source(self) -> Source:
@@ -63,16 +70,17 @@ class Scene(SceneTable):
         Raises:
             SceneError: with every finger that starts where its device cannot be.
         """
-        found = plugins.upward("Scene.require_reach")(self, self._source.folder)
-        if found:
-            raise self._error(found)
+        faults = plugins.upward("Scene.reach_faults")(self)
+        if faults:
+            raise self.error(faults)
 
-    def _error(self, found: Iterable[tuple[Key, str]]) -> SceneError:
+    def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
+        """Make the error of these faults, each with where its key stands and with its line."""
         source = self._source
         is_toml = source.path is not None and source.path.suffix == ".toml"
         table = tomllib.loads(source.text) if is_toml else self.to_dict()
         _, replaced, _ = overridden(table, source.overrides)
-        return _placed(source, as_faults(table, found), replaced, source.text if is_toml else None)
+        return _placed(source, as_faults(table, faults), replaced, source.text if is_toml else None)
 
     def linearise(self, at: str = "squeezed") -> Linearisation:
         """Small motions about the scene's grasp at rest, as matrices: what `gx.stability` takes a scene for.

@@ -8,6 +8,7 @@ from typing import Any
 
 from graspfx.errors import Fault, InputError
 from graspfx.scene.budget import DEEPEST, too_deep
+from graspfx.scene.former import others
 from graspfx.scene.keys import Key, dotted
 
 
@@ -58,6 +59,8 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
             for outcome in _replace(holder.setdefault(part, {}), (*at, part), rest, value):
                 yield (*at, part) if made and not isinstance(outcome, str) else outcome
         else:
+            for name in others(holder.get("name"), part):
+                holder.pop(name, None)  # the same setting under its former name, or under its name now
             holder[part] = deepcopy(value)
             yield (*at, part)
     elif isinstance(holder, list):

@@ -116,7 +116,7 @@ def test_object_slows_down_as_the_closed_form_has_it(line, jobs):
 
 
 def test_keys_of_one_part_are_built_together(line):
-    values = {"finger.*.device.mass": np.linspace(0.1, 0.3, 5), "finger.*.device.friction": np.linspace(0.1, 0.5, 5)}
+    values = {"finger.*.device.mass": np.linspace(0.1, 0.3, 5), "finger.*.device.damping": np.linspace(0.1, 0.5, 5)}
     batch = gx.run_batch(line, values, 0.1, keep="recordings")
     for index in np.ndindex(batch.shape):
         np.testing.assert_array_equal(require(batch.recordings).item(index).rows, single(line, batch, index, 0.1).rows)
@@ -219,7 +219,7 @@ def test_values_that_differ_far_inside_a_long_array_differ():
 
 
 def test_a_fault_is_told_as_things_stood_at_its_tick(line):
-    device = {"name": "simulated", "mass": 0.15, "friction": 0.2, "workspace": [[-0.06], [0.06]]}
+    device = {"name": "simulated", "mass": 0.15, "damping": 0.2, "workspace": [[-0.06], [0.06]]}
     hands = [{"stiffness": 60.0, "damping": 0.5, "rest": [rest]} for rest in (0.2, 0.0)]
     fingers = [{"start": [0.0], "device": device, "hand": hand} for hand in hands]
     leaving = line.replace({"finger": fingers})

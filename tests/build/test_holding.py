@@ -12,7 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import graspfx as gx
-from graspfx.build.holdings import hold, holdings
+from graspfx.build.holdings import holdings
+from graspfx.build.resolve import resolve
 from graspfx.certificate.plan import packages
 from graspfx.errors import SceneError
 from tests.support.optional import require
@@ -20,7 +21,7 @@ from tests.support.optional import require
 RADIUS = 0.03
 ANGLES = 2.0 * np.pi * np.arange(3) / 3.0
 RING = 1.1 * RADIUS * np.stack([np.cos(ANGLES), np.sin(ANGLES), 0.0 * ANGLES], axis=1)
-DEVICE = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+DEVICE = {"name": "simulated", "mass": 0.1, "damping": 0.5}
 SPRING = {"stiffness": 400.0, "damping": 6.0}
 
 
@@ -64,7 +65,7 @@ def hands(given: dict[str, Any], inward: Any = None) -> list[Any]:
     scene = gx.Scene(**given)
     start = np.array([finger.start for finger in scene.finger])
     normals = -start / np.linalg.norm(start, axis=1, keepdims=True) if inward is None else np.array(inward)
-    return [hold(scene, None, each, start, normals) for each in holdings(scene)]
+    return [hand.hold(start, normals) for hand in resolve(scene).hands]
 
 
 def test_a_squeeze_goes_along_the_normals_to_the_centre_or_where_it_is_told() -> None:
@@ -309,7 +310,7 @@ def test_a_hand_from_a_file_holds(sway: str, shared: bool) -> None:
     assert rec.touching[:, 0].any()  # 10 mm sin(0.45) along the normals, over a gap of 3 mm
     assert packages(scene) == ["numpy", "pydantic (scene)", "h5py (recording)"]
     start = np.array([finger.start for finger in scene.finger])
-    hand = hold(scene, None, holdings(scene)[0], start, np.ones((3, 3)))
+    hand = resolve(scene).hands[0].hold(start, np.ones((3, 3)))
     held = 3 if shared else 1
     np.testing.assert_array_equal(hand.stiffness, 400.0 * np.array([np.eye(held)] * 3))
     np.testing.assert_allclose(hand.target(np.pi / 2)[0], start[:held] + 0.01, atol=1e-17)
@@ -445,7 +446,7 @@ def test_a_run_in_space_turns_with_its_scene() -> None:
         for motion in hand["motion"]:
             motion["displacement"] = turned.apply(motion["displacement"]).tolist()
         for i, finger in enumerate(made["finger"]):
-            finger["device"] = limited | {"mass": 0.1 + 0.05 * i, "friction": 0.5 - 0.1 * i}
+            finger["device"] = limited | {"mass": 0.1 + 0.05 * i, "damping": 0.5 - 0.1 * i}
             finger["start"] = turned.apply(finger["start"]).tolist()
         return gx.run(gx.Scene(**made))
 

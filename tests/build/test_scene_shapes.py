@@ -30,7 +30,7 @@ from tests.support.meshes import ell, plate, sheet
 from tests.support.optional import require
 
 FloatArray = np.ndarray
-DEVICE = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+DEVICE = {"name": "simulated", "mass": 0.1, "damping": 0.5}
 HALF_TURN = [0.1, 0.5, -0.3, 0.65**0.5]  # a quaternion that favours no axis
 
 

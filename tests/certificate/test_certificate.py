@@ -58,7 +58,7 @@ def test_pushing_can_be_unstable_where_the_grasp_is_not() -> None:
         "object.shape": {"kind": "box", "size": [0.05]},
         "object.integrator": "explicit",
         "finger.*.device.mass": 0.05,
-        "finger.*.device.friction": 0.19906,
+        "finger.*.device.damping": 0.19906,
         "coupling.external.stiffness": 38.8 * 0.999,
         "coupling.internal.stiffness": 80.0 * 0.999,
         "finger.0.start": [-0.024],
@@ -128,11 +128,11 @@ def test_a_prism_held_by_friction_rings_as_its_loop_says(factor: float) -> None:
     """
     scene = gx.load("prism")
     (found,) = certificates(scene)
-    friction = scene.to_dict()["finger"][0]["device"]["friction"]
+    friction = scene.to_dict()["finger"][0]["device"]["damping"]
     near = scene.replace(
         {
             "coupling.external.stiffness": factor * limit_of(found, "external"),
-            "finger.0.device.friction": 1.0001 * friction,
+            "finger.0.device.damping": 1.0001 * friction,
             "object.angular_velocity": [0.2, 0.1, 0.05],
         }
     )

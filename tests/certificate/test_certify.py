@@ -181,7 +181,7 @@ def test_a_floor_under_a_squeezed_grasp_has_a_row() -> None:
     row = next(row for row in found.limits if row.mode == "standing on floor")
     assert row.limit == pytest.approx(limit_of(found, "internal"), rel=1e-6)
     assert limit_of(found, "external") == pytest.approx(160.5, abs=0.1)
-    soft = standing("explicit").replace({"finger.*.device.friction": 0.0, "finger.*.hand.damping": 0.0})
+    soft = standing("explicit").replace({"finger.*.device.damping": 0.0, "finger.*.hand.damping": 0.0})
     assert not gx.certify(soft).stable
 
 

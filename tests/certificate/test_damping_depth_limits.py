@@ -54,7 +54,7 @@ def scene(depth: float = 1e-3, *, offset: Any = 0.0, speed: Any = (0.0, 0.0, 0.0
         finger=[
             {
                 "start": (start[i] + np.broadcast_to(offset, (3, 2))[i]).tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+                "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
                 "hand": {"stiffness": HAND, "damping": 0.5, "rest": rest[i].tolist()},
             }
             for i in range(3)

@@ -70,7 +70,7 @@ def test_a_squeeze_adds_what_preloaded_says_of_a_run(d: int) -> None:
     """Displacements and forces of a run that has come to rest; the preload's entries to 1e-5 of the stiffness."""
     scene = attached(d, "exact", squeeze=0.004)
     found = linearise(scene)
-    rec = gx.run(scene.replace({"finger.*.device.friction": 2.0, "object.viscosity": 3.0}), duration=6.0)
+    rec = gx.run(scene.replace({"finger.*.device.damping": 2.0, "object.viscosity": 3.0}), duration=6.0)
     contacts = found.contacts - rec.object_position[-1]
     displacement = require(rec.true_position)[-1] - rec.contact_position[-1]
     expected = gx.stability.preloaded(contacts, displacement, rec.finger_force[-1])
@@ -99,7 +99,7 @@ def test_without_friction_forces_are_along_the_normals() -> None:
 def test_arms_are_point_devices_at_their_posture() -> None:
     """paper-spring-arms against point devices with the arms' mass and friction there: limits to 1 %."""
     arms = gx.load("paper-spring-arms")
-    points = arms.replace({"finger.*.device": {"name": "simulated", "mass": 0.15, "friction": 0.2}})
+    points = arms.replace({"finger.*.device": {"name": "simulated", "mass": 0.15, "damping": 0.2}})
     from graspfx.certificate.limit_sweep import limits_of_scene
 
     one, other = limits_of_scene(arms), limits_of_scene(points)
@@ -136,7 +136,7 @@ def test_a_device_that_tells_no_mass_is_named(tmp_path: Path) -> None:
         "    def features(self):\n"
         "        return replace(super().features, mass=None)\n"
         "def connect(*, dimensions):\n"
-        "    return Mute(mass=0.1, friction=0.2, fingers=1, dimensions=dimensions, resolution=0.0,\n"
+        "    return Mute(mass=0.1, damping=0.2, fingers=1, dimensions=dimensions, resolution=0.0,\n"
         "                velocity_window=1, delay=0, force_limit=None, workspace=None)\n"
     )
     scene = attached(1).replace({"finger.1.device": {"name": str(tmp_path / "mute.py")}, "finger.1.name": "thumb"})

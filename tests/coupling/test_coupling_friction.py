@@ -235,7 +235,7 @@ def pinch(duration: float, mu: object, *, opening: float = 0.0, above: float = 0
         path["positions"] = [[float(x) for x in row] for row in path["positions"]]  # type: ignore[attr-defined]
         rest = [side * (0.02 - 0.005 * kip / hand), above]
         return {
-            "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+            "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
             "start": [side * 0.02, above],
             "hand": {"stiffness": hand, "damping": 5.0, "rest": rest, "motion": path},
         }

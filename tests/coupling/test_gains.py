@@ -185,7 +185,7 @@ def test_they_are_made_anew_where_something_has_changed(outer: str, axes: Any, t
 def test_a_run_warns_once_of_gains_that_create_energy() -> None:
     """Kep 80|40 with kip 60|30 as in the analysis: the skew part of 2.5 N/m, when the run is over."""
     finger = {
-        "device": {"name": "simulated", "mass": 0.15, "friction": 0.2},
+        "device": {"name": "simulated", "mass": 0.15, "damping": 0.2},
         "hand": {"stiffness": 33.0, "rest": [0.0]},
         "start": [0.002],
     }

@@ -34,7 +34,7 @@ ARMS: dict[str, dict[str, Any]] = {
 
 
 def points(settings: dict[str, Any]) -> tuple[Any, Any, Hand]:
-    device = connect(mass=0.15, friction=0.2, fingers=2, dimensions=2, **settings)
+    device = connect(mass=0.15, damping=0.2, fingers=2, dimensions=2, **settings)
     return ready(device, START)
 
 
@@ -147,7 +147,7 @@ def test_a_class_that_reads_or_moves_in_its_own_way_is_not_fused() -> None:
             return "thumb"
 
     settings = {
-        "mass": 0.1, "friction": 0.0, "fingers": 1, "dimensions": 1, "resolution": 0.0, "velocity_window": 1,
+        "mass": 0.1, "damping": 0.0, "fingers": 1, "dimensions": 1, "resolution": 0.0, "velocity_window": 1,
         "delay": 0, "force_limit": None, "workspace": None,
     }  # fmt: skip
     plain, shaking, named = PointDevice(**settings), Shaking(**settings), Named(**settings)

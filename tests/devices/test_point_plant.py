@@ -187,7 +187,7 @@ def test_fingers_that_nothing_couples_move_to_the_bit_as_each_alone():
     # Three fingers of two hands and two devices with other masses, in space, against one plant each.
     rng = np.random.default_rng(9)
     start, forces = rng.normal(0.0, 0.01, (3, 3)), rng.normal(0.0, 0.5, (100, 3, 3))
-    pair = connect(mass=0.1, friction=0.3, fingers=2, dimensions=3)
+    pair = connect(mass=0.1, damping=0.3, fingers=2, dimensions=3)
     single = connect(mass=0.2, dimensions=3)
     plant = PointDevice.plant([pair, single])
     plant.place(start)

@@ -44,7 +44,7 @@ def pinch(d: int = 2, n: int = 3, **changes: Any) -> gx.Scene:
         finger=[
             {
                 "start": (0.0255 * each).tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "friction": 0.2},
+                "device": {"name": "simulated", "mass": 0.1, "damping": 0.2},
                 "hand": {"stiffness": 150.0, "damping": 1.0, "squeeze": 0.006, "closing": (-each).tolist(),
                          "motion": motion},
             }
@@ -241,12 +241,12 @@ def test_a_device_of_ones_own_is_limited_as_ours(tmp_path: Path) -> None:
     driver.write_text(
         "from graspfx.devices import simulated\n\n\nclass Called(simulated.PointDevice):\n"
         "    def write(self, forces):\n        super().write(forces)\n\n\n"
-        "def connect(*, mass, dimensions, friction=0.0, force_limit=None):\n"
-        "    return Called(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0,\n"
+        "def connect(*, mass, dimensions, damping=0.0, force_limit=None):\n"
+        "    return Called(mass=mass, damping=damping, fingers=1, dimensions=dimensions, resolution=0.0,\n"
         "                  velocity_window=1, delay=0, force_limit=force_limit, workspace=None)\n"
     )
     ours = recorded(pinch(**LIMIT), "interpreted", ticks=200)
-    device = {"name": str(driver), "mass": 0.1, "friction": 0.2, "force_limit": 0.2}
+    device = {"name": str(driver), "mass": 0.1, "damping": 0.2, "force_limit": 0.2}
     for engine in ("interpreted", "compiled"):
         assert same(ours, recorded(pinch(finger__0__device=device), engine, ticks=200))
     require_consistent(ours, np.array([0.2, np.inf, np.inf]))
@@ -351,8 +351,8 @@ class Weaker(simulated.PointDevice):
         return super().{method}(*given)
 
 
-def connect(*, mass, dimensions, friction=0.0):
-    return Weaker(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0,
+def connect(*, mass, dimensions, damping=0.0):
+    return Weaker(mass=mass, damping=damping, fingers=1, dimensions=dimensions, resolution=0.0,
                   velocity_window=1, delay=0, force_limit=None, workspace=None)
 """
 
@@ -361,7 +361,7 @@ def test_a_limit_may_change_from_sample_to_sample(tmp_path: Path) -> None:
     """A driver in Python that grows weaker: each sample keeps what it told at that sample's reading."""
     driver = tmp_path / "weaker.py"
     driver.write_text(WEAKER.format(largest="0.3 if self.ticks < 120 else 0.1", method="read"))
-    scene = pinch(finger__0__device={"name": str(driver), "mass": 0.1, "friction": 0.2})
+    scene = pinch(finger__0__device={"name": str(driver), "mass": 0.1, "damping": 0.2})
     rec = recorded(scene, "interpreted", ticks=200)
     assert same(rec, recorded(scene, "compiled", ticks=200))
     limit = np.where(np.arange(1, 201) < 120, 0.3, 0.1)
@@ -395,8 +395,8 @@ def test_a_peak_force_that_is_none_is_refused(tmp_path: Path, peak: object) -> N
         "from dataclasses import replace\nfrom graspfx.devices import simulated\n\n\n"
         "class Odd(simulated.PointDevice):\n    @property\n    def features(self):\n"
         f"        return replace(super().features, peak_force=float('{peak}') if {peak is not True} else True)\n\n\n"
-        "def connect(*, mass, dimensions, friction=0.0):\n"
-        "    return Odd(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0,\n"
+        "def connect(*, mass, dimensions, damping=0.0):\n"
+        "    return Odd(mass=mass, damping=damping, fingers=1, dimensions=dimensions, resolution=0.0,\n"
         "               velocity_window=1, delay=0, force_limit=None, workspace=None)\n"
     )
     with pytest.raises(InputError, match=r"features.peak_force.*above zero"):

@@ -20,7 +20,7 @@ LINE: dict[str, Any] = {
     "object": {"mass": 0.1, "viscosity": 0.8, "shape": {"kind": "box", "size": [0.05]}},
     "coupling": {"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
 }
-POINT = {"name": "simulated", "mass": 0.15, "friction": 0.2}
+POINT = {"name": "simulated", "mass": 0.15, "damping": 0.2}
 
 
 def finger(start: float, **changes: Any) -> dict[str, Any]:
@@ -171,7 +171,7 @@ def test_gains_per_finger_on_two_objects() -> None:
 def test_port_energy_is_what_the_tips_and_their_springs_have() -> None:
     """Without friction, the work through a device is the change of 1/2 m v^2 + 1/2 k x^2, v from the motion."""
     m, k, T = 0.15, 33.0, 0.005
-    rec = gx.run(gx.load("reference-1dof", {"finger.*.device.friction": 0.0}), duration=2.0)
+    rec = gx.run(gx.load("reference-1dof", {"finger.*.device.damping": 0.0}), duration=2.0)
     x, f = require(rec.true_position)[:, :, 0], -rec.finger_force[:, :, 0]
     w = np.sqrt(k / m)
     c, s = np.cos(w * T), np.sin(w * T) / w

@@ -29,7 +29,7 @@ def thing(name: str = "box", x: float = 0.0, **changes: Any) -> dict[str, Any]:
 
 def finger(x: float, sign: float, **changes: Any) -> dict[str, Any]:
     hand = {"stiffness": 500.0, "damping": 12.0, **changes}
-    device = {"name": "simulated", "mass": 0.1, "friction": 1.0}
+    device = {"name": "simulated", "mass": 0.1, "damping": 1.0}
     return {"start": [x - 0.03 * sign, 0.0, 0.025], "device": device, "hand": hand}
 
 

@@ -138,7 +138,7 @@ def random_case(seed: int, size: float = 1e-9) -> Case:
         },
         "finger": [
             {
-                "device": {"name": "simulated", "mass": masses[i], "friction": friction[i], "delay": int(delay[i])},
+                "device": {"name": "simulated", "mass": masses[i], "damping": friction[i], "delay": int(delay[i])},
                 "hand": {"stiffness": hand[i].tolist(), "damping": hand_damping[i], "rest": rest[i].tolist()},
                 "start": start[i].tolist(),
             }

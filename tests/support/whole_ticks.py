@@ -9,6 +9,7 @@ import numpy as np
 
 import graspfx as gx
 from graspfx.build.build import build
+from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder
@@ -43,7 +44,7 @@ class RestedRun:
         self._stack.close()
 
     def run(self, ticks: int) -> gx.Recording:
-        with Recorder(self.servo.layout, header_of(self.scene)) as recorder:
+        with Recorder(self.servo.layout, header_of(resolve(self.scene))) as recorder:
             self.servo.run(ticks, recorder)
             return recorder.finish()
 

@@ -20,7 +20,7 @@ from graspfx.testing import ConformanceError, check_device
 CORNERS = [-0.1, -0.1], [0.2, 0.1]
 SETTINGS = {
     "mass": 0.15,
-    "friction": 0.2,
+    "damping": 0.2,
     "fingers": 2,
     "dimensions": 2,
     "resolution": 1e-5,
@@ -35,7 +35,7 @@ SETTINGS = {
     "settings",
     [
         {},
-        {"fingers": 5, "dimensions": 3, "delay": 2, "friction": 0.2},
+        {"fingers": 5, "dimensions": 3, "delay": 2, "damping": 0.2},
         {"dimensions": 2, "fingers": 2, "resolution": 1e-5, "force_limit": 3.0, "workspace": CORNERS},
         {"resolution": 1e-3, "delay": 1, "force_limit": 0.05},
     ],
@@ -340,7 +340,7 @@ class OnAMechanism(PointDevice):
     @staticmethod
     def plant(devices):
         (device,) = devices
-        plant = Rounding([device.mass] * 2, [device.friction] * 2, 2)
+        plant = Rounding([device.mass] * 2, [device.damping] * 2, 2)
         device._plant, device._true = plant, plant.position
         return plant
 

@@ -41,7 +41,7 @@ def scene(d: int = 3, n: int = 3, away: float = 0.028, **changes: Any) -> gx.Sce
         "finger": [
             {
                 "start": each.tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+                "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
                 "hand": {"stiffness": 300.0, "damping": 3.0, "squeeze": 0.006},
             }
             for each in start

@@ -135,10 +135,10 @@ def _one_by_one(problem: BatchProblem) -> Iterator[Method]:
         if more and not is_installed("llvmlite"):
             yield missing(f"GraspFX {name}", "llvmlite")
             continue
-        yield Method(f"GraspFX {name}", partial(_several, problem, more), 0.0, "what is compared with", calls=SINGLES)
+        yield Method(f"GraspFX {name}", partial(_run_each, problem, more), 0.0, "what is compared with", calls=SINGLES)
 
 
-def _several(problem: BatchProblem, more: Mapping[str, Any]) -> None:
+def _run_each(problem: BatchProblem, more: Mapping[str, Any]) -> None:
     for k in range(SINGLES):
         problem.single_run(k, **more)
 

@@ -49,7 +49,7 @@ class Problems:
     law: Law
     fingers: int
     ratio: float
-    given: tuple[Problem, ...]
+    members: tuple[Problem, ...]
 
     @property
     def external(self) -> float:

@@ -75,8 +75,8 @@ def _by_clarabel(solver: ByClarabel, p: Problem) -> FloatArray:
 def _gauss_seidel(kind: Problems) -> Iterator[Method]:
     sweeps = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
     theta = 0.0 if kind.law == "coulomb" else 1.0
-    m, N = 3 * kind.fingers, len(kind.given)
-    blocks = np.array([np.concatenate([p.W.ravel(), p.e, np.zeros(m)]) for p in kind.given])
+    m, N = 3 * kind.fingers, len(kind.members)
+    blocks = np.array([np.concatenate([p.W.ravel(), p.e, np.zeros(m)]) for p in kind.members])
     flat = blocks.ravel()
     for tolerance in TOLERANCES:
 
@@ -93,9 +93,9 @@ def _gauss_seidel(kind: Problems) -> Iterator[Method]:
 
 def _method(name: str, kind: Problems, force: Callable[[Problem], FloatArray]) -> Method:
     def error() -> float:
-        return _error([force(p) for p in kind.given], kind)
+        return _error([force(p) for p in kind.members], kind)
 
-    return Method(name, each(force, kind.given), error, calls=len(kind.given))
+    return Method(name, each(force, kind.members), error, calls=len(kind.members))
 
 
 # Ours -------------------------------------------------------------------------------------------------------------
@@ -159,11 +159,11 @@ def _kernel(name: str, run: Callable[..., Any], arguments: Sequence[Any], force:
 
     def error() -> float:
         call()
-        answers = np.zeros((len(kind.given), kind.fingers, 3))
+        answers = np.zeros((len(kind.members), kind.fingers, 3))
         answers[:, :, : force.shape[2]] = force
-        return _error(answers.reshape(len(kind.given), -1), kind)
+        return _error(answers.reshape(len(kind.members), -1), kind)
 
-    return Method(name, call, error, calls=len(kind.given))
+    return Method(name, call, error, calls=len(kind.members))
 
 
 @kernel
@@ -213,10 +213,10 @@ def pivot_all(problems: Many[Pivoting]) -> None:
 
 
 def _pivoting(kind: Problems) -> Posed:
-    n, m, N = kind.fingers, 3 * kind.fingers, len(kind.given)
+    n, m, N = kind.fingers, 3 * kind.fingers, len(kind.members)
     size = size_for(Pivoting, count=n, size=m)
     blocks = np.zeros((N, size))
-    for block, p in zip(blocks, kind.given, strict=True):
+    for block, p in zip(blocks, kind.members, strict=True):
         problem = Pivoting(block)
         problem.count, problem.size = n, m
         first, last = problem.stiffness.offset, problem.vector.offset
@@ -226,9 +226,9 @@ def _pivoting(kind: Problems) -> Posed:
 
 
 def _newton(kind: Problems, coulomb: bool) -> Posed:
-    m, N = 3 * kind.fingers, len(kind.given)
+    m, N = 3 * kind.fingers, len(kind.members)
     blocks, force = _problems(kind, 3, m)
-    squares = np.array([[m, *p.K.ravel()] for p in kind.given])
+    squares = np.array([[m, *p.K.ravel()] for p in kind.members])
     places = (blocks.ravel(), 0, blocks.shape[1], N, squares.ravel(), 0, squares.shape[1], N)
     return newton_all, (*places, coulomb, RESTARTS), force
 
@@ -239,7 +239,7 @@ def _modes(kind: Problems, d: int, coulomb: bool, off: float) -> Posed:
     starts = np.zeros((len(blocks), MODES))
     gains = Gains(kind.external, INTERNAL)
     rng = np.random.default_rng(1)
-    for k, p in enumerate(kind.given):
+    for k, p in enumerate(kind.members):
         problem = FrictionProblem(memoryview(blocks[k]))
         count = problem.modes = p.Q.shape[1]
         problem.contacts.array(ConeContact.weight)[:] = 1.0
@@ -260,8 +260,8 @@ def _modes(kind: Problems, d: int, coulomb: bool, off: float) -> Posed:
 def _problems(kind: Problems, d: int, room: int) -> tuple[FloatArray, FloatArray]:
     """Blocks with a friction problem each, and a view of their forces (problems, fingers, d)."""
     n = kind.fingers
-    blocks = np.zeros((len(kind.given), problem_size(n, room)))
-    for block, p in zip(blocks, kind.given, strict=True):
+    blocks = np.zeros((len(kind.members), problem_size(n, room)))
+    for block, p in zip(blocks, kind.members, strict=True):
         contacts = set_up(block, 0, n, room).contacts
         contacts.array(ConeContact.coefficient)[:] = kind.friction
         contacts.array(ConeContact.displacement)[:, :d] = p.e.reshape(n, 3)[:, :d]
@@ -277,5 +277,5 @@ def _unilateral(normals: FloatArray, mu: float, p: Problem) -> FloatArray:
 
 def _error(found: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:
     """The largest over problems, relative to the largest force of each."""
-    exact = np.array([p.force for p in kind.given])
+    exact = np.array([p.force for p in kind.members])
     return float((np.abs(np.array(found) - exact).max(axis=1) / np.abs(exact).max(axis=1)).max())

@@ -69,8 +69,8 @@ def _difference(scene: Scene, engine: str) -> float:
         for _ in range(CHECKED):
             servo.tick(recorder)
             recorder.drain()
-        known = run(scene, duration=CHECKED * scene.period).finger_position[-1]
-        return float(np.abs(servo.row[servo.layout.columns["finger_position"].where] - known.ravel()).max())
+        exact = run(scene, duration=CHECKED * scene.period).finger_position[-1]
+        return float(np.abs(servo.row[servo.layout.columns["finger_position"].where] - exact.ravel()).max())
 
 
 def _recorder(scene: Scene, servo: Servo) -> Recorder:

@@ -36,7 +36,7 @@ def cases(quick: bool) -> Iterator[Case]:
     mass, viscosity = np.linspace(0.05, 0.2, side)[:, None], np.linspace(0.2, 2.0, side)
     rng = np.random.default_rng(3)
     rows, columns = rng.integers(0, side, (2, COMPARED))
-    chosen = [(float(mass[i, 0]), float(viscosity[j])) for i, j in zip(rows, columns, strict=True)]
+    points = [(float(mass[i, 0]), float(viscosity[j])) for i, j in zip(rows, columns, strict=True)]
 
     def external(engine: str) -> FloatArray:
         return external_limit_map(mass, FRICTION, T, OBJECT, viscosity, spring=SPRING, engine=engine)
@@ -45,9 +45,9 @@ def cases(quick: bool) -> Iterator[Case]:
         return wall_limit_map(mass, viscosity, T, spring=SPRING, engine=engine)
 
     # two fingers: each device has half of the object
-    moved = [[(m, FRICTION, SPRING), (OBJECT / 2, b / 2, 0.0)] for m, b in chosen]
-    walls = [[(m, b, SPRING)] for m, b in chosen]
-    for name, limits, plants in (("device that moves an object", external, moved), ("device on a wall", wall, walls)):
+    moving = [[(m, FRICTION, SPRING), (OBJECT / 2, b / 2, 0.0)] for m, b in points]
+    walls = [[(m, b, SPRING)] for m, b in points]
+    for name, limits, plants in (("device that moves an object", external, moving), ("device on a wall", wall, walls)):
         methods = _methods(limits, plants, (rows, columns), side * side)
         yield Case("maps", f"{name}, {side} by {side}", "relative", list(methods), WRONG)
 
@@ -69,8 +69,8 @@ def _methods(
         yield missing("GraspFX, compiled", "llvmlite")
     for name, limit, package in PEERS:
         if is_installed(package):
-            several = partial(_limits, limit, loops)
-            yield Method(name, several, partial(_peer_error, several, exact), calls=len(loops))
+            solve = partial(_limits, limit, loops)
+            yield Method(name, solve, partial(_peer_error, solve, exact), calls=len(loops))
         else:
             yield missing(name, package)
 
@@ -79,9 +79,9 @@ def _limits(limit: Callable[[Sequence[Plant], float], float], loops: Sequence[Se
     return np.array([limit(plants, T) for plants in loops])
 
 
-def _peer_error(several: Callable[[], FloatArray], exact: FloatArray) -> float:
-    return _error(several(), exact)
+def _peer_error(solve: Callable[[], FloatArray], exact: FloatArray) -> float:
+    return _error(solve(), exact)
 
 
-def _error(found: FloatArray, exact: FloatArray) -> float:
-    return float(np.abs(found / exact - 1.0).max())
+def _error(limits: FloatArray, exact: FloatArray) -> float:
+    return float(np.abs(limits / exact - 1.0).max())

@@ -132,7 +132,7 @@ def on_plate(subdivisions: int) -> Path:
 
 def methods(path: Path) -> list[Method]:
     """Ours and the peers on one path; an operation is a tick of five fingers."""
-    made = ours(path)
+    entries = ours(path)
     for name, package, make in (
         ("trimesh", "rtree", ByTrimesh),
         ("coal", "coal", ByCoal),
@@ -141,20 +141,20 @@ def methods(path: Path) -> list[Method]:
     ):
         if package == "pybullet" and len(path.faces) > SLOW:
             continue
-        made.append(peer(name, path, make) if is_installed(package) else missing(name, package))
-    return made
+        entries.append(peer(name, path, make) if is_installed(package) else missing(name, package))
+    return entries
 
 
 def peer(name: str, path: Path, make: Callable[[FloatArray, IntArray], MeshPeer]) -> Method:
     """A library that is asked tick by tick."""
-    asked = make(path.vertices, path.faces)
+    surface = make(path.vertices, path.faces)
 
     def call() -> None:
         for points in path.points:
-            asked.ask(points)
+            surface.ask(points)
 
     def error() -> float:
-        return path.error([asked.read(asked.ask(path.points[k])) for k in path.ticks])
+        return path.error([surface.read(surface.ask(path.points[k])) for k in path.ticks])
 
     return Method(name, call, error, calls=TICKS)
 
@@ -183,9 +183,9 @@ def _method(
     ticks: int,
     bound: float,
 ) -> Method:
-    points, found = path.points.ravel(), np.zeros(TICKS * FINGERS * 7)
+    points, results = path.points.ravel(), np.zeros(TICKS * FINGERS * 7)
     state = new_fingers(FINGERS, REACH).reshape(-1)
-    S, P, out = view(state), view(points), view(found)
+    S, P, out = view(state), view(points), view(results)
 
     def call() -> None:
         for k in range(0, TICKS, ticks):
@@ -193,9 +193,9 @@ def _method(
 
     def error() -> float:
         call()
-        contacts = found.reshape(TICKS, FINGERS, 7)
-        held = contacts[:, :, 6:] < 0.0
-        ways = np.where(held, contacts[:, :, :3] - path.points, 0.0)
+        contacts = results.reshape(TICKS, FINGERS, 7)
+        touching = contacts[:, :, 6:] < 0.0
+        ways = np.where(touching, contacts[:, :, :3] - path.points, 0.0)
         return path.error([ways[k] for k in path.ticks])
 
     return Method(name, call, error, calls=TICKS, bound=bound)

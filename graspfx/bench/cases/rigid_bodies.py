@@ -76,48 +76,48 @@ def _travelled(
     def error(position: float, _: Sequence[float]) -> float:
         return abs(position - x) / largest
 
-    given = Rigid(MASS, CUBE, viscosity=viscosity, velocity=VELOCITY)
-    return Case("bodies", name, "of the way", methods(given, 1, T, forces, error, peers, ROUNDING), bound)
+    rigid = Rigid(MASS, CUBE, viscosity=viscosity, velocity=VELOCITY)
+    return Case("bodies", name, "of the way", methods(rigid, 1, T, forces, error, peers, ROUNDING), bound)
 
 
-def turning(name: str, given: Rigid, turn: FloatArray, T: float, bound: float) -> Case:
+def turning(name: str, rigid: Rigid, turn: FloatArray, T: float, bound: float) -> Case:
     """The angle [rad] from the quaternion that it should be turned to; `bound` is that of the exact integrator."""
 
     def error(_: float, q: Sequence[float]) -> float:
         return angle_between(np.asarray(q), turn)
 
     still = [0.0] * round(1.0 / T)
-    made = methods(given, 3, T, still, error, ("PyBullet", *MUJOCO), bound)
-    return Case("bodies", f"{name}, T = {1e3 * T:g} ms", "rad", made)
+    entries = methods(rigid, 3, T, still, error, ("PyBullet", *MUJOCO), bound)
+    return Case("bodies", f"{name}, T = {1e3 * T:g} ms", "rad", entries)
 
 
 def methods(
-    given: Rigid, dimensions: int, T: float, forces: Sequence[float], error: Error, peers: Sequence[str], bound: float
+    rigid: Rigid, dimensions: int, T: float, forces: Sequence[float], error: Error, peers: Sequence[str], bound: float
 ) -> list[Method]:
     """Every integrator and the peers named; an operation is a step; `bound` is that of the exact integrator."""
-    made: list[Method] = []
+    entries: list[Method] = []
     for integrator in INTEGRATORS:
-        made += _ours(integrator, given, dimensions, T, forces, error, bound if integrator == "exact" else None)
+        entries += _ours(integrator, rigid, dimensions, T, forces, error, bound if integrator == "exact" else None)
     for name in peers:
         package, _, integrator = name.partition(" ")
         if not is_installed(package.lower()):
-            made.append(missing(name, package.lower()))
+            entries.append(missing(name, package.lower()))
             continue
-        body = InMuJoCo(given, T, integrator=integrator) if integrator else InPyBullet(given, T)
-        made.append(_peer(name, body, forces, error))
-    return made
+        body = InMuJoCo(rigid, T, integrator=integrator) if integrator else InPyBullet(rigid, T)
+        entries.append(_peer(name, body, forces, error))
+    return entries
 
 
 def _ours(
-    integrator: str, given: Rigid, d: int, T: float, forces: Sequence[float], error: Error, bound: float | None
+    integrator: str, rigid: Rigid, d: int, T: float, forces: Sequence[float], error: Error, bound: float | None
 ) -> Iterator[Method]:
     state = np.zeros(at.SIZE)
     fill_body(
-        state, dimensions=d, mass=given.mass, viscosity=given.viscosity, inertia=given.moments,
-        rotational_viscosity=given.rotational_viscosity, velocity=[given.velocity, 0.0, 0.0][:d],
-        angular_velocity=given.spin if d == 3 else None, integrator=integrator,
+        state, dimensions=d, mass=rigid.mass, viscosity=rigid.viscosity, inertia=rigid.moments,
+        rotational_viscosity=rigid.rotational_viscosity, velocity=[rigid.velocity, 0.0, 0.0][:d],
+        angular_velocity=rigid.spin if d == 3 else None, integrator=integrator,
     )  # fmt: skip
-    ratio = given.viscosity * T / given.mass
+    ratio = rigid.viscosity * T / rigid.mass
     refused = integrator in ("explicit", "semi-implicit") and ratio >= VISCOUS_LIMIT
     note = f"b T/m is {ratio:g}: `graspfx check` refuses it" if refused else ""
     name = f"GraspFX {integrator}"
@@ -141,12 +141,12 @@ def _native(
         state[:] = start
         kernel(S, 0, T, F, len(pushes))
 
-    def found() -> float:
+    def error_of_run() -> float:
         call()
         q = at.QUATERNION
         return error(float(state[at.POSITION]), state[q : q + 4].tolist())
 
-    return Method(name, call, found, note, len(pushes), bound)
+    return Method(name, call, error_of_run, note, len(pushes), bound)
 
 
 def _peer(name: str, body: RigidPeer, forces: Sequence[float], error: Error) -> Method:
@@ -154,11 +154,11 @@ def _peer(name: str, body: RigidPeer, forces: Sequence[float], error: Error) -> 
         body.reset()
         body.run(forces)
 
-    def found() -> float:
+    def error_of_run() -> float:
         call()
         return error(body.position, body.quaternion)
 
-    return Method(name, call, found, calls=len(forces))
+    return Method(name, call, error_of_run, calls=len(forces))
 
 
 def advance(S: Any, o: int, T: float, F: Any, steps: int) -> None:

@@ -55,12 +55,12 @@ class Program:
     recorded: bool = False
     before: Callable[[str], Sequence[str]] = lambda name: ()
     prepare: Callable[[FloatArray], None] = lambda block: None
-    _kept: ExitStack = field(default_factory=ExitStack)
+    _stack: ExitStack = field(default_factory=ExitStack)
 
     @cached_property
     def run(self) -> Callable[[], None]:
         """So many ticks more."""
-        servo = self._kept.enter_context(build(self.scene, engine="interpreted", record=self.recorded))
+        servo = self._stack.enter_context(build(self.scene, engine="interpreted", record=self.recorded))
         tick = servo.script
         block = servo.objects[0].grasped.block
         name = next(name for name, array in tick.script.arrays.items() if array is block)
@@ -69,11 +69,11 @@ class Program:
         engine = Compiled(tick)
         engine.write_to(np.empty((CHUNK if self.recorded else 0, servo.layout.width)))
         self._rows = servo.objects[0].grasped.finger_position
-        done = 0
+        ticks = 0
 
         def run() -> None:
-            nonlocal done
-            done += engine.run(done, TICKS, 0)
+            nonlocal ticks
+            ticks += engine.run(ticks, TICKS, 0)
 
         return run
 
@@ -112,9 +112,9 @@ def _method(program: Program, first: Program, alike: bool) -> Method:
 def skips() -> Iterator[tuple[str, list[Program], bool]]:
     """The cases' names, their programs from the whole to what is left of it, and whether these move alike."""
     for contact in ("attached", "unilateral"):
-        kept = ball({"coupling.contact": contact, "coupling.internal.stiffness": EXTERNAL})
-        nearly = kept.replace({"coupling.internal.stiffness": EXTERNAL * (1.0 + 1e-12)})
-        yield f"equal gains, {contact}", [Program("split", nearly), Program("no split", kept)], True
+        equal = ball({"coupling.contact": contact, "coupling.internal.stiffness": EXTERNAL})
+        nearly = equal.replace({"coupling.internal.stiffness": EXTERNAL * (1.0 + 1e-12)})
+        yield f"equal gains, {contact}", [Program("split", nearly), Program("no split", equal)], True
     attached = ball({"coupling.contact": "attached"})
     anew = Program("split in every tick", attached, before=lambda name: [f"{name}[{at.SPLIT_KNOWN}] = 0.0"])
     yield "fixed contacts", [anew, Program("split once", attached)], True
@@ -165,7 +165,7 @@ def ball(changes: Mapping[str, Any] = MappingProxyType({}), n: int = 5, d: int =
         coupling={"external": {"stiffness": EXTERNAL}, "internal": {"stiffness": INTERNAL}},
         finger=[
             {
-                "device": {"name": "simulated", "mass": 0.15, "friction": 2.0},
+                "device": {"name": "simulated", "mass": 0.15, "damping": 2.0},
                 "hand": {"stiffness": 300.0, "rest": [(RADIUS - 0.003) * x for x in u]},
                 "start": [(RADIUS - 1e-4) * x for x in u],
             }
@@ -184,5 +184,5 @@ def facetted() -> dict[str, Any]:
     """The ball as 5120 triangles."""
     import trimesh
 
-    made = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)
-    return {"vertices": made.vertices.tolist(), "faces": made.faces.tolist()}
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)
+    return {"vertices": mesh.vertices.tolist(), "faces": mesh.faces.tolist()}

@@ -74,12 +74,12 @@ class Processes:
 
         def call() -> None:
             caches = dict.fromkeys(("XDG_CACHE_HOME", "GRASPFX_CACHE"), str(cache()))
-            done = subprocess.run(
+            process = subprocess.run(
                 [sys.executable, *arguments()], cwd=self._root, env=environment() | caches, capture_output=True,
                 text=True,
             )  # fmt: skip
-            if done.returncode:
-                raise ValueError(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "it failed")
+            if process.returncode:
+                raise ValueError(process.stderr.strip().splitlines()[-1] if process.stderr.strip() else "it failed")
 
         def error() -> float:
             call()

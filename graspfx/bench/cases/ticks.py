@@ -91,9 +91,9 @@ class Engine:
         with ExitStack() as stack:
             servo = stack.enter_context(build(self.of(scene)))
             recorder = stack.enter_context(Recorder(servo.layout, Header(scene.period), keep=False))
-            kept = stack.pop_all()
+            owner = stack.pop_all()
 
-        def ticks(count: int, _: object = kept) -> None:
+        def ticks(count: int, _: object = owner) -> None:
             servo.run(count, recorder)
 
         return ticks
@@ -126,18 +126,18 @@ def cases(quick: bool) -> Iterator[Case]:
 def whole_ticks(d: int, internal: float) -> Case:
     """Ours and the peers on one scene; the error of where the anchors are [m]."""
     native = make_scene(d, internal, "native")
-    given = springs(native, internal)
-    truth = anchors_after(given)
-    made = [ours(engine, native, truth, given) for engine in ENGINES]
+    scene = springs(native, internal)
+    truth = anchors_after(scene)
+    methods = [ours(engine, native, truth, scene) for engine in ENGINES]
     if is_installed("pybullet"):
-        made += with_bullet(make_scene(d, internal, "bullet"), truth, given)
+        methods += with_bullet(make_scene(d, internal, "bullet"), truth, scene)
     else:
-        made += [missing(engine.name, "pybullet") for engine in ON_BULLET]
+        methods += [missing(engine.name, "pybullet") for engine in ON_BULLET]
     if internal == EXTERNAL:
-        made += with_mujoco(given, truth)
-    made.append(_peer("numpy, K known", PaperProgram(given), truth, given, TICKS))
+        methods += with_mujoco(scene, truth)
+    methods.append(_peer("numpy, K known", PaperProgram(scene), truth, scene, TICKS))
     gains = "kep = kip" if internal == EXTERNAL else "kep < kip"
-    return Case("ticks", f"{NAMES[d]}, {gains}", "m", made, bound=0.002)
+    return Case("ticks", f"{NAMES[d]}, {gains}", "m", methods, bound=0.002)
 
 
 def make_scene(d: int, internal: float, dynamics: str, period: float = T) -> Scene:
@@ -160,7 +160,7 @@ def make_scene(d: int, internal: float, dynamics: str, period: float = T) -> Sce
         },
         finger=[
             {
-                "device": {"name": "simulated", "mass": FINGER_MASS, "friction": FINGER_FRICTION},
+                "device": {"name": "simulated", "mass": FINGER_MASS, "damping": FINGER_FRICTION},
                 "hand": {"stiffness": HAND, "rest": rest},
                 "start": begin,
             }
@@ -238,16 +238,16 @@ def ours(engine: Engine, scene: Scene, truth: FloatArray, g: Springs) -> Method:
 
 def recorded_error(recording: Recording, truth: FloatArray, g: Springs) -> float:
     """Of the last row of a recording, which is read at its time."""
-    [moved] = recording.objects.values()
+    [motion] = recording.objects.values()
     R = np.eye(3)
-    turn = moved.orientation
+    turn = motion.orientation
     if g.dimensions == 3 and turn is not None:
         flat = np.zeros(9)
         quaternion_matrix(flat, 0, *turn[-1])
         R = flat.reshape(3, 3)
     elif turn is not None:
         R = rotation_matrix(2, float(turn[-1]), ())
-    return anchor_error((moved.position[-1], R[: g.dimensions, : g.dimensions]), truth, g)
+    return anchor_error((motion.position[-1], R[: g.dimensions, : g.dimensions]), truth, g)
 
 
 def anchor_error(pose: tuple[FloatArray, FloatArray], truth: FloatArray, g: Springs) -> float:
@@ -259,8 +259,8 @@ def anchor_error(pose: tuple[FloatArray, FloatArray], truth: FloatArray, g: Spri
 def with_bullet(scene: Scene, truth: FloatArray, g: Springs) -> Iterator[Method]:
     """Our run on PyBullet, and the calls that it makes alone."""
     yield from (ours(engine, scene, truth, g) for engine in ON_BULLET)
-    [moved] = run(scene).objects.values()
-    bare = BareBullet(g, moved.wrench, moved.velocity, moved.angular_velocity)
+    [motion] = run(scene).objects.values()
+    bare = BareBullet(g, motion.wrench, motion.velocity, motion.angular_velocity)
 
     def call() -> None:
         bare.reset()

@@ -90,7 +90,7 @@ def one_dof(scene: Any) -> OneDof:
         T=scene.period,
         start=(first, second),
         device_mass=finger.device.settings["mass"],
-        friction=finger.device.settings["friction"],
+        friction=finger.device.settings["damping"],
         hand=float(np.asarray(finger.hand.stiffness)),
         internal=float(np.asarray(scene.coupling.internal.stiffness)),
     )

@@ -52,8 +52,8 @@ class PaperProgram:
     object are Python's, which are quicker than short arrays.
     """
 
-    def __init__(self, given: Springs) -> None:
-        self.given = g = given
+    def __init__(self, springs: Springs) -> None:
+        self.springs = g = springs
         n, d = g.anchors.shape
         G = grasp_matrix(g.anchors)
         P = np.linalg.pinv(G) @ G
@@ -72,7 +72,7 @@ class PaperProgram:
         self.reset()
 
     def reset(self) -> None:
-        g = self.given
+        g = self.springs
         n, d = g.anchors.shape
         self.fingers, self.finger_velocities = g.start.copy(), np.zeros((n, d))
         self.position, self._velocity = np.zeros(d), [0.0] * d
@@ -82,7 +82,7 @@ class PaperProgram:
         self._rotation, self._back = np.eye(d), np.eye(d)  # R and R'
 
     def tick(self) -> None:
-        g, x, v, e, step = self.given, self.fingers, self.finger_velocities, self._e, self._step
+        g, x, v, e, step = self.springs, self.fingers, self.finger_velocities, self._e, self._step
         n, d = x.shape
         np.subtract(x, self.position, out=step)
         np.matmul(step, self._rotation, out=e)  # in the object's frame: (x - p) R - a
@@ -99,7 +99,7 @@ class PaperProgram:
 
     def _advance(self, force: list[float], moment: Sequence[float]) -> None:
         """The object by a period: velocity, then place; spin, then turn."""
-        g, T = self.given, self.given.T
+        g, T = self.springs, self.springs.T
         for a, f in enumerate(force):
             self._velocity[a] += T * (f - g.viscosity * self._velocity[a]) / g.mass
             self._place[a] += T * self._velocity[a]

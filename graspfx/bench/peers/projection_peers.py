@@ -27,8 +27,8 @@ class ByClarabel:
         from scipy import sparse
 
         normals = np.arange(0, m, 3)
-        self._m, self._kept = m, np.arange(m) if mu else normals
-        count = len(self._kept)
+        self._m, self._entries = m, np.arange(m) if mu else normals
+        count = len(self._entries)
         self._columns = np.repeat(np.arange(count), np.arange(1, count + 1))
         self._rows = np.concatenate([np.arange(j + 1) for j in range(count)])  # the upper triangle, column by column
         starts = np.concatenate([[0], np.cumsum(np.arange(1, count + 1))])
@@ -49,13 +49,13 @@ class ByClarabel:
 
     def __call__(self, W: FloatArray, e: FloatArray) -> FloatArray:
         """Forces (m,) in contact frames; RuntimeError if it does not say solved."""
-        kept = self._kept
-        self._solver.update(P=W[kept[self._rows], kept[self._columns]], q=-e[kept])
+        entries = self._entries
+        self._solver.update(P=W[entries[self._rows], entries[self._columns]], q=-e[entries])
         solution = self._solver.solve()
         if solution.status not in self._solved:
             raise RuntimeError(f"its status is {solution.status}")
         f = np.zeros(self._m)
-        f[kept] = solution.x
+        f[entries] = solution.x
         return f
 
 

@@ -30,7 +30,7 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
     units = {row.unit for row in rows if row.unit}
     spread = any(row.quantiles for row in rows)
     wrong = [row for row in rows if (row.error or 0.0) > 0.0]
-    errs, several = 2 * len(wrong) > len(rows) and not spread, len(units) > 1
+    errs, mixed = 2 * len(wrong) > len(rows) and not spread, len(units) > 1
     across = min(ACROSS, len(cases)) if errs else 1
     down = -(-len(cases) // across)
     height = 2.6 * down if errs else sum(0.7 + 0.28 * len(each) for each in cases.values())
@@ -42,7 +42,7 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
     ).ravel()  # fmt: skip
     for axes, (name, each) in zip(panels, cases.items(), strict=False):
         (_scatter if errs else _bars)(axes, each, looks)
-        unit = next((row.unit for row in each if row.unit), "") if several else ""
+        unit = next((row.unit for row in each if row.unit), "") if mixed else ""
         axes.set_title(f"{name} [{unit}]" if unit else name, loc="left", fontsize=SMALL)
         axes.tick_params(labelsize=SMALLEST)
         axes.spines[["top", "right"]].set_visible(False)
@@ -53,7 +53,7 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
     drawing.suptitle(title, fontsize=SMALL + 1.0, fontweight="bold")
     drawing.supxlabel("time of one operation [µs]", fontsize=SMALL)
     if errs:
-        drawing.supylabel("error" if several else f"error [{next(iter(units))}]", fontsize=SMALL)
+        drawing.supylabel("error" if mixed else f"error [{next(iter(units))}]", fontsize=SMALL)
         handles = [panels[0].plot([], [], looks[n][1], color=looks[n][0], label=n)[0] for n in names]
         drawing.legend(handles=handles, loc="outside right upper", frameon=False, fontsize=SMALLEST)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,10 +9,10 @@ from graspfx.bench.measure import TIMED, Row
 
 def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Rows of each case of a benchmark, in the cases' order, the quickest first and what was not timed last."""
-    found: dict[str, list[Row]] = {}
+    cases: dict[str, list[Row]] = {}
     for row in rows:
-        found.setdefault(row.case, []).append(row)
-    return {case: sorted(each, key=_time) for case, each in found.items()}
+        cases.setdefault(row.case, []).append(row)
+    return {case: sorted(each, key=_time) for case, each in cases.items()}
 
 
 def front(rows: Sequence[Row]) -> list[Row]:

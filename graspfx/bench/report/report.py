@@ -66,9 +66,9 @@ class Report:
 
     def ordered(self, names: Iterable[str]) -> Report:
         """The same, benchmarks in the order of the names; what is not named is left out."""
-        known = [name for name in names if name in self.stamps]
-        rows = [row for name in known for row in self.rows if row.benchmark == name]
-        return Report(rows, {name: self.stamps[name] for name in known})
+        order = [name for name in names if name in self.stamps]
+        rows = [row for name in order for row in self.rows if row.benchmark == name]
+        return Report(rows, {name: self.stamps[name] for name in order})
 
     def to_json(self) -> dict[str, Any]:
         return {

@@ -42,7 +42,7 @@ class Figure:
 class Line:
     """One row of the table: what is called, ours and what stands beside it, all of one benchmark."""
 
-    what: str
+    call: str
     benchmark: str
     ours: Sequence[Figure]
     beside: Sequence[Figure]
@@ -183,8 +183,8 @@ def _where(stamps: Sequence[Stamp]) -> str:
 def lacking(report: Report) -> list[str]:
     """List the table's figures that a report does not have."""
     rows = {(row.benchmark, row.case, row.method) for row in report.rows if row.state == TIMED}
-    wanted = [(line.benchmark, each.case, each.method) for line in LINES for each in (*line.ours, *line.beside)]
-    return [": ".join(each) for each in wanted if each not in rows]
+    results = [(line.benchmark, each.case, each.method) for line in LINES for each in (*line.ours, *line.beside)]
+    return [": ".join(each) for each in results if each not in rows]
 
 
 def write(report: Report, file: Path) -> None:
@@ -217,7 +217,7 @@ def _text(line: Line, rows: dict[tuple[str, str, str], Row]) -> str | None:
         if None in measurements:
             return None
         cells.append("; ".join(_figures(figures, [row for row in measurements if row is not None])))
-    return f"| {line.what} | {cells[0]} | {cells[1]} | `graspfx bench {line.benchmark}` |"
+    return f"| {line.call} | {cells[0]} | {cells[1]} | `graspfx bench {line.benchmark}` |"
 
 
 def _figures(figures: Sequence[Figure], rows: Sequence[Row]) -> Iterator[str]:

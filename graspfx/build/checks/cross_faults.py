@@ -25,9 +25,9 @@ from graspfx.build.checks.touching import (
     soft_faults,
 )
 from graspfx.build.checks.viscosity import may_turn, viscosity_faults
+from graspfx.build.stock import Stock
 from graspfx.build.wiring import wiring_faults
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
-from graspfx.loop.device import Device
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.reading import WIDTHS
@@ -40,18 +40,17 @@ UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of
 NAMED = {"object": "name", "device": "label", "hand": "name"}
 
 
-def cross_faults(scene: SceneTable, folder: Path | None) -> list[Found]:
+def cross_faults(scene: SceneTable, stock: Stock) -> list[Found]:
     """Faults between the valid fields of a scene, or of a draft of one."""
     faults: list[Found] = []
-    for check in _checks(scene, folder, faults):
+    for check in _checks(scene, stock, faults):
         with suppress(NotValid):
             for found in check:
                 faults.append(found)  # one by one: those before a field that is not valid stay
     return faults
 
 
-def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iterator[Iterator[Found]]:
-    connected: dict[Location, Device] = {}
+def _checks(scene: SceneTable, stock: Stock, faults: list[Found]) -> Iterator[Iterator[Found]]:
     yield _enough(scene)
     yield _length(scene, (), scene, "gravity")
     for table in NAMED:
@@ -60,35 +59,35 @@ def _checks(scene: SceneTable, folder: Path | None, faults: list[Found]) -> Iter
     for i, thing in enumerate(_items(scene, "object")):
         for field in ("position", "velocity"):
             yield _length(scene, ("object", i), thing, field)
-        yield shape_faults(scene, ("object", i), thing, folder)
+        yield shape_faults(scene, ("object", i), thing, stock)
         yield mass_faults(scene, ("object", i), thing)
         for rule in (_free, _inertia, _turning, _orientation, _angular_velocity):
             yield rule(scene, ("object", i), thing)
-        yield viscosity_faults(scene, ("object", i), thing, folder)
-        yield _body(scene, ("object", i), thing, folder, faults)
-        yield _dynamics(("object", i), thing, folder)
+        yield viscosity_faults(scene, ("object", i), thing, stock)
+        yield _body(scene, ("object", i), thing, stock, faults)
+        yield _dynamics(("object", i), thing, stock.folder)
     for i, thing in enumerate(_items(scene, "obstacle")):
         yield _length(scene, ("obstacle", i), thing, "position")
-        yield shape_faults(scene, ("obstacle", i), thing, folder)
+        yield shape_faults(scene, ("obstacle", i), thing, stock)
         yield _orientation(scene, ("obstacle", i), thing)
     yield _unique(scene, "obstacle")
-    yield meeting_faults(scene, folder, faults)
+    yield meeting_faults(scene, stock, faults)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
         for field in NAMED:
             yield _reference(scene, ("finger", i, field), finger, field)
-        yield own_hand_faults(scene, i, folder)
+        yield own_hand_faults(scene, i, stock)
         yield own_coefficient(scene, ("finger", i, "friction"), finger)
         yield soft_faults(scene, i, finger)
-        yield _own_device(scene, ("finger", i, "device"), finger, folder, connected)
+        yield _own_device(scene, ("finger", i, "device"), finger, stock)
     for i, device in enumerate(_items(scene, "device")):
-        yield setting_faults(scene, ("device", i), device, folder, connected)
+        yield setting_faults(scene, ("device", i), device, stock)
     for i, hand in enumerate(_items(scene, "hand")):
-        yield shared_hand_faults(scene, ("hand", i), hand, folder)
+        yield shared_hand_faults(scene, ("hand", i), hand, stock)
     yield _channels(scene)
-    yield wiring_faults(scene, connected)
-    yield metric_faults(scene, connected)
-    yield control_faults(scene, connected)
+    yield wiring_faults(scene, stock.devices)
+    yield metric_faults(scene, stock.devices)
+    yield control_faults(scene, stock.devices)
     for table in ("device", "hand"):
         yield _unused(scene, table)
     for share in ("external", "internal"):
@@ -137,7 +136,7 @@ def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
     width = WIDTHS[scene.dimensions]
     if thing.free is not None and len(thing.free) != width:
         what = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
-        yield (*at, "free"), f"expected {width} of true or false ({what}); given {shown(list(thing.free))}"
+        yield (*at, "free"), f"expected {width} of true or false ({what}); given {abbreviate(list(thing.free))}"
 
 
 def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
@@ -151,9 +150,9 @@ def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
         yield (*at, "inertia"), "a line has no rotation: leave it out"
     elif isinstance(inertia, tuple) and len(values) != (3 if d == 3 else 1):
         expected = "a number or 3 numbers" if d == 3 else "a number"
-        yield (*at, "inertia"), f"expected {expected}; given {shown(list(values))}"
+        yield (*at, "inertia"), f"expected {expected}; given {abbreviate(list(values))}"
     elif min(values) <= 0:
-        yield (*at, "inertia"), f"expected more than 0; given {shown(inertia)}"
+        yield (*at, "inertia"), f"expected more than 0; given {abbreviate(inertia)}"
 
 
 def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
@@ -183,17 +182,17 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
     if scene.dimensions == 1:
         yield (*at, field), "a line has no rotation: leave it out"
     elif scene.dimensions == 2 and isinstance(value, tuple):
-        yield (*at, field), f"expected a number in the plane; given {shown(list(value))}"
+        yield (*at, field), f"expected a number in the plane; given {abbreviate(list(value))}"
     elif scene.dimensions == 3 and (not isinstance(value, tuple) or len(value) != count):
-        yield (*at, field), f"expected {in_space}; given {shown(value)}"
+        yield (*at, field), f"expected {in_space}; given {abbreviate(value)}"
 
 
-def _body(scene: SceneTable, at: Location, thing: Any, folder: Path | None, faults: list[Found]) -> Iterator[Found]:
+def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Found]) -> Iterator[Found]:
     """What the body itself refuses, where nothing else has been found."""
     if any(found[: len(at)] == at or found == ("gravity",) for found, _ in faults):
         return
     try:
-        bodies.fill(scene, thing, np.zeros(SIZE), folder)
+        bodies.fill(scene, thing, stock.solid(at, thing), np.zeros(SIZE))
     except InputError as error:
         yield (*at, error.name), reason(error)
 
@@ -228,11 +227,9 @@ def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iter
         yield at, f"no [[{table}]] has the {NAMED[table]} {name!r}{hint}"
 
 
-def _own_device(
-    scene: SceneTable, at: Location, finger: Any, folder: Path | None, connected: dict[Location, Device]
-) -> Iterator[Found]:
+def _own_device(scene: SceneTable, at: Location, finger: Any, stock: Stock) -> Iterator[Found]:
     if not isinstance(finger.device, str):
-        yield from setting_faults(scene, at, finger.device, folder, connected)
+        yield from setting_faults(scene, at, finger.device, stock)
 
 
 def _channels(scene: SceneTable) -> Iterator[Found]:
@@ -291,7 +288,7 @@ def _fade(scene: SceneTable) -> Iterator[Found]:
         return
     low, high = scene.coupling.fade
     if not 0.0 <= low < high:
-        yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {shown([low, high])}"
+        yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {abbreviate([low, high])}"
 
 
 def _blend(scene: SceneTable) -> Iterator[Found]:
@@ -299,4 +296,4 @@ def _blend(scene: SceneTable) -> Iterator[Found]:
         return
     low, high = scene.coupling.blend
     if not 0.0 < low < high:
-        yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {shown([low, high])}"
+        yield ("coupling", "blend"), f"expected [l1, l2] with 0 < l1 < l2; given {abbreviate([low, high])}"

@@ -9,7 +9,8 @@ from pydantic import ValidationError
 
 from graspfx.build.checks.cross_faults import cross_faults
 from graspfx.build.checks.foreign_files import trust_faults
-from graspfx.errors import LONGEST_KEY, Fault, closest, shown
+from graspfx.build.stock import Stock
+from graspfx.errors import LONGEST_KEY, Fault, abbreviate, closest
 from graspfx.scene.budget import too_deep
 from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
@@ -56,25 +57,29 @@ ELSEWHERE = {
 }
 
 
-def find_faults(data: Mapping[str, Any], source: Source) -> list[Fault]:
-    """The faults of a scene given as nested tables; none means that `SceneTable` takes it.
+def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], Stock]:
+    """Find the faults of a scene given as nested tables; none means that `SceneTable` takes it.
 
     Args:
         data: as read from a file.
         source: where it comes from.
+
+    Returns:
+        The faults, and the devices and shapes that were connected and loaded to find them.
     """
+    stock = Stock(source.folder)
     if deep := too_deep(data):
-        return [deep]
+        return [deep], stock
     try:
         draft = SceneTable.model_validate(data)
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
-        found = [*_field_faults(error, draft), *trust_faults(draft, source)]
+        faults = [*_field_faults(error, draft), *trust_faults(draft, source)]
         misspelt = _meant(error.errors(include_url=False), draft)
-        found += [each for each in cross_faults(draft, source.folder) if each[0] not in misspelt.values()]
-        return as_faults(data, found)
-    found = trust_faults(draft, source)
-    return as_faults(data, [*found, *cross_faults(draft, source.folder)])
+        faults += [each for each in cross_faults(draft, stock) if each[0] not in misspelt.values()]
+        return as_faults(data, faults), stock
+    faults = trust_faults(draft, source)
+    return as_faults(data, [*faults, *cross_faults(draft, stock)]), stock
 
 
 def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:
@@ -118,7 +123,7 @@ def _hint(at: Key, meant: Mapping[Key, Key], draft: SceneTable) -> str:
 
 def message(error: Any) -> str:
     """One of pydantic's faults in the words of this project."""
-    kind, context, given = error["type"], error.get("ctx", {}), shown(error["input"])
+    kind, context, given = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"
     if kind in BOUNDS:

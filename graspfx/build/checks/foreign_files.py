@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from graspfx.errors import InputError, shown
+from graspfx.errors import InputError, abbreviate
 from graspfx.plugins import is_file_name
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import Table
@@ -40,7 +40,7 @@ def _faults(at: Location, part: Any, source: Source) -> Iterator[Found]:
         text = part.__dict__.get(name) if isinstance(part, kind) else None
         if isinstance(text, str) and ((kind, name) in DATA or is_file_name(text)) and _is_foreign(text, source):
             del part.__dict__[name]
-            yield (*at, name), f"outside of the scene's folder, {source.folder}: {shown(text)}; {DO}"
+            yield (*at, name), f"outside of the scene's folder, {source.folder}: {abbreviate(text)}; {DO}"
     for name, value in list(part.__dict__.items()):
         yield from _faults((*at, name), value, source)
 

@@ -14,15 +14,16 @@ from graspfx.grasp.rigid_modes import NO_ARM, smoothstep
 from graspfx.objects import integrators as body
 
 if TYPE_CHECKING:
+    from graspfx.build.resolve import Parts
     from graspfx.coupling.grasped import GraspedObject
-    from graspfx.scene.model import Scene
 
 
-def blend_notes(scene: Scene) -> list[str]:
+def blend_notes(parts: Parts) -> list[str]:
     """Say of each grasp at the start that lies in the band of `coupling.blend` how far its forces are from eq. (4)."""
+    scene = parts.scene
     if scene.coupling.blend == "off" or not any(map(scene.turns, scene.object)):
         return []
-    return [note for held in grasps(scene) for note in _notes(scene, held.name, held.grasped)]
+    return [note for held in grasps(parts) for note in _notes(held.name, held.grasped)]
 
 
 def arms(grasped: GraspedObject) -> list[float]:
@@ -45,7 +46,7 @@ def arms(grasped: GraspedObject) -> list[float]:
     return sorted(float(arm) for arm in found if arm > NO_ARM)
 
 
-def _notes(scene: Scene, name: str, grasped: GraspedObject) -> Iterator[str]:
+def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
     S = grasped.block
     if S[at.EQUAL] or not S[at.TURNS]:
         return

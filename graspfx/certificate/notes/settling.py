@@ -10,7 +10,7 @@ import numpy as np
 from graspfx.analysis.stability import external_limits, wall_limits
 from graspfx.build.bodies import mass
 from graspfx.build.holdings import holdings
-from graspfx.build.wiring import wires
+from graspfx.build.resolve import Parts
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import OwnHand, SharedHand
 
@@ -18,7 +18,7 @@ SLOWEST = 1.0  # [1/s]: what grows more slowly is not noticed in a run
 Spring = tuple[float, float]  # K [N/m], B [N s/m]
 
 
-def unsettled(scene: Scene) -> list[str]:
+def unsettled(parts: Parts) -> list[str]:
     """A sentence for each motion that grows from sample to sample, with the finger of which it grows fastest.
 
     Each finger is taken as one of n alike. Squeezing, it swings against an object that stays: kip, and the grip.
@@ -26,11 +26,12 @@ def unsettled(scene: Scene) -> list[str]:
     rotations are left out, so that silence is no proof. Nothing is said where a device does not tell its mass, of
     hands and dynamics of a plug-in's own, and of gains that are not one number.
     """
+    scene = parts.scene
     external, internal = scene.coupling.external, scene.coupling.internal
     if not all(isinstance(g, float) for each in (external, internal) for g in (each.stiffness, each.damping)):
         return []
     kep, ked, kip, kid = (float(g) for each in (external, internal) for g in (each.stiffness, each.damping))  # type: ignore[arg-type]
-    devices = _devices(scene)
+    devices = _devices(parts)
     arms, grips = _springs(scene)
     found: list[str] = []
     for number, thing in enumerate(scene.object):
@@ -43,7 +44,7 @@ def unsettled(scene: Scene) -> list[str]:
         found += _told(scene, squeezing, f"kip = {kip:g} N/m")
         if any(scene.free(thing)[: scene.dimensions]) and thing.dynamics in ("native", "bullet"):
             kind = thing.integrator if thing.dynamics == "native" else "bullet"
-            body = len(own), mass(thing, scene.source.folder), thing.viscosity, kind
+            body = len(own), mass(thing, parts.objects[number].solid), thing.viscosity, kind
             moving = {
                 i: _growth(scene.period, devices[i], arms[i], (share[i] * kep, share[i] * ked), body) for i in own
             }
@@ -62,13 +63,13 @@ def _told(scene: Scene, growth: dict[int, float], what: str) -> Iterator[str]:
         )
 
 
-def _devices(scene: Scene) -> dict[int, Spring]:
-    """By finger the mass [kg] and the friction [N s/m] that its device tells."""
+def _devices(parts: Parts) -> dict[int, Spring]:
+    """Give by finger the mass [kg] and the damping [N s/m] that its device tells."""
     found: dict[int, Spring] = {}
-    for wire in wires(scene, scene.source.folder):
-        features = wire.device.features
+    for wire in parts.wires:
+        features = wire.features
         if features.mass is not None:
-            found |= {int(i): (features.mass, features.friction or 0.0) for i in wire.fingers if i >= 0}
+            found |= {int(i): (features.mass, features.friction or 0.0) for i in wire.used}
     return found
 
 

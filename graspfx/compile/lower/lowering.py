@@ -43,7 +43,7 @@ def lowered(function: FunctionType) -> FunctionType:
 
 
 def _executed(function: Any) -> Any:
-    """A kernel lowered; any other function as it is."""
+    """Lower a kernel; give any other function as it is."""
     original = getattr(function, LOWERED, None)
     return function if original is None else lowered(original)
 

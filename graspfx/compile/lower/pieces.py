@@ -46,11 +46,11 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
     }
 
 
-def value_of(known: Any) -> Lowered:
+def value_of(item: Any) -> Lowered:
     """Write out a value that a module names."""
-    if isinstance(known, bool | int | float):
-        return ast.Constant(known)
-    return Bundle(type(known), tuple(value_of(getattr(known, name)) for name in parts_of(type(known))))
+    if isinstance(item, bool | int | float):
+        return ast.Constant(item)
+    return Bundle(type(item), tuple(value_of(getattr(item, name)) for name in parts_of(type(item))))
 
 
 def kind_of(value: Lowered) -> tuple[object, ...]:

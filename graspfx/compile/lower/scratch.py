@@ -1,4 +1,4 @@
-"""What a kernel is lowered with: statements on their way out, temporary variables, entries of records, errors."""
+"""Scratch space of a lowering: statements, temporary variables, entries of records, errors."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Scratch:
         self.buffers: list[str] = []  # of the kernel's parameters
 
     def entry(self, owner: Place, field: Field) -> Lowered:
-        """What stands in a field of a record."""
+        """Read a field of a record."""
         at = self.at(owner, field)
         kind = field.kind
         if field.reference:
@@ -81,28 +81,28 @@ class Scratch:
         return ast.BinOp(owner.offset, ast.Add(), self.size(owner, field.offset))
 
     def size(self, owner: Place, text: str) -> ast.expr:
-        """A size as an expression of the record's entries."""
+        """Express a size by the record's entries."""
 
         class Loads(ast.NodeTransformer):
             def visit_Name(self, node: ast.Name) -> ast.expr:
-                known = layout(owner.kind)[node.id]
-                entry = entries(known.kind, owner.buffer, plus(owner.offset, int(known.offset)))
+                field_ = layout(owner.kind)[node.id]
+                entry = entries(field_.kind, owner.buffer, plus(owner.offset, int(field_.offset)))
                 assert isinstance(entry, ast.expr)
                 return entry
 
         tree: ast.expr = Loads().visit(ast.parse(text, mode="eval").body)
         return tree
 
-    def constant(self, known: Any, name: str, frame: Frame) -> Lowered:
-        if isinstance(known, bool | int | float):
+    def constant(self, item: Any, name: str, frame: Frame) -> Lowered:
+        if isinstance(item, bool | int | float):
             # the kernel's own module names its numbers in the program; those of others are written out
-            return load(name) if not frame.prefix and frame.namespace.get(name) is known else ast.Constant(known)
-        if is_value(type(known)):
-            return value_of(known)
-        return Constant(known)
+            return load(name) if not frame.prefix and frame.namespace.get(name) is item else ast.Constant(item)
+        if is_value(type(item)):
+            return value_of(item)
+        return Constant(item)
 
     def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
-        """The name under which a function is called: its own in the module, or one that stands for another module's."""
+        """Name a function that is called: its own name in the module, or one that stands for another module's."""
         if not frame.prefix and not hasattr(function, LOWERED):
             return node
         own = str(function.__name__)
@@ -118,7 +118,7 @@ class Scratch:
         return f"t{self.temporaries}"
 
     def atom(self, node: ast.expr) -> ast.expr:
-        """A number in a variable, unless it is one or a constant already."""
+        """Put a number in a variable, unless it is one or a constant already."""
         if isinstance(node, ast.Name | ast.Constant):
             return node
         name = self.temporary()
@@ -126,7 +126,7 @@ class Scratch:
         return load(name)
 
     def atoms(self, value: Lowered, name: str = "") -> Lowered:
-        """All numbers of a value in variables."""
+        """Put all numbers of a value in variables."""
         if isinstance(value, Constant):
             return value
         numbers = offsets(value)
@@ -140,5 +140,5 @@ class Scratch:
 
     def cannot(self, node: ast.AST, why: str) -> InputError:
         line = getattr(node, "lineno", 0)
-        shown = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
-        return InputError(f"{self.file}:{line}", shown, "what a kernel may hold", why)
+        text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
+        return InputError(f"{self.file}:{line}", text, "what a kernel may hold", why)

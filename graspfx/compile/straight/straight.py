@@ -295,7 +295,7 @@ class Text:
 
     Args:
         prefix: of the names.
-        given: names or numbers of inputs, and of what has been computed before.
+        names: names or numbers of inputs, and of what has been computed before.
     """
 
     def __init__(self, prefix: str, names: Mapping[int, str]) -> None:

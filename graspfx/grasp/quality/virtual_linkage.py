@@ -67,9 +67,9 @@ class VirtualLinkage:
         H = np.zeros((unheld.shape[1], len(A)))
         rest = 0
         if unheld.size:
-            left, found, right = np.linalg.svd(unheld, full_matrices=False)
-            rest = int((found > least).sum())
-            H = (right[:rest].T / found[:rest]) @ left[:, :rest].T @ U[:, r:].T
+            left, singular, right = np.linalg.svd(unheld, full_matrices=False)
+            rest = int((singular > least).sum())
+            H = (right[:rest].T / singular[:rest]) @ left[:, :rest].T @ U[:, r:].T
             E[forces] -= E[forces] @ A[:, ~forces] @ H
             E[~forces] = H
         self.rank = r + rest
@@ -87,7 +87,7 @@ class VirtualLinkage:
         return np.eye(self.components) - self.external
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """External and internal parts of contact forces (m,) or (..., m); their sum is the force."""
+        """Divide contact forces (m,) or (..., m) into external and internal parts; their sum is the force."""
         f = finite("force", force)
         if f.shape[-1:] != (self.components,):
             raise InputError("force", f, f"an array whose last axis has the {self.components} contact components")
@@ -104,5 +104,5 @@ class VirtualLinkage:
         return self.internal_coordinates()
 
     def internal_coordinates(self, names: Sequence[str] | None = None) -> InternalCoordinates:
-        """The same with names for the fingers."""
+        """Give internal forces as named coordinates, with names for the fingers."""
         return internal_coordinates(self.grasp, self, self.rank, names, self.actuators)

@@ -68,23 +68,23 @@ class History:
         return len(self.rows)
 
     def array(self, column: str) -> FloatArray:
-        """A column of the layout, (N, ...), as a view.
+        """View a column of the layout, (N, ...).
 
         Raises:
             UnknownNameError: the recording has no such column.
         """
-        found = self.layout.columns.get(str(column))
-        if found is None:
+        entry = self.layout.columns.get(str(column))
+        if entry is None:
             raise UnknownNameError("column", str(column), self.layout.columns)
-        return self.rows[:, found.where].reshape(len(self.rows), *found.shape)
+        return self.rows[:, entry.where].reshape(len(self.rows), *entry.shape)
 
     def optional(self, column: str) -> FloatArray | None:
-        """A column, or None if the layout lacks it."""
+        """View a column; None if the layout lacks it."""
         return self.array(column) if column in self.layout.columns else None
 
     def _whole(self, column: str) -> NDArray[np.int8] | None:
-        found = self.optional(column)
-        return None if found is None else found.astype(np.int8)
+        values = self.optional(column)
+        return None if values is None else values.astype(np.int8)
 
     @cached_property
     def time(self) -> FloatArray:
@@ -93,12 +93,12 @@ class History:
 
     @property
     def finger_position(self) -> FloatArray:
-        """As the devices report it, (N, n, d) [m]."""
+        """Positions as the devices report them, (N, n, d) [m]."""
         return self.array("finger_position")
 
     @property
     def finger_velocity(self) -> FloatArray:
-        """As the devices report or estimate it, (N, n, d) [m/s]."""
+        """Velocities as the devices report or estimate them, (N, n, d) [m/s]."""
         return self.array("finger_velocity")
 
     @property
@@ -117,12 +117,12 @@ class History:
 
         The negative of `finger_force`, since the object receives what was displayed.
         """
-        found = self.optional("displayed_force")
-        return -self.finger_force if found is None else found
+        values = self.optional("displayed_force")
+        return -self.finger_force if values is None else values
 
     @property
     def law_force(self) -> FloatArray | None:
-        """Of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
+        """Forces of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
         return self.optional("law_force")
 
     @cached_property
@@ -131,8 +131,8 @@ class History:
 
         Others of the same object may differ from `law_force` too, for one law couples them.
         """
-        found = self.optional("saturated")
-        return None if found is None else np.not_equal(found, 0.0)
+        values = self.optional("saturated")
+        return None if values is None else np.not_equal(values, 0.0)
 
     @property
     def finger_moment(self) -> FloatArray | None:
@@ -156,7 +156,7 @@ class History:
 
     @property
     def true_position(self) -> FloatArray | None:
-        """Of simulated fingertips, (N, n, d) [m]; None for real devices."""
+        """Positions of simulated fingertips, (N, n, d) [m]; None for real devices."""
         return self.optional("true_position")
 
     @property
@@ -187,16 +187,16 @@ class History:
 
         Empty unless the scene asks for it (`coupling.passivity`). The names are those of `loop.recording.layout`.
         """
-        found: dict[str, dict[str, FloatArray]] = {}
+        quantities: dict[str, dict[str, FloatArray]] = {}
         for name in self.layout.objects:
             at = f"objects/{name}/energy/"
             books = {column.removeprefix(at): self.array(column) for column in self.layout.columns if at in column}
             if books:
-                found[name] = books
-        return MappingProxyType(found)
+                quantities[name] = books
+        return MappingProxyType(quantities)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
-        """Where the frame is in which the scene describes an object's shape: position (N, d) [m] and orientation.
+        """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.
 
         Of a mesh it is its file's frame, which draws it at any tick; the recorded one is at the centre of mass, along
         the principal axes. Of any other shape both are the same.
@@ -247,7 +247,7 @@ class History:
 
     @property
     def faults(self) -> tuple[RunFault, ...]:
-        """What went wrong, by tick."""
+        """Faults by tick."""
         return self.outcome.faults
 
     @property

@@ -19,7 +19,7 @@ class Recording(History):
     """
 
     def summary(self) -> dict[str, Any]:
-        """The run in numbers, SI units; the keys are those of `graspfx.loop.recording.summary.summarise`."""
+        """Summarise the run in SI units; the keys are those of `graspfx.loop.recording.summary.summarise`."""
         from graspfx.loop.recording.growth.growth import losses
         from graspfx.loop.recording.summary import summarise
 
@@ -48,7 +48,7 @@ class Recording(History):
         )
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Writes the recording as HDF5; the file appears when it is whole.
+        """Write the recording as HDF5; the file appears when it is whole.
 
         Args:
             path: of the file.
@@ -63,7 +63,7 @@ class Recording(History):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:
-        """A recording from a file; also of a run that goes on or was killed, as far as it was written.
+        """Load a recording from a file; also of a run that goes on or was killed, as far as it was written.
 
         Args:
             path: of the file, or of the folder in which it is recording.h5. Where there is only the part that a run

@@ -24,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from graspfx.errors import InputError, closest, shown
+from graspfx.errors import InputError, abbreviate, closest
 from graspfx.numeric import LARGEST, SMALLEST
 
 DRAFT: Final = {"draft": True}  # the context that turns every field which is not valid into an absent one
@@ -139,12 +139,12 @@ def _gain(value: Any) -> Gains:
         )
         raise PydanticCustomError("gain", "expected {expected}; given {given}", _context(expected, value))
     if not np.isfinite(array).all():
-        raise PydanticCustomError("gain", "expected finite numbers; given {given}", {"given": shown(value)})
+        raise PydanticCustomError("gain", "expected finite numbers; given {given}", {"given": abbreviate(value)})
     if np.abs(array).max() > LARGEST:
         text = "expected no more than {most} N/m or N s/m; given {given}"
-        raise PydanticCustomError("gain", text, {"most": f"{LARGEST:g}", "given": shown(value)})
+        raise PydanticCustomError("gain", text, {"most": f"{LARGEST:g}", "given": abbreviate(value)})
     if array.ndim < 2 and (array < 0).any():
-        raise PydanticCustomError("gain", "expected no less than 0; given {given}", {"given": shown(value)})
+        raise PydanticCustomError("gain", "expected no less than 0; given {given}", {"given": abbreviate(value)})
     if array.ndim >= 2:
         _check_matrices(array.reshape(-1, *array.shape[-2:]))
     frozen: Gains = _frozen(array.tolist())
@@ -189,7 +189,7 @@ def _frozen(value: Any) -> Any:
 
 
 def _context(expected: str, value: object) -> dict[str, Any]:
-    return {"expected": expected, "given": shown(value)}
+    return {"expected": expected, "given": abbreviate(value)}
 
 
 _NUMBER = {"type": "number", "minimum": 0}
@@ -223,12 +223,12 @@ def by_kind(
         if isinstance(value, Table) or value is None or value is INVALID:
             return value
         if not isinstance(value, Mapping):
-            raise PydanticCustomError("kind", "expected a table; given {given}", {"given": shown(value)})
+            raise PydanticCustomError("kind", "expected a table; given {given}", {"given": abbreviate(value)})
         kind = kind_of(value)
         if not isinstance(kind, str) or kind not in known:
             close = closest(kind, known) if isinstance(kind, str) else None
             hint = f"; did you mean {close!r}?" if close else ""
-            context = {"given": shown(kind), "known": ", ".join(known), "what": what, "hint": hint}
+            context = {"given": abbreviate(kind), "known": ", ".join(known), "what": what, "hint": hint}
             raise PydanticCustomError("kind", "unknown kind of {what} {given}{hint} (known: {known})", context)
         return value
 

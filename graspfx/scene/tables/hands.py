@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from graspfx.errors import shown
+from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import (
     Name,
     NotNegative,
@@ -131,7 +131,7 @@ Squeeze = Annotated[
 
 def _no_negative(values: tuple[float, ...]) -> tuple[float, ...]:
     if any(value < 0 for value in values):
-        raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": shown(list(values))})
+        raise PydanticCustomError("sign", "expected no less than 0; given {given}", {"given": abbreviate(list(values))})
     return values
 
 

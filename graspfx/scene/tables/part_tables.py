@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from graspfx.errors import shown
+from graspfx.errors import abbreviate
 from graspfx.objects.surroundings import STIFFNESS
+from graspfx.scene.former import current
 from graspfx.scene.tables.fields import (
     Count,
     Gain,
@@ -98,13 +99,13 @@ def _friction(value: Any) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= as_float(value) < math.inf:
         return float(value)
     text = "expected 0 or 'stick' or a coefficient of more than 0; given {given}"
-    raise PydanticCustomError("friction", text, {"given": shown(value)})
+    raise PydanticCustomError("friction", text, {"given": abbreviate(value)})
 
 
 def _model(value: Any) -> Any:
     if isinstance(value, str) and value in ("frictionless", "full"):
         text = "expected 'hard' or 'soft': {given} is a contact for analysis (gx.Grasp), no finger of a run"
-        raise PydanticCustomError("model", text, {"given": shown(value)})
+        raise PydanticCustomError("model", text, {"given": abbreviate(value)})
     return value
 
 
@@ -157,8 +158,13 @@ class Device(Table):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The table's other keys."""
-        return dict(self.model_extra or {})
+        """The table's other keys, each under the name that the driver has for it now."""
+        return {current(self.name, key): value for key, value in (self.model_extra or {}).items()}
+
+    @property
+    def former(self) -> dict[str, str]:
+        """Settings under former names: the name now, by the one in the table."""
+        return {key: now for key in self.model_extra or {} if (now := current(self.name, key)) != key}
 
 
 class SharedDevice(Device):

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-from graspfx.errors import shown
+from graspfx.errors import abbreviate
 from graspfx.scene.tables.fields import Positive, Table, Vector
 from graspfx.scene.tables.hands import AnySharedHand
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
@@ -23,7 +23,7 @@ def _writable(value: str) -> str:
     """Text that a recording's file takes."""
     if "\0" in value or any("\ud800" <= letter <= "\udfff" for letter in value):
         text = "expected text without NUL and lone surrogates; given {given}"
-        raise PydanticCustomError("title", text, {"given": shown(value)})
+        raise PydanticCustomError("title", text, {"given": abbreviate(value)})
     return value
 
 

@@ -69,7 +69,7 @@ def test_a_squeezed_cube_turns_as_its_linearisation_says(integrator: str, reacti
     f = kip * d
     fingers = [
         {
-            "device": {"name": "simulated", "mass": M, "friction": B},
+            "device": {"name": "simulated", "mass": M, "damping": B},
             "hand": {"stiffness": SPRING, "rest": [s * (r - d - f / SPRING), 0.0]},
             "start": [s * (r - d), 0.0],
         }

@@ -67,7 +67,7 @@ def test_the_ledger_closes_in_every_kind_of_scene(name: str, duration: float, ch
 def spinning(**changes: Any) -> gx.Scene:
     """Four fingers hold a brick of three moments by friction, or attached, while it falls and spins; or as changed."""
     tips = [[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, -0.04, 0.0]]
-    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+    device = {"name": "simulated", "mass": 0.1, "damping": 0.5}
     made = gx.Scene(
         dimensions=3, period=0.002, duration=0.4, gravity=[0.0, 0.0, -9.81],
         object={

@@ -96,7 +96,7 @@ def test_parts_that_are_no_kernels_run_as_those_that_are(tmp_path: Path, which: 
     table = held(files, called="hand" in which) if "hand" in which else dict(LINE)
     ours = gx.Scene(**held(files, called=False)) if "hand" in which else gx.Scene(**LINE)
     changes: dict[str, Any] = {"object.dynamics": files["bodies"]} if "body" in which else {}
-    settings = {"mass": 0.15, "friction": 0.2}
+    settings = {"mass": 0.15, "damping": 0.2}
     for number, kind in enumerate(sorted(which & {"device", "plant"})):
         changes[f"finger.{number}.device"] = foreign_parts.device(files, kind, **settings)
     if {"device", "hand"} <= which:  # a hand holds devices of one kind
@@ -133,7 +133,7 @@ def test_a_fault_is_the_same_in_every_engine(tmp_path: Path, kind: str, says: st
 
 
 def failing(kind: str, files: dict[str, str]) -> gx.Scene:
-    settings = {"mass": 0.15, "friction": 0.2, "fails": 20}
+    settings = {"mass": 0.15, "damping": 0.2, "fails": 20}
     away = {"stiffness": 60.0, "motion": {"kind": "reach", "displacement": [-0.03], "duration": 0.2}}
     if kind == "plant":
         table = held(files, called=True)
@@ -259,7 +259,7 @@ class Weak(simulated.PointDevice):
     writing = staticmethod(weaker)
 
 def connect(*, mass, dimensions):
-    return Weak(mass=mass, friction=0.2, fingers=1, dimensions=dimensions, resolution=0.0, velocity_window=1, delay=0,
+    return Weak(mass=mass, damping=0.2, fingers=1, dimensions=dimensions, resolution=0.0, velocity_window=1, delay=0,
                 force_limit=None, workspace=None)
 '''
 

@@ -369,7 +369,7 @@ def test_numbers_at_the_end_of_their_range_are_faults_and_no_tracebacks(mass: fl
     """Whatever the sample then says: that it did not settle, or that something is not finite."""
     import graspfx as gx
 
-    finger = {"device": {"name": "simulated", "mass": 0.1, "friction": 1.0}, "start": [0.0, 1.0]}
+    finger = {"device": {"name": "simulated", "mass": 0.1, "damping": 1.0}, "start": [0.0, 1.0]}
     rec = gx.run(
         gx.Scene(
             dimensions=2,
