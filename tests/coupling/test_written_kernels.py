@@ -114,7 +114,7 @@ def test_limits_after_a_brake() -> None:
         assert g.sample() == 0
         g.array(FingerState.local)[:, :3] += rng.normal(size=(3, 3)) * 0.2
         plain = GraspState(memoryview(g.block.copy()))
-        limit.limit_again(g.state)
+        limit.limit_again(GraspState(memoryview(g.block)))
         with plain_python():
             written(limit.limit_again)(plain)
         assert bytes(plain.buffer) == g.block.tobytes()
