@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import builtins
 import copy
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -400,6 +401,8 @@ class Expressions:
         own = str(function.__name__)
         if getattr(builtins, own, None) is function:
             return load(own)
+        if getattr(math, own, None) is function:
+            return ast.Attribute(load("math"), own, ast.Load())
         name = f"{own}_k" if hasattr(function, LOWERED) else own
         while self.callees.setdefault(name, function) is not function:
             name += "_"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import linecache
+import math
 from types import FunctionType
 from typing import Any
 
@@ -22,7 +23,7 @@ def lowered(function: FunctionType) -> FunctionType:
     text, body = lowered_text(function)
     file = f"<{function.__module__}.{function.__qualname__}, lowered>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    namespace: dict[str, Any] = dict(function.__globals__)
+    namespace: dict[str, Any] = {"math": math, **function.__globals__}
     namespace |= {name: source_function(callee) for name, callee in body.callees.items()}
     exec(compile(text, file, "exec", dont_inherit=True), namespace)
     result = namespace[function.__name__]
