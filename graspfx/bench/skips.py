@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.build.build import build
+from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.loop.tick.engine import Compiled
 from graspfx.loop.tick.tick import CHUNK
 from graspfx.scene.model import Scene
-from graspfx.surfaces.triangles import walk
-from graspfx.surfaces.triangles.ball import STATE
+from graspfx.surfaces.triangles.mesh import STATE
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 TITLE = "Steps that a scene does not need"
 LIMITS = """
@@ -177,7 +178,7 @@ def ball(changes: Mapping[str, Any] = MappingProxyType({}), n: int = 5, d: int =
 def look_as_far_as_it_takes(block: FloatArray) -> None:
     """The gap of a finger on a mesh is the exact one, however large."""
     walks = int(block[at.WALKS])
-    block[walks + walk.REACH : int(block[at.MESH]) : STATE] = np.inf
+    block[walks + start_of(MeshFinger, "reach") : int(block[at.MESH]) : STATE] = np.inf
 
 
 def facetted() -> dict[str, Any]:

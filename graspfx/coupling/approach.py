@@ -11,7 +11,6 @@ from graspfx.coupling import block as at
 from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
 from graspfx.objects import integrators as body
 from graspfx.surfaces.closed_form.proxy import MESH, closest
-from graspfx.surfaces.triangles import ball, walk
 from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.walk import mesh_contact
 
@@ -210,22 +209,21 @@ def place_contact(S: Any, r: int, d: int, gx: float, gy: float, gz: float) -> No
     m = r + at.NORMAL
     radius = S[r + at.RADIUS]
     if S[at.SHAPE] == MESH:
-        o = int(S[at.WALKS]) + ball.STATE * ((r - at.ROW) // at.STRIDE)
+        o = int(S[at.WALKS]) + at.WALK * ((r - at.ROW) // at.STRIDE)
         if radius > 0.0:
-            cx, cy, cz, nx, ny, nz, gap = ball_contact(S, int(S[at.MESH]), S, o, radius, gx, gy, gz)
+            face, cx, cy, cz, nx, ny, nz, gap = ball_contact(S, int(S[at.MESH]), S, o, radius, gx, gy, gz)  # type: ignore[arg-type, call-arg, misc] # flat
         else:
-            cx, cy, cz, nx, ny, nz, gap = mesh_contact(S, int(S[at.MESH]), S, o, gx, gy, gz)
-        face = int(S[o + walk.FACE])
+            face, cx, cy, cz, nx, ny, nz, gap = mesh_contact(S, int(S[at.MESH]), S, o, gx, gy, gz)  # type: ignore[arg-type, call-arg, misc] # flat
     else:
-        face, cx, cy, cz, nx, ny, nz, gap = closest(
+        face, cx, cy, cz, nx, ny, nz, gap = closest(  # type: ignore[call-arg, misc] # flat
             int(S[at.SHAPE]), d, S[at.PARAMETERS], S[at.PARAMETERS + 1], S[at.PARAMETERS + 2],
-            gx, gy, gz, int(S[r + at.FACE]),
+            gx, gy, gz, int(S[r + at.FACE]),  # type: ignore[arg-type] # flat
             S[c] + radius * S[m], S[c + 1] + radius * S[m + 1], S[c + 2] + radius * S[m + 2],
         )  # fmt: skip
-        gap -= radius
-    S[c], S[c + 1], S[c + 2] = cx - radius * nx, cy - radius * ny, cz - radius * nz
-    S[m], S[m + 1], S[m + 2] = nx, ny, nz
-    S[r + at.FACE] = face
+        gap -= radius  # type: ignore[has-type] # flat
+    S[c], S[c + 1], S[c + 2] = cx - radius * nx, cy - radius * ny, cz - radius * nz  # type: ignore[has-type] # flat
+    S[m], S[m + 1], S[m + 2] = nx, ny, nz  # type: ignore[has-type] # flat
+    S[r + at.FACE] = face  # type: ignore[has-type] # flat
     S[r + at.GAP] = gap
     f = r + at.FRAME
     (

@@ -7,6 +7,7 @@ from typing import Any
 from graspfx.compile.records import size_of, start_of
 from graspfx.cones.problem import ConeContact, FrictionProblem, Unknown
 from graspfx.coupling.state import FingerState, GraspState
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 # Offsets of the declared fields.
 FINGERS = start_of(GraspState, "count")
@@ -61,6 +62,7 @@ STIFFEST = start_of(GraspState, "stiffest")
 BODY = start_of(GraspState, "body")
 ROW = start_of(GraspState, "fingers")
 MESH, WALKS = PARAMETERS, PARAMETERS + 1
+WALK = size_of(MeshFinger)  # entries of a finger on a mesh
 # Of a finger, from its row on.
 POSITION = start_of(FingerState, "position")
 VELOCITY = start_of(FingerState, "velocity")

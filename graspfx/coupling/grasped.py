@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.records import start_of
 from graspfx.cones.problem import MODES, choices, problem_size, set_up
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
@@ -21,7 +22,8 @@ from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects import integrators as body
-from graspfx.surfaces.triangles import ball, tree, walk
+from graspfx.surfaces.triangles import mesh_tree
+from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -34,6 +36,7 @@ STRUCTURE = (
     *range(at.WHOLE, at.WHOLE + 4),
     *range(at.GAINS, at.GAINS + 4),
 )  # fmt: skip
+MODE, REACH = start_of(MeshFinger, "mode"), start_of(MeshFinger, "reach")
 RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
 AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
 
@@ -114,7 +117,7 @@ class GraspedObject:
         limits = at.size(n, c, entries, problem)
         end = limits + (at.limits_size(n) if limit is not None else 0)
         data = None if shape is None else shape.data
-        self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
+        self.block = np.zeros(end if data is None else end + n * at.WALK + data.size)
         self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
         S = self.block
         S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
@@ -174,12 +177,12 @@ class GraspedObject:
         rows[:, at.RADIUS] = _radii(radius, n)
         self._walks: FloatArray | None = None
         if data is not None:
-            S[at.WALKS], S[at.MESH] = end, end + n * ball.STATE
-            self._walks = S[end : end + n * ball.STATE].reshape(n, ball.STATE)
-            self._walks[:, walk.REACH] = np.inf
+            S[at.WALKS], S[at.MESH] = end, end + n * at.WALK
+            self._walks = S[end : end + n * at.WALK].reshape(n, at.WALK)
+            self._walks[:, REACH] = np.inf
             if S[at.FADE]:
                 self.set_fade(*S[[at.NEAR, at.FAR]])
-            S[end + n * ball.STATE :] = data
+            S[end + n * at.WALK :] = data
         self.body_state = S[at.BODY : at.BODY + body.SIZE]
         self.finger_position = rows[:, at.POSITION : at.POSITION + d]
         self.finger_velocity = rows[:, at.VELOCITY : at.VELOCITY + d]
@@ -208,7 +211,7 @@ class GraspedObject:
             fixed += [o, *choices(o)]  # the count too
         if self._walks is not None:
             start = int(self.block[at.MESH])
-            fixed += [at.MESH, at.WALKS, *range(start + tree.CLOSED, start + tree.RINGS + 1)]
+            fixed += [at.MESH, at.WALKS, *mesh_tree.choices(start)]
         lacking = list(range(at.EXTERNAL_STIFFNESS, at.INTERNAL_DAMPING + 1))
         for o in range(at.ROW, at.ROW + self.fingers * at.STRIDE, at.STRIDE):
             lacking += [o + at.COEFFICIENT, o + at.PATCH, o + at.RADIUS]
@@ -252,7 +255,7 @@ class GraspedObject:
         S = self.block
         S[at.NEAR], S[at.FAR] = low, high
         if self._walks is not None:
-            self._walks[:, walk.REACH] = high + self.rows[:, at.RADIUS]
+            self._walks[:, REACH] = high + self.rows[:, at.RADIUS]
 
     def inward(self) -> FloatArray:
         """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
@@ -273,7 +276,7 @@ class GraspedObject:
             return
         self.finger_position[:] = position
         if self._walks is not None:
-            self._walks[:, walk.MODE] = walk.NEW
+            self._walks[:, MODE] = NEW
         attached, touching = self.block[at.ATTACHED], self.touching.copy()
         self.block[at.ATTACHED] = self.touching[:] = 0.0
         approach(self._S)
