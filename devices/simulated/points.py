@@ -94,18 +94,18 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     Args:
         mass: (n,) [kg].
-        friction: (n,) [N s/m].
+        damping: (n,) [N s/m].
         dimensions: d.
     """
 
     kernel = staticmethod(advance)
 
-    def __init__(self, mass: Sequence[float], friction: Sequence[float], dimensions: int) -> None:
+    def __init__(self, mass: Sequence[float], damping: Sequence[float], dimensions: int) -> None:
         n, d = len(mass), dimensions
         own = 6 * n + (GROUP + 1) * n * d + 12 * n * n * d
         super().__init__(n, d, header=HEADER, middle=False, own=own)
         self.state[TABLE] = HEADER + ARRAYS * n * d + 6 * n
-        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
+        self._mass, self._damping = np.array(mass, dtype=float), np.array(damping, dtype=float)
         self._made_for: tuple[bytes, bytes, float] | None = None
 
     @property
@@ -126,7 +126,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         if these == self._made_for:
             return
         n, d = self.position.shape
-        S, m, b = self.state, self._mass, self._friction
+        S, m, b = self.state, self._mass, self._damping
         row = int(S[TABLE])
         members = row + GROUP * n * d
         end = members + n * d

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.numeric import SMALLEST, finite, number
 from graspfx.objects import integrators as at
-from graspfx.objects.surroundings import Meeting, Member, Obstacle
 
 FloatArray = NDArray[np.float64]
 
@@ -119,14 +118,6 @@ class NativeBody(BlockBody):
 def create(state: FloatArray) -> NativeBody:
     """The body that `dynamics = "native"` names."""
     return NativeBody(state)
-
-
-def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> NativeBody:
-    """The body of one object on half-spaces and planes; native objects do not meet one another."""
-    from graspfx.objects.floor.floor import FloorBody  # only scenes with obstacles need friction cones
-
-    [member] = members
-    return FloorBody(member, obstacles, meeting)
 
 
 def fill_body(

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from graspfx.compile import cache, records
 from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
+from graspfx.compile.lower.store import Lowering, Store
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
-from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, length, outer
+from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, length, outer
 
 
 class Site(Record):
@@ -111,9 +116,9 @@ def everything(grasp: Grasp) -> int:
         row[0] = -f.z
     product, difference = both(force, grasp.force)
     grasp.force, k = difference, product
-    a = b = k
+    a = b = k  # type: ignore[assignment] # a kernel's numbers are floats from there on
     while a > 1.0:
-        a *= 0.5
+        a *= 0.5  # type: ignore[assignment]
     grasp.rest[0] = a + b + weigh(grasp.fingers.part(Finger.site), grasp.rest) + residual(None)
     grasp.problem.residual += residual(grasp.problem)
     M = outer(force, difference)
@@ -218,9 +223,9 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
         (own_vector, "only the running program knows"),
     ],
 )
-def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: object, why: str) -> None:
+def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: Any, why: str) -> None:
     with pytest.raises(InputError, match=why) as error:
-        lowered_text(written(function))  # type: ignore[type-var] # a kernel
+        lowered_text(written(function))
     assert "test_lower.py:" in str(error.value)
 
 
@@ -230,6 +235,56 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
 
     with pytest.raises(InputError, match=r"Bad\.name"):
         size_of(Bad)
+
+
+@kernel
+def other_kind(grasp: Grasp) -> float:
+    """See the first finger's entries through a record of its own, and a table's width."""
+    finger = Finger(grasp.buffer, grasp.fingers.offset)
+    return finger.position.x + angle_matrix(finger.position.y).xy
+
+
+def test_a_view_at_an_offset_and_functions_of_math_in_what_is_written_out() -> None:
+    S = block(1)
+    assert other_kind(Grasp(S)) == written(other_kind)(Grasp(S))
+
+
+class Ring(Record):
+    length: int
+    values: Floats = floats("length")
+
+
+class Rings(Record):
+    count: int
+    each: int
+    rings: Many[Ring] = many("count", "each")
+    rows: Table = table("2", "count + 1")
+
+
+@kernel
+def turn_rings(rings: Rings, factor: float) -> float:
+    """Change records whose size varies, each as long as their owner says."""
+    total = 0.0
+    for ring in rings.rings:
+        ring.values[ring.length - 1] *= factor
+        total += ring.values[0]
+    return total + rings.rows.columns
+
+
+def test_records_of_varying_size_stand_as_far_apart_as_their_owner_says() -> None:
+    S = np.zeros(size_for(Rings, count=3, each=4) + 2)
+    S[2:4] = 3, 4
+    rings = Rings(S, 2)
+    for ring in rings.rings:
+        ring.length = 3
+        ring.values[0], ring.values[2] = 1.0, 2.0
+    A, B, C = S.copy(), S.copy(), S.copy()
+    assert written(turn_rings)(Rings(A, 2), 3.0) == turn_rings(Rings(B, 2), 3.0) == 3.0 + 4.0
+    assert compiled(turn_rings)(C, 2, 3.0) == 7.0
+    assert A.tobytes() == B.tobytes() == C.tobytes()
+    assert rings.rings[2].offset == 2 + 2 + 2 * 4
+    assert Rings(B, 2).rings[1].values[2] == 6.0
+    assert name_of(Rings, 2 + 2 + 4 + 1, S, offset=2) == "rings[1].values[0]"
 
 
 @kernel
@@ -284,3 +339,21 @@ def far(a: Vector, b: Vector) -> float:
 def test_mathematics_of_other_modules_is_written_out() -> None:
     a, b = Vector(1.0, 2.0, 3.0), Vector(0.5, 0.25, 7.0)
     assert far(a, b) == written(far)(a, b) == math.sqrt(0.5**2 + 1.75**2 + 16.0)
+
+
+def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
+    function: Any = written(everything)
+    text, callees, _ = lowered_text(function)
+    names = {alias: (callee.__module__, callee.__qualname__) for alias, callee in callees.items()}
+    code = compile(text, "test", "exec")
+    first = Store("lowered-test")
+    first.add(function, Lowering(text, code, names, (__file__,)))
+    assert first.find(function) is None  # no source of ours: the key would not know of a change
+    first.add(function, Lowering(text, code, names, (records.__file__,)))
+    first.save()
+    content = cache.load("lowered-test")
+    assert content is not None
+    again = Store("lowered-test", json.loads(content)).find(function)
+    assert again is not None
+    assert (again.text, again.code, again.callees, again.files) == (text, code, names, (records.__file__,))

@@ -21,7 +21,8 @@ from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
 from graspfx.objects.integrators import orient
-from graspfx.spatial import exponential, product
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import product
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import grasped, law, respond
 
@@ -265,7 +266,7 @@ def pinch(model: str, **coupling: Any) -> gx.Scene:
 
     def finger(side: float) -> dict[str, Any]:
         return {
-            "device": {"name": "simulated", "mass": 0.1, "friction": 0.5}, "start": [side * 0.02, 0.0, 0.005],
+            "device": {"name": "simulated", "mass": 0.1, "damping": 0.5}, "start": [side * 0.02, 0.0, 0.005],
             "hand": {"stiffness": 300.0, "damping": 5.0, "rest": [side * (0.02 - 2.5 / 300.0), 0.0, 0.005]}, **more,
         }  # fmt: skip
 

@@ -98,7 +98,8 @@ class Mesh:
         if getattr(S, "shape", None) != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
             raise InputError("state", state, f"what new_fingers({len(p)}) gives")
         radius = number("radius", radius, "a finite length, zero or more [m]")
-        mesh, fingers = MeshTree(memoryview(self.data)), Many(MeshFinger, memoryview(S.reshape(-1)), 0, len(p))
+        mesh = MeshTree(memoryview(self.data))
+        fingers: Many[MeshFinger] = Many(MeshFinger, memoryview(S.reshape(-1)), 0, len(p))
         if radius > 0.0:
             each = [ball_contact(mesh, f, radius, Vector(*x)) for f, x in zip(fingers, p.tolist(), strict=True)]
         else:

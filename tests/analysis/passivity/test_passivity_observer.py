@@ -156,7 +156,9 @@ def test_works_and_squares_are_those_of_the_dense_projectors(n, d, weighted):
     works, squares = grasp.works(), grasp.squares()
     for j, Q in enumerate(projectors):
         assert works[j] == pytest.approx(f.ravel() @ Q @ D.ravel(), abs=1e-14 * abs(f.ravel()) @ abs(D.ravel()) * n)
-        assert squares[j] == pytest.approx((W * D.ravel()) @ Q @ D.ravel(), abs=1e-13 * (W * D.ravel()) @ D.ravel())
+        assert squares[j] == pytest.approx(
+            (W * D.ravel()) @ Q @ D.ravel(), abs=float(1e-13 * (W * D.ravel()) @ D.ravel())
+        )
     assert works[po.WHOLE] == pytest.approx(f.ravel() @ D.ravel(), rel=1e-13, abs=1e-18)
 
 
@@ -204,8 +206,8 @@ def test_a_coupling_of_eq_4_leaks_half_its_stiffness_times_each_step_squared():
 
 def test_a_finger_of_no_weight_is_internal():
     grasp = Observed(ring(3), np.array([1.0, 1.0, 0.0]))
-    grasp.put(FORCE, [[0.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
-    grasp.put(STEP, [[0.0, 0.0], [0.0, 0.0], [1e-3, 0.0]])
+    grasp.put(FORCE, np.array([[0.0, 0.0], [0.0, 0.0], [2.0, 0.0]]))
+    grasp.put(STEP, np.array([[0.0, 0.0], [0.0, 0.0], [1e-3, 0.0]]))
     assert grasp.works() == (pytest.approx(2e-3), 0.0, 0.0, pytest.approx(2e-3))
     assert grasp.squares() == (0.0, 0.0, 0.0)
 

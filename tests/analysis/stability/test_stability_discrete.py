@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from graspfx.analysis.discrete import INTEGRATORS, device, held, object_step
+from graspfx.analysis.discrete import INTEGRATORS, device, force_response, object_step
 from graspfx.analysis.stability.fullloop import object_matrices
 from graspfx.objects import integrators
 from graspfx.objects.body import INTEGRATORS as BODIES
@@ -27,7 +27,7 @@ def test_held_motion_to_fifty_digits() -> None:
             kappa = p * p / 4 * (1 + 10 ** rng.uniform(-12, -1) * rng.choice([-1, 1]))
         if i % 7 == 0:
             kappa = 0.0
-        R, Q = held(p, kappa, T)
+        R, Q = force_response(p, kappa, T)
         with mpmath.workdps(50):
             P, K, t = map(mpmath.mpf, (p, kappa, T))
             root = mpmath.sqrt(P * P / 4 - K)

@@ -23,6 +23,7 @@ from graspfx.loop.energy.observer import Observer
 from graspfx.objects import energy, integrators
 from graspfx.objects.body import NativeBody, fill_body
 from graspfx.surfaces.closed_form.shape import Box
+from tests.support.optional import require
 
 WATCH = {"coupling.passivity": "observe"}
 CLOSED = 1e-12  # of the largest entry: a sum of 10^4 roundings of 1e-16 each
@@ -66,7 +67,7 @@ def test_the_ledger_closes_in_every_kind_of_scene(name: str, duration: float, ch
 def spinning(**changes: Any) -> gx.Scene:
     """Four fingers hold a brick of three moments by friction, or attached, while it falls and spins; or as changed."""
     tips = [[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, -0.04, 0.0]]
-    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+    device = {"name": "simulated", "mass": 0.1, "damping": 0.5}
     made = gx.Scene(
         dimensions=3, period=0.002, duration=0.4, gravity=[0.0, 0.0, -9.81],
         object={
@@ -103,9 +104,9 @@ def test_the_ledger_closes_under_every_integrator(integrator: str, changes: dict
     assert_closed(rec)
     books = rec.energy["object"]
     turning = rec.array("objects/object/angular_velocity").copy()
-    R = Rotation.from_quat(rec.object_orientation.copy())
+    R = Rotation.from_quat(require(rec.object_orientation).copy())
     own = R.inv().apply(turning)
-    moments = np.broadcast_to(scene.object[0].inertia, 3)
+    moments = np.broadcast_to(np.array(scene.object[0].inertia, dtype=float), 3)
     kinetic = 0.05 * (rec.object_velocity**2).sum(axis=1) + 0.5 * (own**2) @ moments
     np.testing.assert_allclose(books["kinetic"], kinetic, rtol=1e-12)
     fallen = -0.1 * 9.81 * (rec.object_position[:, 2] - rec.object_position[0, 2])
@@ -152,7 +153,7 @@ def held(
         n, d, T, Coupling(external=Impedance(kep, ked), internal=Impedance(kip, kid)),
         Rules(attached=not shaped, friction=friction, fade=None),
         lambda state: fill_body(state, dimensions=d, mass=1.0, inertia=1e-3 if d > 1 else None),
-        shape=Box([0.04] * d) if shaped else None,
+        shape=Box((0.04,) * d) if shaped else None,
     )  # fmt: skip
     if shaped:
         grasp.meet(np.array([[-0.021, 0.0], [0.021, 0.0]])[:, :d])
@@ -190,8 +191,7 @@ def test_fingers_in_a_sine_on_a_held_object(mode: int, equal: bool) -> None:
         kip, kid = kep, ked
     grasp, observer = held(3, 2, kep, kip, ked, kid, T=T)
     direction = list(MOTIONS.values())[mode]
-    k, b, w = (kip, kid) if mode == 0 else (kep, ked), None, 2 * np.pi / (N * T)
-    k, b = k
+    (k, b), w = (kip, kid) if mode == 0 else (kep, ked), 2 * np.pi / (N * T)
     for j in range(3 * N + 1):
         angle = 2 * np.pi * j / N
         grasp.finger_position[:] = ring(3, 2) + A * np.sin(angle) * direction
@@ -338,7 +338,7 @@ def test_springs_of_matrix_gains_hold_the_displacement_of_their_force(singular: 
     gains = Impedance([[70.0, 0.0], [0.0, 0.0]] if singular else [[70.0, 5.0], [5.0, 60.0]])
     grasp = GraspedObject(
         2, 2, 1e-3, Coupling(gains, gains, form="symmetric"), Rules(friction=0.4, fade=None),
-        lambda state: fill_body(state, dimensions=2, mass=1.0, inertia=1e-3), shape=Box([0.04, 0.04]),
+        lambda state: fill_body(state, dimensions=2, mass=1.0, inertia=1e-3), shape=Box((0.04, 0.04)),
     )  # fmt: skip
     grasp.meet(np.array([[-0.021, 0.0], [0.021, 0.0]]))
     observer = Observer(

@@ -87,7 +87,7 @@ def owing(mode: int, debt: float, **rules: Any) -> tuple[GraspedObject, Observer
         4, 3, T, Coupling(external=Impedance(150.0), internal=Impedance(400.0)),
         Rules(attached=attached, fade=None, **rules),
         lambda state: fill_body(state, dimensions=3, mass=0.2, inertia=1e-4),
-        shape=Box([0.04] * 3),
+        shape=Box((0.04,) * 3),
     )  # fmt: skip
     tips = np.array([[-0.02, 0.003, 0.0], [0.02, -0.002, 0.004], [0.001, 0.02, -0.004], [0.0, -0.02, 0.003]])
     grasp.meet(tips * 1.05)
