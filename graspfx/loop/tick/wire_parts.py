@@ -8,7 +8,6 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
@@ -104,7 +103,7 @@ class Wirer:
                     position=position,
                     velocity=velocity,
                     force=force,
-                    limit=block[at.device_limits(block) + j :][:1] if limited else None,
+                    limit=group.array(FingerState.limit)[j : j + 1] if limited else None,
                     displayed=displayed[f],
                     tip=self._tip(f, position),
                     before=before[f],
@@ -192,7 +191,7 @@ class Wirer:
                 self._floor(self.parts.movers[number])
             met = None if observer.met is None else observer.buffer[MET : MET + 6]
             ledger = LedgerWires(observer.buffer, met, observer.met)
-        return GraspWires(i, grasped.block, grasped.limit is not None, STUCK + number, ledger)
+        return GraspWires(i, grasped.block, grasped.state, grasped.limit is not None, STUCK + number, ledger)
 
     def _bodies(self) -> Iterator[BodyWires | GuestWires]:
         for i, mover in enumerate(self.parts.movers):
