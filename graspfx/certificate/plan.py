@@ -237,7 +237,8 @@ def _projection(scene: Scene) -> Row:
         return "letting go", False, "attached: the contact is bilateral, no cone"
     if any(scene.coefficients):
         each_mu = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
-        why = f"fingers only push; friction mu = {each_mu} by Coulomb's law, by the associated one where it does not settle"
+        law = "by Coulomb's law, by the associated one where it does not settle"
+        why = f"fingers only push; friction mu = {each_mu} {law}"
         return "letting go", True, f"{why}; the recording says which (law)"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
