@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from hashlib import sha256
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from graspfx import installed, plugins
 from graspfx.compile import cache
+from graspfx.compile.own_sources import source_stamps, stamps_in
 from graspfx.errors import Fault, SceneError
 from graspfx.scene.keys import Key
 from graspfx.scene.source import Source
@@ -79,7 +78,8 @@ def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):  # `load` says what is wrong
         return None
-    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), installed_, list(_sources())
+    shelf = list(stamps_in(str(plugins.shelf("devices"))))
+    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), installed_, source_stamps(), shelf
     return Place(sha256(repr(parts).encode()).hexdigest(), Source(plugins.shown_path(path), text, path, overrides))
 
 
@@ -101,16 +101,6 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     except TypeError:  # a setting of a kind that JSON has not
         return
     cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
-
-
-def _sources() -> Iterator[tuple[str, int, int]]:
-    roots = dict.fromkeys((str(Path(__file__).parents[1]), str(plugins.shelf("devices"))))
-    for root in roots:
-        for folder, _, names in os.walk(root):
-            for name in sorted(names):
-                if name.endswith(".py"):
-                    status = os.stat(path := os.path.join(folder, name))  # noqa: PTH116, PTH118 (of hundreds of files)
-                    yield path, status.st_mtime_ns, status.st_size
 
 
 def _is_self_contained(scene: Scene) -> bool:

@@ -32,12 +32,10 @@ class Program:
     Args:
         frozen: entries of arrays that never change, by array and index.
         unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
-        lanes: so many programs side by side, entry i of each at i * lanes + lane; 1 for an ordinary program.
     """
 
     frozen: Mapping[tuple[str, int], float]
     unroll: int = 0
-    lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
     numbers_of_modules: dict[tuple[str, str], str] = field(default_factory=dict)  # by module and name
