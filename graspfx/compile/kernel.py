@@ -8,7 +8,7 @@ from types import FunctionType
 from typing import Any, cast, get_args, get_origin
 
 from graspfx.compile.marks import LOWERED, F, inline, optional, parameter_kinds, written
-from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, numbers, parts_of
+from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, parts_of
 
 __all__ = ["call", "inline", "keep_lowerings", "kernel", "source_function", "written"]
 
@@ -88,7 +88,7 @@ def _flat(value: Any, kind: Any, blank: Any) -> list[Any]:
     if isinstance(value, Many):
         return [value.buffer, value.offset, value.stride, value.count]
     if is_value(type(value)):
-        return list(numbers(value))
+        return [number for part in parts_of(type(value)) for number in _flat(getattr(value, part), None, blank)]
     return [value]
 
 

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 
-R = TypeVar("R", bound="Record")
+R = TypeVar("R")
+Member = TypeVar("Member", covariant=True)  # a group of records is one of any class that they inherit
 _REFERENCE = "offset of a record in the same block"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
 
@@ -39,9 +40,9 @@ class Extent:
     columns: str = ""
 
 
-def many(count: str) -> Any:
-    """Declare a group of as many records as `count` says."""
-    return Extent(count)
+def many(count: str, each: str = "") -> Any:
+    """Declare a group of as many records as `count` says; `each` is their entries where these vary."""
+    return Extent(count, each)
 
 
 def floats(size: str) -> Any:
@@ -112,30 +113,35 @@ class Record:
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
 
-class Many(Generic[R]):
-    """A group of records, one after another."""
+class Many(Generic[Member]):
+    """A group of records, one after another, or of values that stand one in each of them."""
 
-    def __init__(self, kind: type[R], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
+    def __init__(self, kind: type[Member], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
         self.stride = size_of(kind) if stride is None else stride
 
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, i: int) -> R:
-        return self.kind(self.buffer, self.offset + i * self.stride)
+    def __getitem__(self, i: int) -> Member:
+        member: Member = view(self.kind, self.buffer, self.offset + i * self.stride)
+        return member
 
-    def __iter__(self) -> Iterator[R]:
+    def __iter__(self) -> Iterator[Member]:
         return (self[i] for i in range(self.count))
 
+    def _lay_out(self) -> None:
+        if issubclass(self.kind, Record):
+            layout(self.kind)
+
     def part(self, field: Any) -> Many[Any]:
-        """Give the records that a field of each is: `fingers.part(Finger.site)`."""
-        layout(self.kind)
+        """Give the records or the values that a field of each is: `fingers.part(Finger.site)`."""
+        self._lay_out()
         return Many(field.kind, self.buffer, self.offset + int(field.offset), self.count, self.stride)
 
     def array(self, field: Any) -> NDArray[np.float64]:
         """Give a field of all as an array that shares their memory, (count,) or (count, size)."""
-        layout(self.kind)
+        self._lay_out()
         block = np.asarray(self.buffer)[self.offset : self.offset + self.count * self.stride]
         rows = block.reshape(self.count, self.stride)
         first, size = int(field.offset), int(field.size)
@@ -173,6 +179,10 @@ class Table:
     def __setitem__(self, index: tuple[int, int], value: float) -> None:
         self.buffer[self.offset + index[0] * self.columns + index[1]] = value
 
+    def array(self, rows: int) -> NDArray[np.float64]:
+        """Give the first rows as an array that shares their memory."""
+        return np.asarray(self.buffer)[self.offset : self.offset + rows * self.columns].reshape(rows, self.columns)
+
 
 def layout(cls: type[Record]) -> dict[str, Field]:
     """Give the fields of a record in order, their offsets and sizes worked out.
@@ -207,7 +217,9 @@ def _size(cls: type[Record], name: str, kind: Any, extent: Extent | None) -> str
     if kind in (Floats, Table) or get_origin(kind) is Many:
         if extent is None:
             raise InputError(f"{cls.__name__}.{name}", kind, "a size: many(...), floats(...) or table(...)")
-        each = str(size_of(get_args(kind)[0])) if get_origin(kind) is Many else extent.columns or "1"
+        each = extent.columns or (str(size_of(get_args(kind)[0])) if get_origin(kind) is Many else "1")
+        if extent.rows.isdigit() and each.isdigit():
+            return str(int(extent.rows) * int(each))
         return extent.rows if each == "1" else f"({extent.rows}) * ({each})"
     if kind in SCALARS:
         return "1"
@@ -278,6 +290,12 @@ def start_of(cls: type[Record], name: str) -> int:
     return int(layout(cls)[name].offset)
 
 
+def entries_of(cls: type[Record], *names: str, at: int = 0) -> list[int]:
+    """List the entries of fields that stand before any variable size, of a record at an offset."""
+    fields = [layout(cls)[name] for name in names]
+    return [at + int(field.offset) + k for field in fields for k in range(int(field.size))]
+
+
 def numbers(value: Any) -> Iterator[float]:
     """List the numbers of a value in order."""
     if isinstance(value, bool | int | float | np.floating | np.integer | np.bool_):
@@ -317,7 +335,7 @@ def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
     if kind is Table:
         return Table(buffer, at, shape[1])
     if get_origin(kind) is Many:
-        return Many(get_args(kind)[0], buffer, at, shape[0])
+        return Many(get_args(kind)[0], buffer, at, *shape)
     if issubclass(kind, Record):
         return kind(buffer, at)
     value: Any = object.__new__(_stored(kind))

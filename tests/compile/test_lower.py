@@ -15,9 +15,10 @@ from graspfx.compile import cache, records
 from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
 from graspfx.compile.lower.store import Lowering, Store
+from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
-from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, outer
+from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, length, outer
 
 
 class Site(Record):
@@ -234,6 +235,110 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
 
     with pytest.raises(InputError, match=r"Bad\.name"):
         size_of(Bad)
+
+
+@kernel
+def other_kind(grasp: Grasp) -> float:
+    """See the first finger's entries through a record of its own, and a table's width."""
+    finger = Finger(grasp.buffer, grasp.fingers.offset)
+    return finger.position.x + angle_matrix(finger.position.y).xy
+
+
+def test_a_view_at_an_offset_and_functions_of_math_in_what_is_written_out() -> None:
+    S = block(1)
+    assert other_kind(Grasp(S)) == written(other_kind)(Grasp(S))
+
+
+class Ring(Record):
+    length: int
+    values: Floats = floats("length")
+
+
+class Rings(Record):
+    count: int
+    each: int
+    rings: Many[Ring] = many("count", "each")
+    rows: Table = table("2", "count + 1")
+
+
+@kernel
+def turn_rings(rings: Rings, factor: float) -> float:
+    """Change records whose size varies, each as long as their owner says."""
+    total = 0.0
+    for ring in rings.rings:
+        ring.values[ring.length - 1] *= factor
+        total += ring.values[0]
+    return total + rings.rows.columns
+
+
+def test_records_of_varying_size_stand_as_far_apart_as_their_owner_says() -> None:
+    S = np.zeros(size_for(Rings, count=3, each=4) + 2)
+    S[2:4] = 3, 4
+    rings = Rings(S, 2)
+    for ring in rings.rings:
+        ring.length = 3
+        ring.values[0], ring.values[2] = 1.0, 2.0
+    A, B, C = S.copy(), S.copy(), S.copy()
+    assert written(turn_rings)(Rings(A, 2), 3.0) == turn_rings(Rings(B, 2), 3.0) == 3.0 + 4.0
+    assert compiled(turn_rings)(C, 2, 3.0) == 7.0
+    assert A.tobytes() == B.tobytes() == C.tobytes()
+    assert rings.rings[2].offset == 2 + 2 + 2 * 4
+    assert Rings(B, 2).rings[1].values[2] == 6.0
+    assert name_of(Rings, 2 + 2 + 4 + 1, S, offset=2) == "rings[1].values[0]"
+
+
+@kernel
+def add_up(places: Many[Vector], rows: Table) -> Vector:
+    """Add up values of a group and tell how wide a table is."""
+    force = ZERO
+    for i, place in enumerate(places):
+        force += place + places[i]
+    return force * (rows[1, 1] * rows.columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    rows: int
+    share: float
+
+
+@kernel
+def repeat(counts: Counts) -> float:
+    """Count up to a number of a value."""
+    total = 0.0
+    for _ in range(counts.rows):
+        total += counts.share
+    return total
+
+
+def test_groups_of_values_and_whole_numbers_of_values() -> None:
+    S = block(4, count=3)
+    grasp = Grasp(S)
+    places = grasp.fingers.part(Finger.position)
+    assert add_up(places, grasp.modes) == written(add_up)(places, grasp.modes)
+    assert places[1] == grasp.fingers[1].position
+    assert repeat(Counts(3, 0.5)) == written(repeat)(Counts(3, 0.5)) == 1.5
+
+
+def test_a_kernel_by_itself_is_compiled() -> None:
+    """Buffers, offsets and numbers go in flat."""
+    S = block(5, count=3)
+    table = Grasp(S).modes
+    places = Grasp(S).fingers.part(Finger.position)
+    run = compiled(add_up)
+    result = run(S, places.offset, places.stride, places.count, S, table.offset, table.columns)
+    assert Vector(*result) == add_up(places, table)
+
+
+@kernel
+def far(a: Vector, b: Vector) -> float:
+    """Compute a length, by a function of another module that takes a root."""
+    return length(a - b)
+
+
+def test_mathematics_of_other_modules_is_written_out() -> None:
+    a, b = Vector(1.0, 2.0, 3.0), Vector(0.5, 0.25, 7.0)
+    assert far(a, b) == written(far)(a, b) == math.sqrt(0.5**2 + 1.75**2 + 16.0)
 
 
 def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,11 +6,12 @@ import mpmath
 import numpy as np
 import pytest
 
+from graspfx.compile.records import Floats, Table, numbers
 from graspfx.cones.complement import pivot
 from graspfx.cones.cone import contact_frame
-from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
-
-STRIDE = 4  # a point and a weight
+from graspfx.grasp.rigid_modes import smoothstep
+from graspfx.spatial import Vector
+from tests.support.contact_sets import contact_set, modes_of
 
 
 def external(
@@ -19,23 +20,11 @@ def external(
 ) -> np.ndarray:  # fmt: skip
     """P from the modes, (n d, n d); the blend is off unless lengths are given."""
     n, d = points.shape
-    turns = {1: 0, 2: 1, 3: 3}[d]
-    if axes is None:
-        axes = np.vstack([np.eye(3)[:d], np.eye(3)[3 - turns :]])
-        shifts = d
-    assert shifts is not None
-    w = np.ones(n) if weights is None else weights
-    S = np.zeros(n * STRIDE + 18 + 6 * (1 + 3 * n))
-    S[: n * STRIDE].reshape(n, STRIDE)[:, :d] = points
-    S[: n * STRIDE].reshape(n, STRIDE)[:, 3] = w
-    o = n * STRIDE
-    S[o : o + 3 * len(axes)] = axes.ravel()
-    count, _ = rigid_modes(
-        memoryview(S), 0, STRIDE, 0, 3, n, d, o, shifts, len(axes) - shifts, low, high, o + 18
-    )  # fmt: skip
+    contacts = contact_set(points, weights, axes, shifts)
+    count, _ = modes_of(contacts, d, low, high)
     P = np.zeros((n * d, n * d))
     for k in range(count):
-        mode = S[o + 18 + k * (1 + 3 * n) :][: 1 + 3 * n]
+        mode = contacts.modes.array(count)[k]
         q = mode[1:].reshape(n, 3)[:, :d].ravel()
         P += mode[0] * np.outer(q, q)
     return P
@@ -121,27 +110,25 @@ def test_contact_frame_is_orthonormal_for_every_normal() -> None:
     rng = np.random.default_rng(4)
     normals = np.vstack([np.eye(3), -np.eye(3), [[1e-9, 0, -1.0]], rng.normal(size=(50, 3))])
     for normal in normals / np.linalg.norm(normals, axis=1, keepdims=True):
-        S = np.concatenate([normal, np.zeros(9)])
-        contact_frame(S, 0, 3, 3)
-        F = S[3:].reshape(3, 3)
+        F = np.reshape(list(numbers(contact_frame(Vector(*normal.tolist()), 3))), (3, 3))
         np.testing.assert_allclose(F @ F.T, np.eye(3), atol=4e-16)
         np.testing.assert_array_equal(F[0], normal)
-    S = np.array([0.6, 0.8, 0.0] + [0.0] * 9)
-    contact_frame(S, 0, 2, 3)
-    assert S[3:9].tolist() == [0.6, 0.8, 0.0, -0.8, 0.6, 0.0]
+    flat = list(numbers(contact_frame(Vector(0.6, 0.8, 0.0), 2)))
+    assert flat == [0.6, 0.8, 0.0, -0.8, 0.6, 0.0, 0.0, 0.0, 1.0]
 
 
 def test_pivoting_twice_is_the_identity_and_once_exchanges() -> None:
     rng = np.random.default_rng(5)
     M, q = rng.normal(size=(4, 4)) + 4 * np.eye(4), rng.normal(size=4)
     S = np.concatenate([M.ravel(), q])
-    pivot(memoryview(S), 0, 4, 16, 4, 2)
+    square, vector = Table(memoryview(S), 0, 4), Floats(memoryview(S), 16)
+    pivot(square, vector, 2)
     x = rng.normal(size=4)
     y = q + M @ x
     exchanged_x, exchanged_y = x.copy(), y.copy()
     exchanged_x[2], exchanged_y[2] = y[2], x[2]
     np.testing.assert_allclose(S[16:] + S[:16].reshape(4, 4) @ exchanged_x, exchanged_y, rtol=1e-12)
-    pivot(memoryview(S), 0, 4, 16, 4, 2)
+    pivot(square, vector, 2)
     np.testing.assert_allclose(S, np.concatenate([M.ravel(), q]), rtol=1e-12)
 
 

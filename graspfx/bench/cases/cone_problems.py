@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from graspfx.bench.oracles.exact import cone_force
 from graspfx.bench.peers.eq4_peers import grasp_matrix
-from graspfx.cones.friction import UNRESOLVED, friction_force_square, problem_size
+from graspfx.compile.records import Table
+from graspfx.cones.friction import ASSOCIATED, COULOMB, friction_force_square
+from graspfx.cones.problem import ConeContact, Unknown, problem_size, set_up
 
 FloatArray = NDArray[np.float64]
 Law = Literal["frictionless", "associated", "coulomb"]
@@ -59,7 +61,7 @@ class Problems:
 
 
 def problems(quick: bool) -> Iterator[Problems]:
-    """Every kind, seeded."""
+    """Draw every kind, seeded."""
     fingers, N = ((2, 5), 4) if quick else ((2, 5, 20), 8)
     laws: tuple[tuple[Law, tuple[float, ...]], ...] = (
         ("frictionless", (3.0, 1000.0)),
@@ -73,20 +75,20 @@ def problems(quick: bool) -> Iterator[Problems]:
 
 
 def _some(rng: np.random.Generator, N: int, law: Law, n: int, ratio: float) -> Problems:
-    problems: list[Problem] = []
+    found: list[Problem] = []
     mu = 0.0 if law == "frictionless" else FRICTION
-    while len(problems) < N:
+    while len(found) < N:
         K, Q, e = _posed(rng, n, INTERNAL / ratio)
         near = _near(K, e, mu, law)
         force = None if near is None else cone_force(K, e, mu, law != "coulomb", near)
         if force is not None and force.any():
             W = np.eye(len(e)) / INTERNAL + (ratio / INTERNAL - 1.0 / INTERNAL) * Q @ Q.T
-            problems.append(Problem(K, W, Q, e, force))
-    return Problems(law, n, ratio, tuple(problems))
+            found.append(Problem(K, W, Q, e, force))
+    return Problems(law, n, ratio, tuple(found))
 
 
 def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fingers around a ball, most of them deep in it."""
+    """Place fingers around a ball, most of them deep in it."""
     inward = rng.normal(size=(n, 3))
     frames = np.array([np.linalg.qr(np.column_stack([v, rng.normal(size=(3, 2))]))[0].T for v in inward])
     frames[:, 0] *= np.sign(np.sum(frames[:, 0] * inward, axis=1))[:, None]
@@ -99,14 +101,11 @@ def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArra
 
 
 def _near(K: FloatArray, e: FloatArray, mu: float, law: Law) -> FloatArray | None:
-    """w = e + s to start from: any that leads to an answer does."""
+    """Give w = e + s to start from: any that leads to an answer does."""
     n, m = len(e) // 3, len(e)
-    square = problem_size(n, 3, m, True)
-    block = np.concatenate([np.zeros(square), K.ravel()])
-    block[n : 2 * n] = mu
-    block[3 * n : 3 * n + m] = e
-    outcome, _, _ = friction_force_square(memoryview(block), 0, n, 3, square, m, True, law == "coulomb", 2)
-    law_number = 0 if law == "coulomb" else 1
-    if outcome == UNRESOLVED or outcome != law_number:
-        return None
-    return block[3 * n + 5 * m : 3 * n + 6 * m].copy()
+    problem = set_up(memoryview(np.zeros(problem_size(n, m))), 0, n, m)
+    problem.contacts.array(ConeContact.coefficient)[:] = mu
+    problem.contacts.array(ConeContact.displacement)[:, :3] = e.reshape(n, 3)
+    answer = friction_force_square(problem, 3, Table(memoryview(K.ravel()), 0, m), True, law == "coulomb", 2)
+    wanted = COULOMB if law == "coulomb" else ASSOCIATED
+    return problem.unknowns.array(Unknown.value).copy() if answer.law == wanted else None

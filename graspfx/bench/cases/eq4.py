@@ -16,8 +16,9 @@ from graspfx.bench.cases.eq4_fixed import fixed_case
 from graspfx.bench.cases.eq4_methods import EXTERNAL, INTERNAL, WRONG, Pair, force_method, relative_error
 from graspfx.bench.oracles.exact import split_force
 from graspfx.bench.peers.eq4_peers import PEERS, GraspMatrix, Project, closed_form
+from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.law import bilateral
 from graspfx.coupling.rules import Rules
@@ -88,18 +89,18 @@ def _ours(contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Ite
     for engine in ("interpreted", "compiled"):
         yield from _direct(contacts, pairs, exact, law, engine)
     blocks, n = _blocks(law, contacts), contacts.points.shape[1]
-    calls: list[Callable[[], object]] = [partial(sample, memoryview(block)) for block in blocks]
+    calls: list[Callable[[], object]] = [partial(source_function(sample), memoryview(block), 0) for block in blocks]
     yield _tick("GraspFX tick, interpreted", calls, blocks, n, exact)
     if not is_installed("llvmlite"):
         yield missing("GraspFX tick, compiled", "llvmlite")
         return
-    yield _tick("GraspFX tick, compiled", [compiled(sample).bound(block) for block in blocks], blocks, n, exact)
+    yield _tick("GraspFX tick, compiled", [compiled(sample).bound(block, 0) for block in blocks], blocks, n, exact)
 
 
 def _direct(
     contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray, law: gx.Coupling, engine: str
 ) -> Iterator[Method]:
-    """The direct kernel, a call for each grasp and one call for all of them."""
+    """Time the direct kernel, a call for each grasp and one call for all of them."""
     if engine == "compiled" and not is_installed("llvmlite"):
         yield missing("GraspFX PointCoupling, compiled", "llvmlite")
         return
@@ -143,28 +144,29 @@ def _direct(
 
 
 def couple_all(S: Any, N: int, size: int) -> None:
-    """Forces of N blocks of one size from their points, in one call."""
+    """Compute forces of N blocks of one size from their points, in one call."""
     for k in range(N):
         direct.couple_points(S, k * size)
 
 
-def sample(S: Any) -> None:
-    """Split and forces of one block, as a sample makes them once contacts have moved."""
-    S[at.SPLIT_KNOWN] = 0.0
-    resplit(S)
-    bilateral(S, True, False)
+@kernel
+def sample(grasp: GraspState) -> None:
+    """Compute split and forces of one block, as a sample makes them once contacts have moved."""
+    grasp.split_known = False
+    resplit(grasp)
+    bilateral(grasp, True, False)
 
 
 def _blocks(law: gx.Coupling, contacts: ContactSet) -> list[FloatArray]:
-    """The state block of a grasped object for every grasp."""
+    """Write the state block of a grasped object for every grasp."""
     n = contacts.points.shape[1]
     filled = []
     for points, e in zip(contacts.points, contacts.displacements, strict=True):
         arm = contacts.tolerance * float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum() / n))
         rules = Rules(attached=True, blend=(arm, arm))
         grasped = GraspedObject(n, 3, 0.001, law, rules, _free)
-        grasped.rows[:, at.CONTACT : at.CONTACT + 3] = points
-        grasped.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 3] = e
+        grasped.array(FingerState.contact)[:] = points
+        grasped.array(FingerState.displacement)[:, :3] = e
         filled.append(grasped.block)
     return filled
 
@@ -182,7 +184,7 @@ def _tick(
 
     def error() -> float:
         run()
-        rows = np.array([block[at.ROW : at.ROW + n * at.STRIDE].reshape(n, at.STRIDE) for block in blocks])
-        return relative_error(rows[:, :, at.LOCAL : at.LOCAL + 3], exact)
+        forces = np.array([GraspState(block).fingers.array(FingerState.local) for block in blocks])
+        return relative_error(forces[:, :, :3], exact)
 
     return Method(name, run, error, calls=len(calls))

@@ -29,6 +29,7 @@ from graspfx.compile.lower.pieces import (
     assign,
     assign_all,
     grid_entry,
+    indexed,
     kind_of,
     pieces,
     product_of,
@@ -40,7 +41,7 @@ from graspfx.compile.lower.pieces import (
 )
 from graspfx.compile.lower.scratch import Frame, Scratch
 from graspfx.compile.marks import INLINE, LOWERED, optional, parameter_kinds
-from graspfx.compile.records import SCALARS, Record, is_value, layout, parts_of
+from graspfx.compile.records import SCALARS, Floats, Record, Table, is_value, layout, parts_of
 from graspfx.compile.specialise.definitions import definition
 
 OPERATORS: dict[type[ast.operator], str] = {
@@ -118,6 +119,8 @@ class Expressions(Scratch):
             return Constant(item)
         if isinstance(owner, Group) and node.attr == "count":
             return owner.count
+        if isinstance(owner, Grid) and node.attr == "columns":
+            return owner.columns
         if isinstance(owner, Place | Span | Grid | Group) and node.attr in ("buffer", "offset"):
             return load(owner.buffer) if node.attr == "buffer" else owner.offset
         raise self.cannot(node, f"has no field {node.attr!r}")
@@ -148,7 +151,7 @@ class Expressions(Scratch):
         if isinstance(owner, Grid):
             return Span(owner.buffer, sum_of(owner.offset, product_of(index, owner.columns)))
         if isinstance(owner, Group):
-            return Place(owner.kind, owner.buffer, sum_of(owner.offset, product_of(index, owner.stride)))
+            return owner.member(sum_of(owner.offset, product_of(index, owner.stride)))
         if isinstance(owner, Bundle | Pack):
             if isinstance(index, ast.Constant) and isinstance(index.value, int):
                 return owner.parts[index.value]
@@ -254,6 +257,8 @@ class Expressions(Scratch):
         function = getattr(function, LOWERED, function)
         if isinstance(function, type) and is_value(function):
             return self.construct(function, node, frame)
+        if isinstance(function, type) and issubclass(function, Record | Floats | Table):
+            return self.view(function, node, frame)
         arguments = [self.value(a, frame) for a in node.args]
         keywords = {str(k.arg): self.value(k.value, frame) for k in node.keywords}
         if function is len and isinstance(arguments[0], Group):
@@ -285,6 +290,16 @@ class Expressions(Scratch):
         if set(values) != set(fields):
             raise self.cannot(node, f"gives {', '.join(values)} to {kind.__name__}({', '.join(fields)})")
         return Bundle(kind, tuple(self.value(values[name], frame) for name in fields))
+
+    def view(self, kind: type[Record] | type[Floats] | type[Table], node: ast.Call, frame: Frame) -> Lowered:
+        """Give a record or an array at an offset of a buffer that the kernel has: `Kind(record.buffer, offset)`."""
+        buffer, *rest = [self.value(a, frame) for a in node.args]
+        numbers = [self.atom(number) for number in rest if isinstance(number, ast.expr)]
+        if not isinstance(buffer, ast.Name) or node.keywords or len(numbers) != 1 + (kind is Table):
+            raise self.cannot(node, "views something else than a buffer at an offset")
+        if kind is Table:
+            return Grid(buffer.id, *numbers)
+        return Span(buffer.id, *numbers) if kind is Floats else Place(kind, buffer.id, *numbers)  # type: ignore[arg-type] # a record
 
     def kernel_call(
         self,
@@ -350,7 +365,8 @@ class Expressions(Scratch):
         for name in names:
             if name in values:
                 value = values[name]
-                frame.scope[name] = self.atoms(value) if name in again else value
+                stays = name in indexed(tree) and isinstance(value, Bundle) and value.offset is not None
+                frame.scope[name] = self.atoms(value) if name in again and not stays else value
             elif name in defaults:
                 frame.scope[name] = self.value(defaults[name], frame)
             else:

@@ -32,13 +32,17 @@ class Place:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of records."""
+    """A group of records, or of values that stand one in each of some records."""
 
-    kind: type[Record]
+    kind: type
     buffer: str
     offset: ast.expr
     stride: ast.expr
     count: ast.expr
+
+    def member(self, at: ast.expr) -> Lowered:
+        """Give the member that stands at an offset."""
+        return entries(self.kind, self.buffer, at) if is_value(self.kind) else Place(self.kind, self.buffer, at)
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,22 @@ def variable(kind: Any, name: str) -> Lowered:
     if is_value(kind):
         return Bundle(kind, tuple(variable(part, f"{name}_{k}") for k, part in parts_of(kind).items()))
     return load(name)
+
+
+def labels_of(kind: Any) -> list[str]:
+    """Give what each of a parameter's variables is, in order: int, float or bool; nothing of a buffer."""
+    kind, _ = optional(kind)
+    if get_origin(kind) is tuple:
+        return [label for part in get_args(kind) for label in labels_of(part)]
+    if get_origin(kind) is Many:
+        return ["", "int", "int", "int"]
+    if kind is Table:
+        return ["", "int", "int"]
+    if kind is Floats or (isinstance(kind, type) and issubclass(kind, Record)):
+        return ["", "int"]
+    if is_value(kind):
+        return [label for part in parts_of(kind).values() for label in labels_of(part)]
+    return [kind.__name__ if kind in SCALARS else ""]
 
 
 def like(value: Lowered, name: str) -> Lowered:

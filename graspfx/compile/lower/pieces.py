@@ -24,6 +24,13 @@ from graspfx.compile.records import parts_of
 
 
 @cache
+def indexed(tree: ast.FunctionDef) -> set[str]:
+    """Name the variables of which an entry is asked for by its index."""
+    subscripts = [node for node in ast.walk(tree) if isinstance(node, ast.Subscript)]
+    return {node.value.id for node in subscripts if isinstance(node.value, ast.Name)}
+
+
+@cache
 def repeated(tree: ast.FunctionDef) -> set[str]:
     """Name the variables of which some number is used more than once, or all at once more than once."""
     uses: Counter[tuple[str, str]] = Counter()

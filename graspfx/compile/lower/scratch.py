@@ -68,7 +68,8 @@ class Scratch:
         if get_origin(kind) is Many:
             assert field.extent is not None
             each = get_args(kind)[0]
-            stride = ast.Constant(size_of(each))
+            columns = field.extent.columns
+            stride = self.size(owner, columns) if columns else ast.Constant(size_of(each))
             return Group(each, owner.buffer, at, stride, self.size(owner, field.extent.rows))
         if isinstance(kind, type) and issubclass(kind, Record):
             return Place(kind, owner.buffer, at)

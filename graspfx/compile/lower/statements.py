@@ -16,6 +16,7 @@ from graspfx.compile.lower.kinds import (
     Place,
     Span,
     expressions,
+    labels_of,
     like,
     load,
     offsets,
@@ -31,21 +32,25 @@ class Body(Expressions):
     """One kernel while it is lowered."""
 
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
-        parameters, defaults = [], []
+        parameters: list[ast.arg] = []
+        defaults: list[ast.expr] = []
         fallbacks = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
         for a in tree.args.args:
             value = variable(kinds[a.arg], a.arg)
             frame.scope[a.arg] = value
             self.buffers += [value.buffer] if isinstance(value, Place | Span | Grid | Group) else []
             names = [part.id for part in expressions(value) if isinstance(part, ast.Name)]
-            parameters += names
+            labels = labels_of(kinds[a.arg])
+            parameters += [
+                ast.arg(name, ast.Constant(label) if label else None) for name, label in zip(names, labels, strict=True)
+            ]
             if a.arg in fallbacks:
                 default = self.value(fallbacks[a.arg], frame)
                 if len(names) > 1 or not isinstance(default, ast.expr):
                     raise self.cannot(a, "has a default, which only a number can have")
                 defaults.append(default)
         body = self.block(tree.body, frame)
-        args = ast.arguments([], [ast.arg(p) for p in parameters], None, [], [], None, defaults)
+        args = ast.arguments([], parameters, None, [], [], None, defaults)
         node = ast.FunctionDef(name=tree.name, args=args, body=body, decorator_list=[], type_params=[])  # type: ignore[call-arg, unused-ignore] # type_params from Python 3.12 on
         place(node)
         return node
@@ -53,7 +58,10 @@ class Body(Expressions):
     def block(self, statements: Sequence[ast.stmt], frame: Frame) -> list[ast.stmt]:
         outer, self.out = self.out, []
         for statement in statements:
+            before = len(self.out)
             self.statement(statement, frame)
+            for line in self.out[before:]:  # an inner block may have said already where a line comes from
+                vars(line).setdefault("origin", statement.lineno)
         lowered, self.out = self.out, outer
         return lowered or [ast.Pass()]
 
@@ -254,7 +262,7 @@ class Body(Expressions):
         name = frame.prefix + (index or f"{target.id}_i")
         if index:
             frame.scope[index] = load(name)
-        frame.scope[target.id] = Place(group.kind, group.buffer, load(f"{frame.prefix}{target.id}_at"))
+        frame.scope[target.id] = group.member(load(f"{frame.prefix}{target.id}_at"))
         first = assign(f"{frame.prefix}{target.id}_at", sum_of(base, product_of(load(name), group.stride)))
         body = [first, *self.block(node.body, frame)]
         self.out.append(ast.For(ast.Name(name, ast.Store()), ast.Call(load("range"), [count], []), body, []))

@@ -44,8 +44,8 @@ def control(S: Any, B: Any, T: float) -> bool:
     for i in range(n):
         push(S, B, i)
     if S[at.LIMITS] != 0.0:
-        limit_again(S)
-    react(S)
+        limit_again(S, 0)  # type: ignore[call-arg] # a block for its record
+    react(S, 0)  # type: ignore[call-arg] # a block for its record
     return True
 
 

@@ -19,13 +19,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from graspfx.cones.cone import eliminate
+from graspfx.cones.elimination import eliminate
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import pose
 from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.loop.energy import leak as po
 from graspfx.loop.energy.leak import balance, book, squares
 from graspfx.objects import energy
+from graspfx.objects import integrators as body
 from graspfx.objects.energy import keep, kinetic, settle
 
 # The buffer beside the object's block. Sums stand in fours, each with what rounding left out of them.
@@ -170,13 +170,12 @@ def load(S: Any, B: Any) -> None:
         B[r + WEIGHT] = S[s + at.WEIGHT]
         for a in range(4):
             B[r + NEXT + a] = S[s + at.ELASTIC + a]
+    lead = 1 + width * n
     if S[at.EQUAL] != 0.0:  # the law has no use for modes
         for k in range(18):
             B[AXES + k] = S[at.AXES + k]
-        B[COUNT], _ = rigid_modes(
-            B, ROWS, STRIDE, CONTACT, WEIGHT, n, int(S[at.DIMENSIONS]), AXES, int(S[at.SHIFTS]), int(S[at.TURNS]),
-            S[at.ARM_LOW], S[at.ARM_HIGH], modes(n), NORMAL, PATCH if width > 3 else -1,
-        )  # fmt: skip
+        dimensions, low, high = int(S[at.DIMENSIONS]), S[at.ARM_LOW], S[at.ARM_HIGH]
+        B[COUNT], _ = rigid_modes(B, ROWS, STRIDE, n, S, at.SHIFTS, dimensions, low, high, width, B, modes(n), lead)  # type: ignore[call-arg, arg-type] # flat
     else:
         B[COUNT] = S[at.COUNT]
         for k in range(int(S[at.COUNT]) * (1 + width * n)):
@@ -247,14 +246,14 @@ def stretch_by_matrix(S: Any, B: Any) -> bool:
     """h = K^-1 fe with the K that stands in the block, to STRETCH; False, and nothing, where K has no inverse."""
     n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
     m = n * d
-    K, H = at.dense(n, d), square(n)
+    K, H = at.stiffness_offset(S, 0), square(n)  # type: ignore[call-arg] # flat
     fe = H + m * m
     for k in range(m * m):
         B[H + k] = S[K + k]
     for i in range(n):
         for a in range(d):
             B[fe + i * d + a] = B[ROWS + i * STRIDE + NEXT + a]
-    if not eliminate(B, H, fe, m):
+    if not eliminate(B, H, m, B, fe, m):  # type: ignore[arg-type, call-arg] # flat
         return False
     for i in range(n):
         for a in range(d):
@@ -294,7 +293,9 @@ def hold(S: Any, B: Any) -> None:
     n, o = int(S[at.FINGERS]), at.BODY
     width = 4 if S[at.COORDINATES] > 3.0 else 3
     shifts = int(S[at.SHIFTS])
-    x, R, _, _ = pose(S)
+    x, R = at.BODY + body.POSITION, at.BODY + body.ROTATION
+    if S[at.IMPLICIT] != 0.0:
+        x, R = at.BODY + body.NEXT_POSITION, at.BODY + body.NEXT_ROTATION
     braked = False
     same = True
     for k in range(9):

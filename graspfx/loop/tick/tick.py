@@ -125,11 +125,11 @@ def couple_objects(scene: Wiring, k: int) -> None:
     for grasp in scene.grasps:
         if servo[FAULTED] == 0.0:
             if grasp.limited:  # what the object receives is what is displayed
-                code = couple(grasp.block)
-                code = limit(grasp.block, code)
-                code = conclude(grasp.block, code)
+                code = couple(grasp.state)
+                code = limit(grasp.state, code)
+                code = conclude(grasp.state, code)
             else:
-                code = sample(grasp.block)
+                code = sample(grasp.state)
             if code != 0:
                 latch(servo, k, OBJECT_, grasp.index, code)
                 if code == LOST:
@@ -164,7 +164,7 @@ def add_work(scene: Wiring, k: int) -> None:
 def release(scene: Wiring) -> None:
     """Let go of every object."""
     for grasp in scene.grasps:
-        let_go(grasp.block)
+        let_go(grasp.state)
 
 
 # Display --------------------------------------------------------------------------------------------------------------

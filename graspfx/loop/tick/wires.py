@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.coupling.grasp_state import GraspState
+
 FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
 
@@ -77,6 +79,7 @@ class GraspWires:
 
     index: int
     block: FloatArray
+    state: GraspState  # the same block
     limited: bool
     stuck: int  # the servo's entry that says that its body cannot go on
     ledger: LedgerWires | None

@@ -20,7 +20,7 @@ from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import BlockBody, FloatArray
-from graspfx.spatial import rotate
+from graspfx.spatial import rotate_numbers as rotate
 
 BANNER = b"pybullet build time"
 Call = Callable[[], None]

@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.records import numbers
 from graspfx.cones.cone import contact_frame
+from graspfx.cones.problem import choices, set_up
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
 from graspfx.objects.floor import rest
 from graspfx.objects.floor.lowest import BALL, ELLIPSOID, FEATURE, NOTCH, RIM, SIDES, lowest
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
@@ -49,7 +52,6 @@ class FloorBody(NativeBody):
 
     stepping = staticmethod(advance)
     predicting = staticmethod(expect)
-    structure = (rest.PLANES, rest.FEATURES)
     buffer: FloatArray
 
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -59,6 +61,9 @@ class FloorBody(NativeBody):
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
         F = self.buffer = np.zeros(rest.size(len(planes), len(points)))
+        o = rest.problem_place(len(planes), len(points))
+        set_up(F, o, 0)
+        self.structure = (rest.PLANES, rest.FEATURES, *choices(o))
         self._F: Any = memoryview(F)
         mass = float(self.state[at.MASS])
         F[rest.PLANES], F[rest.FEATURES] = len(planes), len(points)
@@ -69,7 +74,7 @@ class FloorBody(NativeBody):
         for p, (normal, distance) in enumerate(planes):
             o = first + p * rest.PLANE
             F[o : o + 3] = normal
-            contact_frame(self._F, o, max(self.dimensions, 2), o)
+            F[o : o + 9] = list(numbers(contact_frame(Vector(*F[o : o + 3].tolist()), max(self.dimensions, 2))))
             F[o + 9] = distance
         F[rows : rows + points.size] = points.ravel()
 

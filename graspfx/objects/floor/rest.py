@@ -18,9 +18,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.cones.cone import FREE as APART
-from graspfx.cones.cone import modes_offset
-from graspfx.cones.friction import ASSOCIATED, UNRESOLVED, friction_force, problem_size
+from graspfx.compile.records import size_of, start_of
+from graspfx.cones.friction import ASSOCIATED, UNRESOLVED, friction_force
+from graspfx.cones.problem import FREE as APART
+from graspfx.cones.problem import MODES, ConeContact, FrictionProblem, ModePart, Unknown, problem_size
 from graspfx.objects.floor.lowest import FEATURE, MOST, lowest, thin
 from graspfx.objects.integrators import (
     ANGULAR_VELOCITY,
@@ -48,7 +49,9 @@ from graspfx.objects.integrators import (
     spin_of,
     step,
 )
-from graspfx.spatial import exponential, orthogonalise, rotate
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import rotate_numbers as rotate
+from graspfx.spatial import write_orthogonal as orthogonalise
 
 # The buffer beside the body's block.
 PLANES = 0
@@ -79,6 +82,31 @@ NO_MODE = 1e-20  # squared length of a mode that is none, relative to the longes
 RESTARTS = 4  # of the search for an answer of Coulomb's law
 
 
+# Of the friction problem's contacts and unknowns.
+CONE = size_of(ConeContact)
+CONE_STATUS = start_of(ConeContact, "status")
+CONE_COEFFICIENT = start_of(ConeContact, "coefficient")
+CONE_DISPLACEMENT = start_of(ConeContact, "displacement")
+CONE_BASE = start_of(ConeContact, "base_force")
+CONE_FORCE = start_of(ConeContact, "force")
+CONE_SLIP = start_of(ConeContact, "slip")
+CONE_MODES = start_of(ConeContact, "modes")
+CONE_MODE = size_of(ModePart)
+STARTED = start_of(FrictionProblem, "started")
+IN_USE = start_of(FrictionProblem, "modes")
+UNKNOWNS = start_of(FrictionProblem, "unknowns")
+UNKNOWN = size_of(Unknown)
+SHARE = start_of(Unknown, "share")
+FIRST = problem_size(0)  # offset of a problem's first contact
+
+
+def problem_place(planes: int, features: int) -> int:
+    """Offset of the friction problem, behind the rows and modes of as many contacts as there can be."""
+    most = planes * MOST + features
+    first = TABLE + planes * PLANE + features * FEATURE + 2 * planes * features
+    return first + most * CONTACT + MODES * (1 + 3 * most)
+
+
 def offsets(F: Any) -> tuple[int, int, int, int]:
     """Where planes, features, memories and contacts start."""
     planes, features = int(F[PLANES]), int(F[FEATURES])
@@ -89,9 +117,7 @@ def offsets(F: Any) -> tuple[int, int, int, int]:
 
 def size(planes: int, features: int) -> int:
     """Entries of the buffer."""
-    most = planes * MOST + features
-    rows = most * CONTACT + 6 * (1 + 3 * most) + problem_size(most, 3, 6, False)
-    return TABLE + planes * PLANE + features * FEATURE + 2 * planes * features + rows
+    return problem_place(planes, features) + problem_size(planes * MOST + features)
 
 
 def lookahead(kind: int, T: float) -> float:
@@ -201,41 +227,44 @@ def solve(S: Any, o: int, F: Any, T: float, n: int) -> bool:
     gain = k * T + b
     modes = rows + n * CONTACT
     count, stiffest = contact_modes(S, o, F, T, n, d, rows, modes)
-    problem = modes + 6 * (1 + n * d)
+    problem = problem_place(int(F[PLANES]), int(F[FEATURES]))
+    F[problem] = n
     least = 1.0 / (1.0 / gain + stiffest)
     m = n * d
     for i in range(n):
         r = rows + i * CONTACT
-        F[problem + i], F[problem + n + i], F[problem + 2 * n + i] = F[r + BEARS], F[FRICTION], float(APART)
-        e = problem + 3 * n + i * d
+        cone = problem + FIRST + i * CONE
+        F[cone], F[cone + CONE_COEFFICIENT], F[cone + CONE_STATUS] = F[r + BEARS], F[FRICTION], float(APART)
+        e = cone + CONE_DISPLACEMENT
         gap = F[r + GAP]
         F[e] = -(k * gap + b * F[r + SPEED]) / gain if gap < 0.0 else -gap / T
         s = memory + 2 * int(F[r + WHICH])
         for a in range(1, d):
             F[e + a] = -k * F[s + a - 1] / gain - F[r + SPEED + a]
         for a in range(d):
-            F[e + m + a] = 0.0
-    start = problem + 3 * n + 5 * m
-    to = modes_offset(problem, n, d, count)
+            F[cone + CONE_BASE + a] = 0.0
+    start = problem + UNKNOWNS
+    F[problem + IN_USE] = F[problem + STARTED] = count
     for j in range(count):
-        F[start + j] = F[START + j]
+        F[start + j * UNKNOWN] = F[START + j]
         q = modes + j * (1 + m)
         kappa = 1.0 / (1.0 / gain + F[q])
-        F[to + j * (1 + m)] = (gain - kappa) / (gain - least) if gain > least else 1.0
-        for c in range(1, 1 + m):
-            F[to + j * (1 + m) + c] = F[q + c]
-    law, _, _ = friction_force(F, problem, n, d, count, least, gain, True, RESTARTS)
-    if law == UNRESOLVED:
+        F[start + j * UNKNOWN + SHARE] = (gain - kappa) / (gain - least) if gain > least else 1.0
+        for i in range(n):
+            for a in range(d):
+                F[problem + FIRST + i * CONE + CONE_MODES + j * CONE_MODE + a] = F[q + 1 + i * d + a]
+    law, _, _ = friction_force(F, problem, d, least, gain, True, RESTARTS)  # type: ignore[arg-type, call-arg, misc] # flat
+    if law == UNRESOLVED:  # type: ignore[has-type] # flat
         return False
-    if law == ASSOCIATED:
+    if law == ASSOCIATED:  # type: ignore[has-type] # flat
         F[OTHER_LAW] += 1.0
     for j in range(6):
-        F[START + j] = F[start + j] if j < count else 0.0
+        F[START + j] = F[start + j * UNKNOWN] if j < count else 0.0
     for j in range(6):
         F[WRENCH + j] = 0.0
     for i in range(n):
         r = rows + i * CONTACT
-        f = problem + 3 * n + 2 * m + i * d
+        f = problem + FIRST + i * CONE + CONE_FORCE
         x = y = z = 0.0
         for a in range(d):
             t = int(F[r + FRAME]) + 3 * a
@@ -250,7 +279,7 @@ def solve(S: Any, o: int, F: Any, T: float, n: int) -> bool:
         # the row now keeps what the memory needs when the body has moved: whether the contact bears, and its slip
         F[r + GAP] = 1.0 if F[f] > 0.0 else 0.0
         for a in range(1, d):
-            F[r + SPEED + a] = F[f + m + a]
+            F[r + SPEED + a] = F[f + CONE_SLIP - CONE_FORCE + a]
     return True
 
 
