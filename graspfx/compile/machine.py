@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as program
 from graspfx.compile.specialise.specialise import Program
@@ -24,10 +25,11 @@ NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its oth
 class Machine:
     """`kernel(...)` compiled: the same arguments, of which buffers are arrays or memoryviews of floats.
 
-    It gives what the kernel gives, numbers as floats.
+    A kernel on records takes a buffer and an offset for each. It gives what the kernel gives, numbers as floats.
     """
 
     def __init__(self, kernel: FunctionType) -> None:
+        kernel = source_function(kernel)
         self._parameters = [(p.name, str(p.annotation)) for p in signature(kernel).parameters.values()]
         numbers = [name for name, kind in self._parameters if kind in NUMBERS]
         self._names = [name for name, kind in self._parameters if kind not in NUMBERS]

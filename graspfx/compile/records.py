@@ -39,9 +39,9 @@ class Extent:
     columns: str = ""
 
 
-def many(count: str) -> Any:
-    """Declare a group of as many records as `count` says."""
-    return Extent(count)
+def many(count: str, each: str = "") -> Any:
+    """Declare a group of as many records as `count` says; `each` is their entries where these vary."""
+    return Extent(count, each)
 
 
 def floats(size: str) -> Any:
@@ -207,7 +207,7 @@ def _size(cls: type[Record], name: str, kind: Any, extent: Extent | None) -> str
     if kind in (Floats, Table) or get_origin(kind) is Many:
         if extent is None:
             raise InputError(f"{cls.__name__}.{name}", kind, "a size: many(...), floats(...) or table(...)")
-        each = str(size_of(get_args(kind)[0])) if get_origin(kind) is Many else extent.columns or "1"
+        each = extent.columns or (str(size_of(get_args(kind)[0])) if get_origin(kind) is Many else "1")
         return extent.rows if each == "1" else f"({extent.rows}) * ({each})"
     if kind in SCALARS:
         return "1"
@@ -317,7 +317,7 @@ def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
     if kind is Table:
         return Table(buffer, at, shape[1])
     if get_origin(kind) is Many:
-        return Many(get_args(kind)[0], buffer, at, shape[0])
+        return Many(get_args(kind)[0], buffer, at, *shape)
     if issubclass(kind, Record):
         return kind(buffer, at)
     value: Any = object.__new__(_stored(kind))

@@ -10,6 +10,7 @@ import pytest
 
 from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
+from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
 from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, outer
@@ -229,3 +230,41 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
 
     with pytest.raises(InputError, match=r"Bad\.name"):
         size_of(Bad)
+
+
+class Ring(Record):
+    length: int
+    values: Floats = floats("length")
+
+
+class Rings(Record):
+    count: int
+    each: int
+    rings: Many[Ring] = many("count", "each")
+    rows: Table = table("2", "count + 1")
+
+
+@kernel
+def turn_rings(rings: Rings, factor: float) -> float:
+    """Change records whose size varies, each as long as their owner says."""
+    total = 0.0
+    for ring in rings.rings:
+        ring.values[ring.length - 1] *= factor
+        total += ring.values[0]
+    return total + rings.rows.columns
+
+
+def test_records_of_varying_size_stand_as_far_apart_as_their_owner_says() -> None:
+    S = np.zeros(size_for(Rings, count=3, each=4) + 2)
+    S[2:4] = 3, 4
+    rings = Rings(S, 2)
+    for ring in rings.rings:
+        ring.length = 3
+        ring.values[0], ring.values[2] = 1.0, 2.0
+    A, B, C = S.copy(), S.copy(), S.copy()
+    assert written(turn_rings)(Rings(A, 2), 3.0) == turn_rings(Rings(B, 2), 3.0) == 3.0 + 4.0
+    assert compiled(turn_rings)(C, 2, 3.0) == 7.0
+    assert A.tobytes() == B.tobytes() == C.tobytes()
+    assert rings.rings[2].offset == 2 + 2 + 2 * 4
+    assert Rings(B, 2).rings[1].values[2] == 6.0
+    assert name_of(Rings, 2 + 2 + 4 + 1, S, offset=2) == "rings[1].values[0]"

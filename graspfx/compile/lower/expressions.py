@@ -136,6 +136,8 @@ class Expressions:
             return Constant(known)
         if isinstance(owner, Group) and node.attr == "count":
             return owner.count
+        if isinstance(owner, Grid) and node.attr == "columns":
+            return owner.columns
         if isinstance(owner, Place | Span | Grid | Group) and node.attr in ("buffer", "offset"):
             return load(owner.buffer) if node.attr == "buffer" else owner.offset
         raise self.cannot(node, f"has no field {node.attr!r}")
@@ -170,7 +172,8 @@ class Expressions:
         if get_origin(kind) is Many:
             assert field.extent is not None
             each = get_args(kind)[0]
-            stride = ast.Constant(size_of(each))
+            columns = field.extent.columns
+            stride = self.size(owner, columns) if columns else ast.Constant(size_of(each))
             return Group(each, owner.buffer, at, stride, self.size(owner, field.extent.rows))
         if isinstance(kind, type) and issubclass(kind, Record):
             return Place(kind, owner.buffer, at)

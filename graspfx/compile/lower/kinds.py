@@ -116,6 +116,24 @@ def variable(kind: Any, name: str) -> Lowered:
     return load(name)
 
 
+def number_kinds(kind: Any) -> Iterator[str]:
+    """List the kinds of the variables of a value, in their order; nothing for a buffer."""
+    kind, _ = optional(kind)
+    if kind in SCALARS:
+        yield kind.__name__
+    elif is_value(kind):
+        for part in parts_of(kind).values():
+            yield from number_kinds(part)
+    elif kind is Table:
+        yield from ("", "int", "int")
+    elif get_origin(kind) is Many:
+        yield from ("", "int", "int", "int")
+    elif kind is Floats or (isinstance(kind, type) and issubclass(kind, Record)):
+        yield from ("", "int")
+    else:
+        yield ""
+
+
 def like(value: Lowered, name: str) -> Lowered:
     """Give variables of a name for the numbers of a value; its buffers stay."""
     if isinstance(value, Bundle):

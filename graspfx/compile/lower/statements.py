@@ -27,6 +27,7 @@ from graspfx.compile.lower.kinds import (
     expressions,
     like,
     load,
+    number_kinds,
     offsets,
     variable,
 )
@@ -37,21 +38,23 @@ class Body(Expressions):
     """One kernel while it is lowered."""
 
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
-        parameters, defaults = [], []
+        parameters: list[tuple[str, str]] = []
+        defaults: list[ast.expr] = []
         given = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
         for a in tree.args.args:
             value = variable(kinds[a.arg], a.arg)
             frame.scope[a.arg] = value
             self.buffers += [value.buffer] if isinstance(value, Place | Span | Grid | Group) else []
             names = [part.id for part in expressions(value) if isinstance(part, ast.Name)]
-            parameters += names
+            parameters += zip(names, number_kinds(kinds[a.arg]), strict=True)
             if a.arg in given:
                 default = self.value(given[a.arg], frame)
                 if len(names) > 1 or not isinstance(default, ast.expr):
                     raise self.cannot(a, "has a default, which only a number can have")
                 defaults.append(default)
         body = self.block(tree.body, frame)
-        args = ast.arguments([], [ast.arg(p) for p in parameters], None, [], [], None, defaults)
+        given_as = [ast.arg(name, ast.Constant(kind) if kind else None) for name, kind in parameters]
+        args = ast.arguments([], given_as, None, [], [], None, defaults)
         node = ast.FunctionDef(name=tree.name, args=args, body=body, decorator_list=[], type_params=[])  # type: ignore[call-arg, unused-ignore] # type_params from Python 3.12 on
         return ast.fix_missing_locations(node)
 
