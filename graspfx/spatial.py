@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from graspfx.compile.kernel import inline
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Table
 
 LARGEST = 1e300  # NaN compares false with it
 SWEEPS = 12  # of Jacobi rotations: three or four are enough
@@ -153,6 +154,60 @@ def total(v: Vector) -> float:
     return v.x + v.y + v.z
 
 
+@inline
+def rotate(q: Quaternion, v: Vector) -> Vector:
+    """Compute R v of a unit quaternion, as v + w t + q x t with t = 2 q x v; R'v is that of its conjugate."""
+    tx, ty, tz = 2.0 * (q.y * v.z - q.z * v.y), 2.0 * (q.z * v.x - q.x * v.z), 2.0 * (q.x * v.y - q.y * v.x)
+    return Vector(
+        v.x + q.w * tx + q.y * tz - q.z * ty,
+        v.y + q.w * ty + q.z * tx - q.x * tz,
+        v.z + q.w * tz + q.x * ty - q.y * tx,
+    )
+
+
+@inline
+def quaternion_matrix(q: Quaternion) -> Matrix:
+    """Compute the matrix of a unit quaternion."""
+    x, y, z, w = q.x, q.y, q.z, q.w
+    return Matrix(
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip
+
+
+@inline
+def angle_matrix(angle: float) -> Matrix:
+    """Compute the matrix of a rotation about z by an angle [rad]."""
+    c = math.cos(angle)
+    s = math.sin(angle)
+    return Matrix(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+
+
+@kernel
+def exponential(v: Vector) -> Quaternion:
+    """Compute exp of a rotation vector [rad]: (v sin(|v|/2)/|v|, cos(|v|/2)), to rounding at every angle."""
+    square = v.x * v.x + v.y * v.y + v.z * v.z
+    if square < SMALL:
+        s = 0.5 - square / 48.0
+        return Quaternion(v.x * s, v.y * s, v.z * s, 1.0 - 0.125 * square)
+    if not square <= LARGEST:  # a body that has diverged: its state says so from here on, nothing is raised
+        return Quaternion(math.nan, math.nan, math.nan, math.nan)
+    angle = math.sqrt(square)
+    s = math.sin(0.5 * angle) / angle
+    return Quaternion(v.x * s, v.y * s, v.z * s, math.cos(0.5 * angle))
+
+
+@kernel
+def normalise(q: Quaternion) -> Quaternion:
+    """Compute q / |q|; a quaternion of length zero comes back as it is."""
+    square = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+    if square <= 0.0:
+        return q
+    k = 1.0 / math.sqrt(square)
+    return Quaternion(q.x * k, q.y * k, q.z * k, q.w * k)
+
+
 def product(
     ax: float, ay: float, az: float, aw: float, bx: float, by: float, bz: float, bw: float
 ) -> tuple[float, float, float, float]:
@@ -165,7 +220,7 @@ def product(
     )
 
 
-def exponential(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+def exponential_numbers(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """exp of a rotation vector [rad]: (u sin(|u|/2)/|u|, cos(|u|/2)), exact to rounding down to no rotation at all."""
     square = x * x + y * y + z * z
     if square < SMALL:
@@ -187,7 +242,9 @@ def normalised(x: float, y: float, z: float, w: float) -> tuple[float, float, fl
     return x * k, y * k, z * k, w * k
 
 
-def rotate(qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+def rotate_numbers(
+    qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
     """R v by a unit quaternion, as v + w t + q x t with t = 2 q x v; R' v by its conjugate (-qx, -qy, -qz, qw)."""
     tx = 2.0 * (qy * z - qz * y)
     ty = 2.0 * (qz * x - qx * z)
@@ -199,7 +256,7 @@ def rotate(qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: fl
     )
 
 
-def quaternion_matrix(S: Any, o: int, x: float, y: float, z: float, w: float) -> None:
+def write_quaternion_matrix(S: Any, o: int, x: float, y: float, z: float, w: float) -> None:
     """Writes the matrix of a unit quaternion at o, nine entries row by row."""
     S[o], S[o + 1], S[o + 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
     S[o + 3], S[o + 4], S[o + 5] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
@@ -223,7 +280,7 @@ def quaternion(R: Sequence[float]) -> tuple[float, float, float, float]:
     return normalised(sign * q[0], sign * q[1], sign * q[2], sign * q[3])
 
 
-def angle_matrix(S: Any, o: int, angle: float) -> None:
+def write_angle_matrix(S: Any, o: int, angle: float) -> None:
     """Writes the matrix of a rotation about z at o, nine entries row by row."""
     c, s = math.cos(angle), math.sin(angle)
     S[o], S[o + 1], S[o + 2] = c, -s, 0.0
@@ -231,7 +288,7 @@ def angle_matrix(S: Any, o: int, angle: float) -> None:
     S[o + 6], S[o + 7], S[o + 8] = 0.0, 0.0, 1.0
 
 
-def orthogonalise(S: Any, o: int, count: int, size: int) -> None:
+def write_orthogonal(S: Any, o: int, count: int, size: int) -> None:
     """One-sided Jacobi: rotates `count` vectors (one entry, then size - 1 components) until they are orthogonal.
 
     Small norms come out accurate relative to themselves, unlike through a 3 x 3 moment matrix.
@@ -259,5 +316,39 @@ def orthogonalise(S: Any, o: int, count: int, size: int) -> None:
                     a, b = S[u + j], S[v + j]
                     S[u + j] = c * a - s * b
                     S[v + j] = s * a + c * b
+        if not turned:
+            return
+
+
+@kernel
+def orthogonalise(rows: Table, first: int, count: int) -> None:
+    """Rotate `count` rows, the first entry of each left out, until they are orthogonal: one-sided Jacobi.
+
+    Small norms come out accurate relative to themselves, unlike through a 3 x 3 moment matrix.
+    """
+    for _ in range(SWEEPS):
+        turned = False
+        for p in range(first, first + count - 1):
+            for q in range(p + 1, first + count):
+                u = rows[p]
+                v = rows[q]
+                uu = vv = uv = 0.0
+                for j in range(1, rows.columns):
+                    uu += u[j] * u[j]
+                    vv += v[j] * v[j]
+                    uv += u[j] * v[j]
+                if uv * uv <= 1e-31 * uu * vv:
+                    continue
+                turned = True
+                zeta = (vv - uu) / (2.0 * uv)
+                t = 1.0 / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
+                if zeta < 0.0:
+                    t = -t
+                c = 1.0 / math.sqrt(1.0 + t * t)
+                s = c * t
+                for j in range(1, rows.columns):
+                    a, b = u[j], v[j]
+                    u[j] = c * a - s * b
+                    v[j] = s * a + c * b
         if not turned:
             return

@@ -10,7 +10,27 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from graspfx.spatial import angle_matrix, exponential, normalised, product, quaternion, quaternion_matrix, rotate
+from graspfx.compile.kernel import kernel, written
+from graspfx.compile.records import Table, numbers
+from graspfx.spatial import (
+    Matrix,
+    Vector,
+    angle_matrix,
+    exponential,
+    exponential_numbers,
+    normalise,
+    normalised,
+    orthogonalise,
+    product,
+    quaternion,
+    quaternion_matrix,
+    rotate,
+    rotate_numbers,
+    write_angle_matrix,
+    write_orthogonal,
+    write_quaternion_matrix,
+)
+from graspfx.spatial import Quaternion as Quaternion4
 
 EPS = np.finfo(float).eps
 Quaternion = tuple[float, float, float, float]
@@ -24,7 +44,7 @@ def unit(rng: np.random.Generator) -> Quaternion:
 
 def matrix(q: Quaternion) -> NDArray[np.float64]:
     R = np.zeros(11)
-    quaternion_matrix(R, 1, *q)
+    write_quaternion_matrix(R, 1, *q)
     assert R[0] == R[10] == 0.0  # nothing beside the nine entries is touched
     return R[1:10].reshape(3, 3)
 
@@ -48,8 +68,8 @@ def test_quaternion_matrix_and_rotation_are_one_map(seed: int) -> None:
     R = matrix(a)
     np.testing.assert_allclose(R, Rotation.from_quat(a).as_matrix(), atol=4 * EPS)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=8 * EPS)
-    np.testing.assert_allclose(rotate(*a, *v), R @ v, atol=8 * EPS)
-    np.testing.assert_allclose(rotate(-a[0], -a[1], -a[2], a[3], *v), R.T @ v, atol=8 * EPS)
+    np.testing.assert_allclose(rotate_numbers(*a, *v), R @ v, atol=8 * EPS)
+    np.testing.assert_allclose(rotate_numbers(-a[0], -a[1], -a[2], a[3], *v), R.T @ v, atol=8 * EPS)
     np.testing.assert_allclose(matrix(product(*a, *b)), R @ matrix(b), atol=8 * EPS)
 
 
@@ -57,7 +77,7 @@ def test_quaternion_matrix_and_rotation_are_one_map(seed: int) -> None:
 def test_exponential_is_exact_to_rounding_at_every_angle(angle: float) -> None:
     """Each entry within 4 eps of 50 digits, relative to itself; the scalar part, zero at pi, absolutely."""
     axis = np.array([0.48, -0.6, 0.64])
-    x, y, z, w = exponential(*(angle * axis).tolist())
+    x, y, z, w = exponential_numbers(*(angle * axis).tolist())
     with mpmath.workdps(50):
         vector = [mpmath.mpf(float(angle * u)) for u in axis]
         exact = mpmath.sqrt(sum(u * u for u in vector))
@@ -70,15 +90,15 @@ def test_exponential_is_exact_to_rounding_at_every_angle(angle: float) -> None:
 def test_turns_about_one_axis_add() -> None:
     """exp(0.3 u) exp(0.4 u) = exp(0.7 u)."""
     u = np.array([2.0, -1.0, 2.0]) / 3.0
-    both = product(*exponential(*(0.3 * u)), *exponential(*(0.4 * u)))
-    np.testing.assert_allclose(both, exponential(*(0.7 * u)), atol=2 * EPS)
+    both = product(*exponential_numbers(*(0.3 * u)), *exponential_numbers(*(0.4 * u)))
+    np.testing.assert_allclose(both, exponential_numbers(*(0.7 * u)), atol=2 * EPS)
 
 
 def test_plane_rotation_is_the_one_about_z() -> None:
     for angle in (-7.0, -1e-9, 0.0, 0.3, 100.0):
         R = np.zeros(9)
-        angle_matrix(R, 0, angle)
-        np.testing.assert_allclose(R.reshape(3, 3), matrix(exponential(0.0, 0.0, angle)), atol=8 * EPS)
+        write_angle_matrix(R, 0, angle)
+        np.testing.assert_allclose(R.reshape(3, 3), matrix(exponential_numbers(0.0, 0.0, angle)), atol=8 * EPS)
 
 
 def test_normalised_keeps_the_direction_and_lets_zero_be() -> None:
@@ -96,3 +116,44 @@ def test_quaternion_of_a_matrix() -> None:
         assert found[3] >= 0.0
         assert abs(np.dot(found, q)) == pytest.approx(1.0, abs=4 * EPS)
         np.testing.assert_allclose(matrix(found), matrix(q), atol=8 * EPS)
+
+
+@kernel
+def turned(q: Quaternion4, v: Vector, angle: float) -> tuple[Vector, Matrix, Matrix, Quaternion4, Quaternion4]:
+    """Put every value form into one kernel."""
+    turn = normalise(q)
+    return (
+        rotate(turn, v),
+        quaternion_matrix(turn),
+        angle_matrix(angle),
+        exponential(v),
+        turn.conjugate @ exponential(v),
+    )
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 0.3, 20.0])
+def test_values_and_numbers_give_the_same_bits(size: float) -> None:
+    """Rotations of values do the arithmetic of those of numbers, as they are written and lowered."""
+    rng = np.random.default_rng(7)
+    q, v, angle = Quaternion4(*rng.normal(size=4).tolist()), Vector(*(size * rng.normal(size=3)).tolist()), 0.3
+    outcome = written(turned)(q, v, angle)
+    assert turned(q, v, angle) == outcome
+    unit = normalised(q.x, q.y, q.z, q.w)
+    R = np.zeros(9)
+    write_quaternion_matrix(R, 0, *unit)
+    step = exponential_numbers(v.x, v.y, v.z)
+    write_angle_matrix(A := np.zeros(9), 0, angle)
+    expected = [rotate_numbers(*unit, v.x, v.y, v.z), R, A, step, product(-unit[0], -unit[1], -unit[2], unit[3], *step)]
+    assert [list(numbers(each)) for each in outcome] == [list(each) for each in expected]
+
+
+def test_orthogonal_rows_are_those_of_the_flat_form() -> None:
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(5, 7))
+    flat, lowered, plain = rows.copy().ravel(), rows.copy().ravel(), rows.copy().ravel()
+    write_orthogonal(flat, 7, 4, 7)
+    orthogonalise(Table(lowered, 0, 7), 1, 4)
+    written(orthogonalise)(Table(plain, 0, 7), 1, 4)
+    assert flat.tobytes() == lowered.tobytes() == plain.tobytes()
+    products = lowered.reshape(5, 7)[1:, 1:] @ lowered.reshape(5, 7)[1:, 1:].T
+    np.testing.assert_allclose(products - np.diag(np.diag(products)), 0.0, atol=64 * EPS)

@@ -22,7 +22,7 @@ from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.objects import integrators as at
 from graspfx.scene.model import Scene
-from graspfx.spatial import quaternion_matrix
+from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
 
 TITLE = "Whole ticks: devices, coupling, object, recording"
 LIMITS = """

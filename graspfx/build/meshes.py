@@ -12,7 +12,8 @@ import numpy as np
 
 from graspfx.environment import require_file, to_path
 from graspfx.errors import InputError
-from graspfx.spatial import product, quaternion, rotate
+from graspfx.spatial import product, quaternion
+from graspfx.spatial import rotate_numbers as rotate
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.scene_table import Object, Obstacle

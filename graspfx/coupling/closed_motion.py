@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import integrators as body
-from graspfx.spatial import exponential, product, quaternion_matrix
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import product
+from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import math
 from typing import Any
 
 from graspfx.coupling import block as at
-from graspfx.spatial import orthogonalise
+from graspfx.spatial import write_orthogonal as orthogonalise
 
 ROUNDING = 1e-15  # of a finger's force: by so much a force counts as inside its cone
 LEAST = 1e-14  # of the longest of the wrench's directions among the contacts: a shorter one is none

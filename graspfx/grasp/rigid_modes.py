@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graspfx.spatial import orthogonalise
+from graspfx.spatial import write_orthogonal as orthogonalise
 
 NO_ARM = 1e-9  # [m]: an rms arm up to this is rounding, and contacts lie on a line
 

@@ -8,7 +8,9 @@ from typing import Any, Protocol, runtime_checkable
 
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray
-from graspfx.spatial import exponential, product, rotate
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import product
+from graspfx.spatial import rotate_numbers as rotate
 
 # Offsets in a body's part of the buffer. What it is like:
 BY_SPIN = 0  # 1: it is handed the angular velocity after the step, 0: a moment

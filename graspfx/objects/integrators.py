@@ -22,7 +22,11 @@ from typing import Any
 
 from graspfx.compile.records import size_of, start_of
 from graspfx.objects.state import BodyState, Motion
-from graspfx.spatial import angle_matrix, exponential, normalised, product, quaternion_matrix, rotate
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import normalised, product
+from graspfx.spatial import rotate_numbers as rotate
+from graspfx.spatial import write_angle_matrix as angle_matrix
+from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
 
 # Offsets in the block, of its declaration.
 DIMENSIONS = start_of(BodyState, "dimensions")

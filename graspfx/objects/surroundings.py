@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.spatial import angle_matrix, quaternion_matrix
+from graspfx.spatial import write_angle_matrix as angle_matrix
+from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from graspfx.compile.lower.lowering import lowered_text
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
-from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, cross, dot, outer
+from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, outer
 
 
 class Site(Record):
@@ -268,3 +268,15 @@ def test_records_of_varying_size_stand_as_far_apart_as_their_owner_says() -> Non
     assert rings.rings[2].offset == 2 + 2 + 2 * 4
     assert Rings(B, 2).rings[1].values[2] == 6.0
     assert name_of(Rings, 2 + 2 + 4 + 1, S, offset=2) == "rings[1].values[0]"
+
+
+@kernel
+def other_kind(grasp: Grasp) -> float:
+    """See the first finger's entries through a record of its own, and a table's width."""
+    finger = Finger(grasp.buffer, grasp.fingers.offset)
+    return finger.position.x + angle_matrix(finger.position.y).xy
+
+
+def test_a_view_at_an_offset_and_functions_of_math_in_what_is_written_out() -> None:
+    S = block(1)
+    assert other_kind(Grasp(S)) == written(other_kind)(Grasp(S))

@@ -19,7 +19,8 @@ from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
 from graspfx.objects.integrators import orient
-from graspfx.spatial import exponential, product
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import product
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.grasps import grasped, law, respond
 

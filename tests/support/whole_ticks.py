@@ -14,7 +14,8 @@ from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.velocity import RING
 from graspfx.objects import integrators as body
 from graspfx.objects.floor import rest
-from graspfx.spatial import exponential, product
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import product
 
 STEP = 1e-7  # [m], [m/s]
 

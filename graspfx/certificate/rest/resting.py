@@ -15,7 +15,8 @@ from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import integrators as body
 from graspfx.objects.body import FREEDOMS
-from graspfx.spatial import exponential, quaternion_matrix
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 

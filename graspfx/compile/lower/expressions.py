@@ -314,6 +314,8 @@ class Expressions:
         function = getattr(function, LOWERED, function)
         if isinstance(function, type) and is_value(function):
             return self.construct(function, node, frame)
+        if isinstance(function, type) and issubclass(function, Record):
+            return self.view(function, node, frame)
         arguments = [self.value(a, frame) for a in node.args]
         named = {str(k.arg): self.value(k.value, frame) for k in node.keywords}
         if function is len and isinstance(arguments[0], Group):
@@ -345,6 +347,13 @@ class Expressions:
         if set(given) != set(fields):
             raise self.cannot(node, f"gives {', '.join(given)} to {kind.__name__}({', '.join(fields)})")
         return Bundle(kind, tuple(self.value(given[name], frame) for name in fields))
+
+    def view(self, kind: type[Record], node: ast.Call, frame: Frame) -> Lowered:
+        """A record of another kind at an offset of a buffer that the kernel has: `Kind(record.buffer, offset)`."""
+        buffer = self.value(node.args[0], frame)
+        if not isinstance(buffer, ast.Name) or len(node.args) != 2:
+            raise self.cannot(node, "views something else than a buffer at an offset")
+        return Place(kind, buffer.id, self.number(node.args[1], frame))
 
     def kernel_call(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import linecache
-from types import FunctionType
+from types import BuiltinFunctionType, FunctionType
 from typing import Any
 
 from graspfx.compile.kernel import parameter_kinds, source_function
@@ -23,7 +23,8 @@ def lowered(function: FunctionType) -> FunctionType:
     file = f"<{function.__module__}.{function.__qualname__}, lowered>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     namespace: dict[str, Any] = dict(function.__globals__)
-    namespace |= {name: source_function(callee) for name, callee in body.callees.items()}
+    for name, callee in body.callees.items():  # functions of `math` that a written-out function calls among them
+        namespace[name] = callee if isinstance(callee, BuiltinFunctionType) else source_function(callee)
     exec(compile(text, file, "exec", dont_inherit=True), namespace)
     result = namespace[function.__name__]
     assert isinstance(result, FunctionType)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.spatial import product, rotate
+from graspfx.spatial import product
+from graspfx.spatial import rotate_numbers as rotate
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

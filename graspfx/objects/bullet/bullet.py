@@ -21,7 +21,7 @@ from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import BlockBody, FloatArray
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
-from graspfx.spatial import rotate
+from graspfx.spatial import rotate_numbers as rotate
 
 if TYPE_CHECKING:
     from graspfx.objects.bullet.world import BulletWorld

@@ -48,7 +48,9 @@ from graspfx.objects.integrators import (
     spin_of,
     step,
 )
-from graspfx.spatial import exponential, orthogonalise, rotate
+from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import rotate_numbers as rotate
+from graspfx.spatial import write_orthogonal as orthogonalise
 
 # The buffer beside the body's block.
 PLANES = 0
