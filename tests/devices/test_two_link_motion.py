@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.compile.machine import compiled
-from graspfx.devices.two_link.arm import directed, turned
+from graspfx.devices.two_link.arm import joint_angles, link_directions
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion.motion import Sine
@@ -81,8 +81,8 @@ def test_geometry_against_mpmath(elbow: str, drive: str) -> None:
             J = [[mp.diff(lambda b1, b2, k=k: tip(b1, b2)[k], (a1, a2), at) for at in ((1, 0), (0, 1))] for k in (0, 1)]
             np.testing.assert_allclose(arm.jacobian(a1, a2), np.array(J, dtype=float), rtol=0, atol=1e-16)
             q = (a1, a2) if drive == "base" else (a1, a2 - a1)
-            assert turned(drive == "elbow", a1, a2) == q
-            assert directed(drive == "elbow", *q) == pytest.approx((a1, a2), abs=1e-15)
+            assert joint_angles(drive == "elbow", a1, a2) == q
+            assert link_directions(drive == "elbow", *q) == pytest.approx((a1, a2), abs=1e-15)
 
 
 def kinetic_energy(s: dict[str, Any], drive: str, q: Any, w: Any) -> Any:

@@ -9,9 +9,10 @@ import numpy as np
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.run import header_of
+from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.velocity import RING
+from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
 from graspfx.objects.floor import rest
 from graspfx.spatial import exponential_numbers as exponential
@@ -110,8 +111,9 @@ class RestedRun:
             for moved in self.servo.moved:
                 state, start = moved.plant.state, getattr(moved.plant.ports, which)
                 found += [(state, start + k) for k in range(moved.plant.position.size)]
+        newest = start_of(VelocityEstimate, "positions")
         for station in self.servo.stations:
-            found += [(station.device.state, int(s) + RING) for s in station.device._starts]
+            found += [(station.device.state, e.offset + newest) for e in station.device._estimates]
         for first, axes in ((body.POSITION, range(d)), (body.VELOCITY, range(d)), (body.ANGULAR_VELOCITY, turns)):
             found += [(self.state, first + a) for a in axes]
         floor = getattr(self.servo.movers[0].body, "buffer", None)
