@@ -61,6 +61,15 @@ class Vector4:
     def vector(self) -> Vector:
         return Vector(self.x, self.y, self.z)
 
+    def __add__(self, other: Vector4) -> Vector4:
+        return Vector4(self.x + other.x, self.y + other.y, self.z + other.z, self.t + other.t)
+
+    def __sub__(self, other: Vector4) -> Vector4:
+        return Vector4(self.x - other.x, self.y - other.y, self.z - other.z, self.t - other.t)
+
+    def __rmul__(self, k: float) -> Vector4:
+        return Vector4(k * self.x, k * self.y, k * self.z, k * self.t)
+
     def __getitem__(self, i: int) -> float:
         return (self.x, self.y, self.z, self.t)[i]
 
@@ -88,6 +97,25 @@ class Matrix:
             self.yx * v.x + self.yy * v.y + self.yz * v.z,
             self.zx * v.x + self.zy * v.y + self.zz * v.z,
         )
+
+    @property
+    def first(self) -> Vector:
+        """The first row."""
+        return Vector(self.xx, self.xy, self.xz)
+
+    @property
+    def second(self) -> Vector:
+        """The second row."""
+        return Vector(self.yx, self.yy, self.yz)
+
+    @property
+    def third(self) -> Vector:
+        """The third row."""
+        return Vector(self.zx, self.zy, self.zz)
+
+    def row(self, i: int) -> Vector:
+        """Give row i, which only the running program may know."""
+        return Vector(self[3 * i], self[3 * i + 1], self[3 * i + 2])
 
     @property
     def transpose(self) -> Matrix:
@@ -128,12 +156,26 @@ class Quaternion:
 
 
 ZERO = Vector(0.0, 0.0, 0.0)
+NOTHING = Vector4(0.0, 0.0, 0.0, 0.0)
+IDENTITY = Matrix(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @inline
 def dot(a: Vector, b: Vector) -> float:
     """Compute a . b."""
     return a.x * b.x + a.y * b.y + a.z * b.z
+
+
+@inline
+def inner(a: Vector, b: Vector) -> float:
+    """Compute a . b as a sum that starts from zero, so that none is -0.0."""
+    return 0.0 + a.x * b.x + a.y * b.y + a.z * b.z
+
+
+@inline
+def with_torsion(v: Vector, t: float) -> Vector4:
+    """Put a torsion beside a vector."""
+    return Vector4(v.x, v.y, v.z, t)
 
 
 @inline

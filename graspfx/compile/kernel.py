@@ -7,7 +7,7 @@ from functools import cache, update_wrapper
 from types import FunctionType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, numbers, parts_of
+from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, parts_of
 
 INLINE = "__inline__"  # mark of a function that is written out where it is called
 LOWERED = "__kernel__"  # attribute of a kernel: the function as it is written
@@ -117,7 +117,7 @@ def _flat(value: Any, kind: Any, blank: Any) -> list[Any]:
     if isinstance(value, Many):
         return [value.buffer, value.offset, value.stride, value.count]
     if is_value(type(value)):
-        return list(numbers(value))
+        return [number for part in parts_of(type(value)) for number in _flat(getattr(value, part), None, blank)]
     return [value]
 
 

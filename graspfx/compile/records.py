@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError
 
 R = TypeVar("R", bound="Record")
+Member = TypeVar("Member", covariant=True)  # a group of records is one of any class that they inherit
 _REFERENCE = "offset of a record in the same block"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
 
@@ -111,25 +112,33 @@ class Record:
             extent = cls.__dict__.get(name)
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
+    def entries(self, field: Any) -> NDArray[np.float64]:
+        """Give the numbers of a field as an array that shares their memory: `finger.entries(Finger.position)`."""
+        layout(type(self))
+        start = field.place(self)
+        numbers: NDArray[np.float64] = np.asarray(self.buffer)[start : start + evaluate(field.size, self)]
+        return numbers
 
-class Many(Generic[R]):
-    """A group of records, one after another."""
 
-    def __init__(self, kind: type[R], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
+class Many(Generic[Member]):
+    """A group of records, one after another, or of values that stand one in each of them."""
+
+    def __init__(self, kind: Any, buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
         self.stride = size_of(kind) if stride is None else stride
 
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, i: int) -> R:
-        return self.kind(self.buffer, self.offset + i * self.stride)
+    def __getitem__(self, i: int) -> Member:
+        member: Member = view(self.kind, self.buffer, self.offset + i * self.stride)
+        return member
 
-    def __iter__(self) -> Iterator[R]:
+    def __iter__(self) -> Iterator[Member]:
         return (self[i] for i in range(self.count))
 
     def part(self, field: Any) -> Many[Any]:
-        """Give the records that a field of each is: `fingers.part(Finger.site)`."""
+        """Give the records or the values that a field of each is: `fingers.part(Finger.site)`."""
         layout(self.kind)
         return Many(field.kind, self.buffer, self.offset + int(field.offset), self.count, self.stride)
 
@@ -173,6 +182,10 @@ class Table:
     def __setitem__(self, index: tuple[int, int], value: float) -> None:
         self.buffer[self.offset + index[0] * self.columns + index[1]] = value
 
+    def array(self, rows: int) -> NDArray[np.float64]:
+        """Give the first rows as an array that shares their memory."""
+        return np.asarray(self.buffer)[self.offset : self.offset + rows * self.columns].reshape(rows, self.columns)
+
 
 def layout(cls: type[Record]) -> dict[str, Field]:
     """Give the fields of a record in order, their offsets and sizes worked out.
@@ -208,6 +221,8 @@ def _size(cls: type[Record], name: str, kind: Any, extent: Extent | None) -> str
         if extent is None:
             raise InputError(f"{cls.__name__}.{name}", kind, "a size: many(...), floats(...) or table(...)")
         each = extent.columns or (str(size_of(get_args(kind)[0])) if get_origin(kind) is Many else "1")
+        if extent.rows.isdigit() and each.isdigit():
+            return str(int(extent.rows) * int(each))
         return extent.rows if each == "1" else f"({extent.rows}) * ({each})"
     if kind in SCALARS:
         return "1"
@@ -276,6 +291,12 @@ def size_of(kind: Any) -> int:
 def start_of(cls: type[Record], name: str) -> int:
     """Give the offset of a field that stands before any variable size."""
     return int(layout(cls)[name].offset)
+
+
+def entries_of(cls: type[Record], *names: str, at: int = 0) -> list[int]:
+    """List the entries of fields that stand before any variable size, of a record at an offset."""
+    fields = [layout(cls)[name] for name in names]
+    return [at + int(field.offset) + k for field in fields for k in range(int(field.size))]
 
 
 def numbers(value: Any) -> Iterator[float]:

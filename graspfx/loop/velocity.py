@@ -138,7 +138,7 @@ class VelocityEstimator:
         entries = self._count * self._size
         self._state: FloatArray = np.zeros(entries) if memory is None else memory[:entries]
         self._state[...] = 0.0
-        states = Many(VelocityEstimate, self._state, 0, self._count, self._size)
+        states: Many[VelocityEstimate] = Many(VelocityEstimate, self._state, 0, self._count, self._size)
         states.array(VelocityEstimate.period)[:] = period
         states.array(VelocityEstimate.noise)[:] = noise
         states.array(VelocityEstimate.length)[:] = self._length

@@ -14,7 +14,7 @@ from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
-from graspfx.objects.floor import rest
+from graspfx.objects.floor.planes import FloorState
 from graspfx.spatial import exponential_numbers as exponential
 from graspfx.spatial import product
 
@@ -118,10 +118,12 @@ class RestedRun:
             found += [(self.state, first + a) for a in axes]
         floor = getattr(self.servo.movers[0].body, "buffer", None)
         if floor is not None:
-            _, _, memory, rows = rest.offsets(floor)
-            found += [(floor, k) for k in range(memory, rows) if d == 3 or (k - memory) % 2 == 0]
+            block = FloorState(floor)
+            memory, end = block.memory.offset, block.contacts.offset
+            found += [(floor, k) for k in range(memory, end) if d == 3 or (k - memory) % 2 == 0]
             if self.grasped.implicit:
-                found += [(floor, rest.WRENCH + a) for a in (*range(d), *(3 + a for a in turns))]
+                force, moment = start_of(FloorState, "force"), start_of(FloorState, "moment")
+                found += [(floor, force + a) for a in range(d)] + [(floor, moment + a) for a in turns]
         return found
 
     def _read(self, origin: np.ndarray | None = None) -> np.ndarray:

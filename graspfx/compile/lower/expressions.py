@@ -208,7 +208,7 @@ class Expressions:
         if isinstance(owner, Grid):
             return Span(owner.buffer, sum_of(owner.offset, product_of(index, owner.columns)))
         if isinstance(owner, Group):
-            return Place(owner.kind, owner.buffer, sum_of(owner.offset, product_of(index, owner.stride)))
+            return owner.member(sum_of(owner.offset, product_of(index, owner.stride)))
         if isinstance(owner, Bundle | Pack):
             if isinstance(index, ast.Constant) and isinstance(index.value, int):
                 return owner.parts[index.value]
@@ -314,7 +314,7 @@ class Expressions:
         function = getattr(function, LOWERED, function)
         if isinstance(function, type) and is_value(function):
             return self.construct(function, node, frame)
-        if isinstance(function, type) and issubclass(function, Record):
+        if isinstance(function, type) and issubclass(function, Record | Floats | Table):
             return self.view(function, node, frame)
         arguments = [self.value(a, frame) for a in node.args]
         named = {str(k.arg): self.value(k.value, frame) for k in node.keywords}
@@ -348,12 +348,15 @@ class Expressions:
             raise self.cannot(node, f"gives {', '.join(given)} to {kind.__name__}({', '.join(fields)})")
         return Bundle(kind, tuple(self.value(given[name], frame) for name in fields))
 
-    def view(self, kind: type[Record], node: ast.Call, frame: Frame) -> Lowered:
-        """A record of another kind at an offset of a buffer that the kernel has: `Kind(record.buffer, offset)`."""
-        buffer = self.value(node.args[0], frame)
-        if not isinstance(buffer, ast.Name) or len(node.args) != 2:
+    def view(self, kind: type[Record] | type[Floats] | type[Table], node: ast.Call, frame: Frame) -> Lowered:
+        """A record or an array at an offset of a buffer that the kernel has, such as `Kind(record.buffer, offset)`."""
+        buffer, *rest = [self.value(a, frame) for a in node.args]
+        numbers = [self.atom(number) for number in rest if isinstance(number, ast.expr)]
+        if not isinstance(buffer, ast.Name) or node.keywords or len(numbers) != 1 + (kind is Table):
             raise self.cannot(node, "views something else than a buffer at an offset")
-        return Place(kind, buffer.id, self.number(node.args[1], frame))
+        if kind is Table:
+            return Grid(buffer.id, *numbers)
+        return Span(buffer.id, *numbers) if kind is Floats else Place(kind, buffer.id, *numbers)  # type: ignore[arg-type] # a record
 
     def kernel_call(
         self,
@@ -431,7 +434,8 @@ class Expressions:
         for name in names:
             if name in given:
                 value = given[name]
-                frame.scope[name] = self.atoms(value) if name in again else value
+                stays = name in indexed(tree) and isinstance(value, Bundle) and value.offset is not None
+                frame.scope[name] = self.atoms(value) if name in again and not stays else value
             elif name in defaults:
                 frame.scope[name] = self.value(defaults[name], frame)
             else:
@@ -503,6 +507,13 @@ def repeated(tree: ast.FunctionDef) -> set[str]:
     return {name for (name, _), count in uses.items() if count > 1 or whole[name] > 0} | {
         name for name, count in whole.items() if count > 1
     }
+
+
+@cache
+def indexed(tree: ast.FunctionDef) -> set[str]:
+    """Name the variables of which an entry is asked for by its index."""
+    subscripts = [node for node in ast.walk(tree) if isinstance(node, ast.Subscript)]
+    return {node.value.id for node in subscripts if isinstance(node.value, ast.Name)}
 
 
 def value_of(known: Any) -> Lowered:

@@ -32,13 +32,17 @@ class Place:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of records."""
+    """A group of records, or of values that stand one in each of some records."""
 
-    kind: type[Record]
+    kind: type
     buffer: str
     offset: ast.expr
     stride: ast.expr
     count: ast.expr
+
+    def member(self, at: ast.expr) -> Lowered:
+        """Give the member that stands at an offset."""
+        return entries(self.kind, self.buffer, at) if is_value(self.kind) else Place(self.kind, self.buffer, at)
 
 
 @dataclass(frozen=True)

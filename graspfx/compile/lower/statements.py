@@ -262,7 +262,7 @@ class Body(Expressions):
         name = frame.prefix + (index or f"{target.id}_i")
         if index:
             frame.scope[index] = load(name)
-        frame.scope[target.id] = Place(group.kind, group.buffer, load(f"{frame.prefix}{target.id}_at"))
+        frame.scope[target.id] = group.member(load(f"{frame.prefix}{target.id}_at"))
         first = assign(f"{frame.prefix}{target.id}_at", sum_of(base, product_of(load(name), group.stride)))
         body = [first, *self.block(node.body, frame)]
         self.out.append(ast.For(ast.Name(name, ast.Store()), ast.Call(load("range"), [count], []), body, []))

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from graspfx.compile.records import size_of, start_of
 from graspfx.cones.cone import eliminate
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import pose
@@ -37,6 +38,7 @@ OTHERS = 4  # not our integrator: what the body met is what is left over
 GIVEN = 5  # gains are matrices with cones: h = K^-1 fe
 CONTROL = 6  # modes that leak are braked (`watch`)
 SCALE = 7  # the largest energy so far [J]
+ENERGY = start_of(energy.SampleStart, "energy")
 LEDGER = 8  # of `passivity_observer`
 DAMPED = LEDGER + po.SIZE
 BRAKED = DAMPED + 8
@@ -46,14 +48,14 @@ LEAKED = RESHAPED + 8
 DONE = LEAKED + 8  # by fingers, wrench, gravity; and what obstacles did
 LOST = DONE + 8  # viscous loss, the integrator's defect
 BODY = LOST + 8  # what is kept of the body
-FRAME = BODY + energy.SIZE  # axes that the held forces are in, row by row
+FRAME = BODY + size_of(energy.SampleStart)  # axes that the held forces are in, row by row
 AXES = FRAME + 9  # free directions, where the coupling needs no split
 FIRST = AXES + 18  # kinetic energy at the start
 ROW = FIRST + 1  # scratch
 OUT = ROW + 6  # what is recorded, in the order of WRITTEN
 WRITTEN = 9 * 3 + 9
 ROWS = OUT + WRITTEN
-# A finger's row.
+XX, TT = BODY + start_of(energy.SampleStart, "shift"), BODY + start_of(energy.SampleStart, "turn")
 CONTACT = 0
 NORMAL = 3
 PATCH = 6
@@ -118,14 +120,14 @@ def move(S: Any, B: Any, T: float) -> None:
     n, o = int(S[at.FINGERS]), at.BODY
     work, fallen, met, loss, turning_loss, defect, turning_defect = settle(S, o, B, BODY, T)
     if B[OTHERS] != 0.0:
-        gained = kinetic(S, o) - B[BODY + energy.ENERGY]
+        gained = kinetic(S, o) - B[BODY + ENERGY]
         met = gained - work - fallen + loss + turning_loss - defect - turning_defect
     book(B, DONE, 1, work)
     book(B, DONE, 2, fallen)
     book(B, DONE, 3, met)
     book(B, LOST, 0, loss + turning_loss)
     book(B, LOST, 1, defect + turning_defect)
-    x, t = BODY + energy.SHIFT, BODY + energy.TURN
+    x, t = XX, TT
     tx, ty, tz = B[t], B[t + 1], B[t + 2]
     for i in range(n):
         r, s = ROWS + i * STRIDE, at.ROW + i * at.STRIDE

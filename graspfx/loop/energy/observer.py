@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.energy import ledger
@@ -20,7 +21,7 @@ Index = NDArray[np.intp]
 BY_MODE = ("work", "stored", "damped", "slipped", "reshaped", "leaked", "balance", "braked", "damping")
 OF_OBJECT = ("fingers", "wrench", "kinetic", "gravity", "contact", "viscous", "defect", "gap")
 
-MET = ledger.BODY + energy.CONTACT
+MET = ledger.BODY + start_of(energy.SampleStart, "contact_force")
 
 
 class Observer:

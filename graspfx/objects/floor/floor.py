@@ -8,29 +8,37 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Many, size_for, size_of, start_of
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
 from graspfx.objects.floor import rest
-from graspfx.objects.floor.lowest import BALL, ELLIPSOID, FEATURE, NOTCH, RIM, SIDES, lowest
+from graspfx.objects.floor.lowest import BALL, ELLIPSOID, NOTCH, RIM, lowest
+from graspfx.objects.floor.planes import SIDES, Feature, FloorState
+from graspfx.objects.state import BodyState
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
 
 
-def advance(S: Any, o: int, F: Any, T: float) -> int:
-    """One step of the body on its planes; 1 if their forces did not settle, and then it has not moved."""
-    return 1 if rest.step_on_planes(S, o, F, T) < 0 else 0
+@kernel
+def advance(body: BodyState, beside: Any, T: float) -> int:
+    """Move the body on its planes by one sample; 1 if their forces did not settle, and then it has not moved."""
+    return 1 if rest.step_on_planes(body, FloorState(beside, 0), T) < 0 else 0
 
 
-def expect(S: Any, o: int, F: Any, T: float) -> None:
-    """The implicit integrator's motion without a wrench of the fingers, the planes' last forces held."""
-    at.predict(S, o, T)
-    if F[rest.TOUCHING] != 0.0:
-        rest.predict_on_planes(S, o, F, T)
+@kernel
+def expect(body: BodyState, beside: Any, T: float) -> None:
+    """Predict the implicit integrator's motion without a wrench of the fingers, with the planes' last forces."""
+    floor = FloorState(beside, 0)
+    at.predict(body, T)
+    if floor.touching != 0:
+        rest.predict_on_planes(body, floor, T)
 
 
 class FloorBody(NativeBody):
@@ -49,7 +57,7 @@ class FloorBody(NativeBody):
 
     stepping = staticmethod(advance)
     predicting = staticmethod(expect)
-    structure = (rest.PLANES, rest.FEATURES)
+    structure = (start_of(FloorState, "plane_count"), start_of(FloorState, "feature_count"))
     buffer: FloatArray
 
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -58,35 +66,35 @@ class FloorBody(NativeBody):
             raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", "use bullet")
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
-        F = self.buffer = np.zeros(rest.size(len(planes), len(points)))
-        self._F: Any = memoryview(F)
-        mass = float(self.state[at.MASS])
-        F[rest.PLANES], F[rest.FEATURES] = len(planes), len(points)
-        F[rest.STIFFNESS], F[rest.FRICTION] = meeting.stiffness, meeting.friction
-        F[rest.DAMPING] = 2.0 * math.sqrt(meeting.stiffness * mass)
-        F[rest.REACH] = reach(points)
-        first, rows, _, _ = rest.offsets(self._F)
-        for p, (normal, distance) in enumerate(planes):
-            o = first + p * rest.PLANE
-            F[o : o + 3] = normal
-            contact_frame(self._F, o, max(self.dimensions, 2), o)
-            F[o + 9] = distance
-        F[rows : rows + points.size] = points.ravel()
+        self.buffer = np.zeros(size_for(FloorState, plane_count=len(planes), feature_count=len(points)))
+        floor = self._floor = FloorState(memoryview(self.buffer))
+        floor.plane_count, floor.feature_count = len(planes), len(points)
+        floor.stiffness, floor.friction, floor.reach = meeting.stiffness, meeting.friction, reach(points)
+        floor.damping = 2.0 * math.sqrt(meeting.stiffness * self._body.mass)
+        for plane, (normal, distance) in zip(floor.planes, planes, strict=True):
+            frame = np.zeros(9)
+            frame[:3] = normal
+            contact_frame(frame, 0, max(self.dimensions, 2), 0)
+            plane.normal, plane.tangent, plane.second_tangent = (Vector(*row) for row in frame.reshape(3, 3).tolist())
+            plane.distance = distance
+        first = floor.features.offset
+        self.buffer[first : first + points.size] = points.ravel()
+        self._wrench = self.buffer[start_of(FloorState, "force") : start_of(FloorState, "unknowns")]
 
     @property
     def contact_wrench(self) -> FloatArray:
         """Force and moment of all planes on the body in the last sample, world axes, (6,) [N, N m]."""
-        return self.buffer[rest.WRENCH : rest.WRENCH + 6]
+        return self._wrench
 
     @property
     def touching(self) -> int:
         """Contact points that bore a force in the last sample."""
-        return int(self.buffer[rest.TOUCHING])
+        return self._floor.touching
 
     @property
     def associated(self) -> int:
         """Samples so far in which no answer of Coulomb's law was found: slipping then also lifts."""
-        return int(self.buffer[rest.OTHER_LAW])
+        return self._floor.associated
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block and the planes' forces, all held.
@@ -94,7 +102,7 @@ class FloorBody(NativeBody):
         Raises:
             GraspFXError: the contact forces did not settle.
         """
-        code = advance(self._S, 0, self._F, T)
+        code = advance(self._body, self._floor.buffer, T)
         if code:
             raise GraspFXError(self.fault_text(code))
 
@@ -108,7 +116,7 @@ class FloorBody(NativeBody):
             InputError: for another integrator than "implicit", whose step they would not describe.
         """
         super().free_motion(T)
-        expect(self._S, 0, self._F, T)
+        expect(self._body, self._floor.buffer, T)
 
 
 def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:
@@ -129,7 +137,7 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
 
 
 def features(shape: Any, d: int) -> FloatArray:
-    """What of a shape can touch a plane, (features, FEATURE): as `lowest` takes them.
+    """List what of a shape can touch a plane, (features, 5): kind, place and radius of each as `Feature` has them.
 
     A box has its corners, a sphere itself, a capsule its two ends, a cylinder its two rims with eight fixed points each
     to stand on, an ellipsoid itself, a mesh the corners of its convex hull.
@@ -137,7 +145,7 @@ def features(shape: Any, d: int) -> FloatArray:
     Raises:
         InputError: a shape without end.
     """
-    return np.array(list(_features(shape, d)), dtype=float).reshape(-1, FEATURE)
+    return np.array(list(_features(shape, d)), dtype=float).reshape(-1, size_of(Feature))
 
 
 def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
@@ -189,7 +197,9 @@ def reach(points: FloatArray) -> float:
 def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> float:
     """Height of the body's lowest point over a half-space or plane [m]; negative where it is inside."""
     normal, distance = plane_of(obstacle, state[at.POSITION : at.POSITION + 3])
+    body, n = BodyState(state), Vector(*normal.tolist())
     points = features(shape, d)
-    found = [lowest(state, 0, points.ravel(), f * FEATURE, *normal.tolist()) for f in range(len(points))]
+    own: Many[Feature] = Many(Feature, points.ravel(), 0, len(points))
+    touches = [lowest(body, feature, n) for feature in own]
     height = float(normal @ state[at.POSITION : at.POSITION + 3]) - distance
-    return height + min(float(normal @ arm) for bears, *arm in found if bears)
+    return height + min(float(normal @ np.array([arm.x, arm.y, arm.z])) for share, arm in touches if share)
