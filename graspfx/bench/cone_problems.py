@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from graspfx.bench.eq4_peers import grasp_matrix
 from graspfx.bench.exact import cone_force
-from graspfx.cones.friction import UNRESOLVED, friction_force_square, problem_size
+from graspfx.compile.records import Table
+from graspfx.cones.friction import ASSOCIATED, COULOMB, friction_force_square
+from graspfx.cones.problem import ConeContact, Unknown, problem_size, set_up
 
 FloatArray = NDArray[np.float64]
 Law = Literal["frictionless", "associated", "coulomb"]
@@ -101,12 +103,9 @@ def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArra
 def _near(K: FloatArray, e: FloatArray, mu: float, law: Law) -> FloatArray | None:
     """w = e + s to start from: any that leads to an answer does."""
     n, m = len(e) // 3, len(e)
-    square = problem_size(n, 3, m, True)
-    block = np.concatenate([np.zeros(square), K.ravel()])
-    block[n : 2 * n] = mu
-    block[3 * n : 3 * n + m] = e
-    found, _, _ = friction_force_square(memoryview(block), 0, n, 3, square, m, True, law == "coulomb", 2)
-    wanted = 0 if law == "coulomb" else 1
-    if found == UNRESOLVED or found != wanted:
-        return None
-    return block[3 * n + 5 * m : 3 * n + 6 * m].copy()
+    problem = set_up(memoryview(np.zeros(problem_size(n, m))), 0, n, m)
+    problem.contacts.array(ConeContact.coefficient)[:] = mu
+    problem.contacts.array(ConeContact.displacement)[:, :3] = e.reshape(n, 3)
+    answer = friction_force_square(problem, 3, Table(memoryview(K.ravel()), 0, m), True, law == "coulomb", 2)
+    wanted = COULOMB if law == "coulomb" else ASSOCIATED
+    return problem.unknowns.array(Unknown.value).copy() if answer.law == wanted else None

@@ -13,12 +13,24 @@ import graspfx as gx
 from graspfx.bench.case import Case, Method, each, is_installed, missing
 from graspfx.bench.cone_problems import INTERNAL, Problem, Problems, problems
 from graspfx.bench.projection_peers import SWEEPS, ByClarabel, gauss_seidel
+from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
-from graspfx.cones.complement import complement, release, settle
-from graspfx.cones.cone import modes_offset
-from graspfx.cones.friction import friction_force, friction_force_square, problem_size
+from graspfx.compile.records import Floats, Many, Record, Table, floats, size_for, start_of, table
+from graspfx.cones.complement import Contacts, complement, release, settle
+from graspfx.cones.friction import friction_force, friction_force_square
+from graspfx.cones.problem import (
+    MODES,
+    ConeContact,
+    FrictionProblem,
+    Gains,
+    ModePart,
+    Unknown,
+    problem_size,
+    set_up,
+)
 
 FloatArray = NDArray[np.float64]
+Posed = tuple[Callable[..., Any], tuple[Any, ...], FloatArray]  # a kernel, its arguments, and where its forces stand
 
 TITLE = "Forces in cones"
 LIMITS = """
@@ -33,7 +45,6 @@ so clarabel is not there; problems for which no Coulomb answer was found are lef
 TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12)
 RESTARTS = 2
 WRONG = 0.1  # of the largest force
-MODES = 6
 
 
 def cases(quick: bool) -> Iterator[Case]:
@@ -62,7 +73,7 @@ def _by_clarabel(solver: ByClarabel, p: Problem) -> FloatArray:
 
 
 def _gauss_seidel(kind: Problems) -> Iterator[Method]:
-    kernel = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
+    sweeps = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
     theta = 0.0 if kind.law == "coulomb" else 1.0
     m, N = 3 * kind.fingers, len(kind.given)
     blocks = np.array([np.concatenate([p.W.ravel(), p.e, np.zeros(m)]) for p in kind.given])
@@ -70,7 +81,7 @@ def _gauss_seidel(kind: Problems) -> Iterator[Method]:
     for tolerance in TOLERANCES:
 
         def call(tolerance: float = tolerance) -> None:
-            if kernel(flat, N, blocks.shape[1], m, kind.friction, theta, tolerance) == SWEEPS:
+            if sweeps(flat, N, blocks.shape[1], m, kind.friction, theta, tolerance) == SWEEPS:
                 raise RuntimeError(f"not done after {SWEEPS} sweeps")
 
         def error(call: Callable[[], None] = call) -> float:
@@ -90,141 +101,178 @@ def _method(name: str, kind: Problems, force: Callable[[Problem], FloatArray]) -
 # Ours -------------------------------------------------------------------------------------------------------------
 
 
+class Square(Record):
+    """A matrix K of `size` rows."""
+
+    size: int
+    entries: Table = table("size", "size")
+
+
+class Pivoting(Record):
+    """A problem of pushes without friction: K and e of `count` fingers, and room for the search."""
+
+    count: int
+    size: int
+    stiffness: Table = table("size", "size")
+    displacement: Floats = floats("size")
+    vector: Floats = floats("size")
+    diagonal: Floats = floats("size")
+    marks: Floats = floats("size")
+    state: Floats = floats("count")
+    square: Table = table("size", "size")
+
+
 def _ours(kind: Problems) -> Iterator[Method]:
     n = kind.fingers
     if kind.law != "associated":
         normals = np.eye(3)[None, 0].repeat(n, axis=0)
         yield _method("GraspFX unilateral_force", kind, partial(_unilateral, normals, kind.friction))
     by_modes = 1 if kind.law == "frictionless" else 3  # coordinates per finger that the tick asks for
+    coulomb = kind.law == "coulomb"
     if kind.law == "frictionless":
-        yield from _both("GraspFX pivoting", pivot_all, *_pivoting(kind), (n,), kind, 3)
+        yield from _both("GraspFX pivoting", partial(_pivoting, kind), kind)
     else:
-        coulomb = kind.law == "coulomb"
-        yield from _both("GraspFX Newton", newton_all, *_square(kind), (n, coulomb), kind, 3)
-    more = (n, by_modes, kind.external, INTERNAL, kind.law == "coulomb")
-    yield from _both("GraspFX Newton in modes", modes_all, *_modes(kind, by_modes, 0.0), more, kind, by_modes)
+        yield from _both("GraspFX Newton", partial(_newton, kind, coulomb), kind)
+    yield from _both("GraspFX Newton in modes", partial(_modes, kind, by_modes, coulomb, 0.0), kind)
     if is_installed("llvmlite"):
-        block, force = _modes(kind, by_modes, 0.01)
-        warm = compiled(modes_all)
-        yield _kernel("GraspFX Newton in modes, compiled, warm", warm, block, block, force, more, kind, by_modes)
+        run, arguments, force = _modes(kind, by_modes, coulomb, 0.01)
+        yield _kernel("GraspFX Newton in modes, compiled, warm", compiled(run), arguments, force, kind)
 
 
-def _unilateral(normals: FloatArray, mu: float, p: Problem) -> FloatArray:
-    return gx.unilateral_force(p.K, p.e, normals, mu).force
-
-
-def _both(
-    name: str, kernel: Callable[..., None], block: FloatArray, force: int, more: Sequence[Any], kind: Problems, d: int
-) -> Iterator[Method]:
-    yield _kernel(f"{name}, interpreted", kernel, memoryview(block.ravel()), block, force, more, kind, d)
+def _both(name: str, pose: Callable[[], Posed], kind: Problems) -> Iterator[Method]:
+    """A kernel that does all problems of a kind, interpreted and compiled."""
+    run, arguments, force = pose()
+    views = [memoryview(a) if isinstance(a, np.ndarray) else a for a in arguments]
+    yield _kernel(f"{name}, interpreted", source_function(run), views, force, kind)
     if is_installed("llvmlite"):
-        yield _kernel(f"{name}, compiled", compiled(kernel), block.copy(), None, force, more, kind, d)
+        run, arguments, force = pose()
+        yield _kernel(f"{name}, compiled", compiled(run), arguments, force, kind)
     else:
         yield missing(f"{name}, compiled", "llvmlite")
 
 
-def _kernel(
-    name: str, kernel: Callable[..., None], S: Any, block: FloatArray | None, force: int, more: Sequence[Any],
-    kind: Problems, d: int,
-) -> Method:  # fmt: skip
-    """A kernel for all problems of a kind: a block each, N of one size, with the answers from `force` on."""
-    blocks: FloatArray = S if block is None else block
-    N, size = blocks.shape
-    flat = S.ravel() if isinstance(S, np.ndarray) else S
+def _kernel(name: str, run: Callable[..., Any], arguments: Sequence[Any], force: FloatArray, kind: Problems) -> Method:
+    """A kernel for all problems of a kind, whose forces (problems, fingers, coordinates) stand in `force`."""
 
     def call() -> None:
-        kernel(flat, N, size, *more)
+        run(*arguments)
 
     def error() -> float:
         call()
-        answers = np.zeros((N, kind.fingers, 3))
-        answers[:, :, :d] = blocks[:, force : force + kind.fingers * d].reshape(N, kind.fingers, d)
-        return _error(answers.reshape(N, -1), kind)
+        answers = np.zeros((len(kind.given), kind.fingers, 3))
+        answers[:, :, : force.shape[2]] = force
+        return _error(answers.reshape(len(kind.given), -1), kind)
 
-    return Method(name, call, error, calls=N)
+    return Method(name, call, error, calls=len(kind.given))
 
 
-def modes_all(S: Any, N: int, size: int, n: int, d: int, external: float, internal: float, coulomb: bool) -> None:
-    """`friction_force` from the unknowns that stand at the end of each block."""
-    for k in range(N):
-        o = k * size
+@kernel
+def modes_all(
+    problems: Many[FrictionProblem], starts: Table, d: int, gains: Gains, coulomb: bool, restarts: int
+) -> None:
+    """Ask each problem for `friction_force`, from its row of unknowns."""
+    for k, problem in enumerate(problems):
         for j in range(MODES):
-            S[o + 3 * n + 5 * n * d + j] = S[o + size - MODES + j]
-        friction_force(S, o, n, d, MODES, external, internal, coulomb, RESTARTS)
+            problem.unknowns[j].value = starts[k, j]
+        friction_force(problem, d, gains, coulomb, restarts)
 
 
-def newton_all(S: Any, N: int, size: int, n: int, coulomb: bool) -> None:
-    """`friction_force_square` from zero."""
-    m = 3 * n
-    for k in range(N):
-        o = k * size
-        for j in range(m):
-            S[o + 3 * n + 5 * m + j] = 0.0
-        friction_force_square(S, o, n, 3, o + size - m * m, m, True, coulomb, RESTARTS)
+@kernel
+def newton_all(problems: Many[FrictionProblem], squares: Many[Square], coulomb: bool, restarts: int) -> None:
+    """Ask each problem for `friction_force_square`, from zero."""
+    for k, problem in enumerate(problems):
+        square = squares[k]
+        for j in range(square.size):
+            problem.unknowns[j].value = 0.0
+        friction_force_square(problem, 3, square.entries, True, coulomb, restarts)
 
 
-def pivot_all(S: Any, N: int, size: int, n: int) -> None:
-    """Principal pivoting for blocks of K, e, then room for what `unilateral_force` needs."""
-    m = 3 * n
-    for k in range(N):
-        K = k * size
-        e = K + m * m
-        vector, diagonal, marks, state, square = e + m, e + 2 * m, e + 3 * m, e + 4 * m, e + 4 * m + n
-        scale = 0.0
+@kernel
+def pivot_all(problems: Many[Pivoting]) -> None:
+    """Do what `unilateral_force` does for each problem, by principal pivoting."""
+    for problem in problems:
+        m = problem.size
+        K, e, square, vector = problem.stiffness, problem.displacement, problem.square, problem.vector
         for p in range(m):
             total = 0.0
             for q in range(m):
-                S[square + p * m + q] = S[K + p * m + q]
-                total += S[K + p * m + q] * S[e + q]
-            S[vector + p], S[diagonal + p] = total, S[K + p * m + p]
-            S[marks + p] = 1.0 if p % 3 else 0.0
-        for i in range(n):
-            S[state + i] = 1.0
-        release(S, square, m, vector, m, m, marks, diagonal)
+                square[p, q] = K[p, q]
+                total += K[p, q] * e[q]
+            vector[p] = total
+            problem.diagonal[p] = K[p, p]
+            problem.marks[p] = 1.0 if p % 3 else 0.0
+        for i in range(problem.count):
+            problem.state[i] = 1.0
+        release(square, vector, m, problem.marks, problem.diagonal)
+        scale = 0.0
         for p in range(m):
-            scale = max(scale, abs(S[vector + p]))
-        complement(S, square, m, vector, m, n, 3, False, True, state, diagonal, scale)
-        settle(S, square, m, vector, e, n, 3, False, state)
+            scale = max(scale, abs(vector[p]))
+        contacts = Contacts(problem.count, 3, False)
+        complement(square, vector, problem.diagonal, problem.state, contacts, True, scale)
+        settle(square, vector, e, problem.state, contacts)
 
 
-def _pivoting(kind: Problems) -> tuple[FloatArray, int]:
-    m = 3 * kind.fingers
-    room = np.zeros(3 * m + kind.fingers + m * m)
-    return np.array([np.concatenate([p.K.ravel(), p.e, room]) for p in kind.given]), m * m + m
-
-
-def _square(kind: Problems) -> tuple[FloatArray, int]:
-    n, m = kind.fingers, 3 * kind.fingers
-    blocks = np.zeros((len(kind.given), problem_size(n, 3, m, True) + m * m))
+def _pivoting(kind: Problems) -> Posed:
+    n, m, N = kind.fingers, 3 * kind.fingers, len(kind.given)
+    size = size_for(Pivoting, count=n, size=m)
+    blocks = np.zeros((N, size))
     for block, p in zip(blocks, kind.given, strict=True):
-        block[n : 2 * n] = kind.friction
-        block[3 * n : 3 * n + m] = p.e
-        block[-m * m :] = p.K.ravel()
-    return blocks, 3 * n + 2 * m
+        problem = Pivoting(block)
+        problem.count, problem.size = n, m
+        first, last = problem.stiffness.offset, problem.vector.offset
+        block[first:last] = [*p.K.ravel(), *p.e]
+    start = Pivoting(blocks[0]).vector.offset
+    return pivot_all, (blocks.ravel(), 0, size, N), blocks[:, start : start + m].reshape(N, n, 3)
 
 
-def _modes(kind: Problems, d: int, off: float) -> tuple[FloatArray, int]:
-    """Blocks for `modes_all`; with `off` they start from the answer for displacements that are off by so much."""
-    n, m = kind.fingers, kind.fingers * d
-    blocks = np.zeros((len(kind.given), problem_size(n, d, MODES, False) + MODES))
+def _newton(kind: Problems, coulomb: bool) -> Posed:
+    m, N = 3 * kind.fingers, len(kind.given)
+    blocks, force = _problems(kind, 3, m)
+    squares = np.array([[m, *p.K.ravel()] for p in kind.given])
+    places = (blocks.ravel(), 0, blocks.shape[1], N, squares.ravel(), 0, squares.shape[1], N)
+    return newton_all, (*places, coulomb, RESTARTS), force
+
+
+def _modes(kind: Problems, d: int, coulomb: bool, off: float) -> Posed:
+    """Pose `modes_all`; with `off` from the answer for displacements that are off by so much."""
+    blocks, force = _problems(kind, d, MODES)
+    starts = np.zeros((len(blocks), MODES))
+    gains = Gains(kind.external, INTERNAL)
     rng = np.random.default_rng(1)
-    modes, unknowns = modes_offset(0, n, d, MODES), 3 * n + 5 * m
-    for block, p in zip(blocks, kind.given, strict=True):
-        e = p.e.reshape(n, 3)[:, :d].ravel()
-        block[:n] = 1.0
-        block[n : 2 * n] = kind.friction
-        table = block[modes : modes + MODES * (1 + m)].reshape(MODES, 1 + m)
-        count = p.Q.shape[1]
-        table[:count, 0] = 1.0
-        table[:count, 1:] = p.Q.T.reshape(count, n, 3)[:, :, :d].reshape(count, m)
+    for k, p in enumerate(kind.given):
+        problem = FrictionProblem(memoryview(blocks[k]))
+        count = problem.modes = p.Q.shape[1]
+        problem.contacts.array(ConeContact.weight)[:] = 1.0
+        problem.unknowns.array(Unknown.share)[:count] = 1.0
+        for i, contact in enumerate(problem.contacts):
+            contact.modes.array(ModePart.motion)[:count, :d] = p.Q[3 * i : 3 * i + d].T
         if off:
-            block[3 * n : 3 * n + m] = e * (1.0 + off * rng.normal(size=m))
-            friction_force(
-                memoryview(block), 0, n, d, MODES, kind.external, INTERNAL, kind.law == "coulomb", RESTARTS
-            )  # fmt: skip
-            block[-MODES:] = block[unknowns : unknowns + MODES]
-        block[3 * n : 3 * n + m] = e
-    return blocks, 3 * n + 2 * m
+            e = problem.contacts.array(ConeContact.displacement)[:, :d]
+            exact = e.copy()
+            e *= 1.0 + off * rng.normal(size=e.shape)
+            friction_force(problem, d, gains, coulomb, RESTARTS)
+            starts[k] = problem.unknowns.array(Unknown.value)
+            e[:] = exact
+    places = (blocks.ravel(), 0, blocks.shape[1], len(blocks), starts.ravel(), 0, MODES)
+    return modes_all, (*places, d, gains.external, gains.internal, coulomb, RESTARTS), force
+
+
+def _problems(kind: Problems, d: int, room: int) -> tuple[FloatArray, FloatArray]:
+    """Blocks with a friction problem each, and a view of their forces (problems, fingers, d)."""
+    n = kind.fingers
+    blocks = np.zeros((len(kind.given), problem_size(n, room)))
+    for block, p in zip(blocks, kind.given, strict=True):
+        contacts = set_up(block, 0, n, room).contacts
+        contacts.array(ConeContact.coefficient)[:] = kind.friction
+        contacts.array(ConeContact.displacement)[:, :d] = p.e.reshape(n, 3)[:, :d]
+    contacts = FrictionProblem(blocks[0]).contacts
+    rows = blocks[:, contacts.offset :].reshape(len(blocks), n, contacts.stride)
+    first = start_of(ConeContact, "force")
+    return blocks, rows[:, :, first : first + d]
+
+
+def _unilateral(normals: FloatArray, mu: float, p: Problem) -> FloatArray:
+    return gx.unilateral_force(p.K, p.e, normals, mu).force
 
 
 def _error(found: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:

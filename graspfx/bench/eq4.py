@@ -16,12 +16,13 @@ from graspfx.bench.eq4_fixed import fixed_case
 from graspfx.bench.eq4_methods import EXTERNAL, INTERNAL, WRONG, Pair, force_method, relative_error
 from graspfx.bench.eq4_peers import PEERS, GraspMatrix, Project, closed_form
 from graspfx.bench.exact import split_force
+from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
-from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.law import bilateral
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import resplit
+from graspfx.coupling.state import FingerState, GraspState
 from graspfx.grasp import direct
 from graspfx.grasp.point_coupling import PointCoupling
 from graspfx.objects import integrators as body
@@ -88,12 +89,12 @@ def _ours(contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Ite
     for engine in ("interpreted", "compiled"):
         yield from _direct(contacts, pairs, exact, law, engine)
     blocks, n = _blocks(law, contacts), contacts.points.shape[1]
-    calls: list[Callable[[], object]] = [partial(sample, memoryview(block)) for block in blocks]
+    calls: list[Callable[[], object]] = [partial(source_function(sample), memoryview(block), 0) for block in blocks]
     yield _tick("GraspFX tick, interpreted", calls, blocks, n, exact)
     if not is_installed("llvmlite"):
         yield missing("GraspFX tick, compiled", "llvmlite")
         return
-    yield _tick("GraspFX tick, compiled", [compiled(sample).bound(block) for block in blocks], blocks, n, exact)
+    yield _tick("GraspFX tick, compiled", [compiled(sample).bound(block, 0) for block in blocks], blocks, n, exact)
 
 
 def _direct(
@@ -148,11 +149,12 @@ def couple_all(S: Any, N: int, size: int) -> None:
         direct.couple_points(S, k * size)
 
 
-def sample(S: Any) -> None:
-    """Split and forces of one block, as a sample makes them once contacts have moved."""
-    S[at.SPLIT_KNOWN] = 0.0
-    resplit(S)
-    bilateral(S, True, False)
+@kernel
+def sample(grasp: GraspState) -> None:
+    """Compute split and forces of one block, as a sample makes them once contacts have moved."""
+    grasp.split_known = False
+    resplit(grasp)
+    bilateral(grasp, True, False)
 
 
 def _blocks(law: gx.Coupling, contacts: ContactSet) -> list[FloatArray]:
@@ -163,8 +165,8 @@ def _blocks(law: gx.Coupling, contacts: ContactSet) -> list[FloatArray]:
         arm = contacts.tolerance * float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum() / n))
         rules = Rules(attached=True, blend=(arm, arm))
         grasped = GraspedObject(n, 3, 0.001, law, rules, _free)
-        grasped.rows[:, at.CONTACT : at.CONTACT + 3] = points
-        grasped.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 3] = e
+        grasped.array(FingerState.contact)[:] = points
+        grasped.array(FingerState.displacement)[:, :3] = e
         filled.append(grasped.block)
     return filled
 
@@ -182,7 +184,7 @@ def _tick(
 
     def error() -> float:
         run()
-        rows = np.array([block[at.ROW : at.ROW + n * at.STRIDE].reshape(n, at.STRIDE) for block in blocks])
-        return relative_error(rows[:, :, at.LOCAL : at.LOCAL + 3], exact)
+        forces = np.array([GraspState(block).fingers.array(FingerState.local) for block in blocks])
+        return relative_error(forces[:, :, :3], exact)
 
     return Method(name, run, error, calls=len(calls))

@@ -149,7 +149,7 @@ def _native(
     def found() -> float:
         call()
         motion = BodyState(state).motion
-        return error(motion.position.x, motion.entries(Motion.quaternion).tolist())
+        return error(motion.position.x, motion.array(Motion.quaternion).tolist())
 
     return Method(name, call, found, note, len(pushes), bound)
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 
-R = TypeVar("R", bound="Record")
+R = TypeVar("R")
 Member = TypeVar("Member", covariant=True)  # a group of records is one of any class that they inherit
 _REFERENCE = "offset of a record in the same block"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
@@ -112,8 +112,8 @@ class Record:
             extent = cls.__dict__.get(name)
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
-    def entries(self, field: Any) -> NDArray[np.float64]:
-        """Give the numbers of a field as an array that shares their memory: `finger.entries(Finger.position)`."""
+    def array(self, field: Any) -> NDArray[np.float64]:
+        """Give the numbers of a field as an array that shares their memory: `finger.array(Finger.position)`."""
         layout(type(self))
         start = field.place(self)
         numbers: NDArray[np.float64] = np.asarray(self.buffer)[start : start + evaluate(field.size, self)]
@@ -137,14 +137,18 @@ class Many(Generic[Member]):
     def __iter__(self) -> Iterator[Member]:
         return (self[i] for i in range(self.count))
 
+    def _lay_out(self) -> None:
+        if issubclass(self.kind, Record):
+            layout(self.kind)
+
     def part(self, field: Any) -> Many[Any]:
         """Give the records or the values that a field of each is: `fingers.part(Finger.site)`."""
-        layout(self.kind)
+        self._lay_out()
         return Many(field.kind, self.buffer, self.offset + int(field.offset), self.count, self.stride)
 
     def array(self, field: Any) -> NDArray[np.float64]:
         """Give a field of all as an array that shares their memory, (count,) or (count, size)."""
-        layout(self.kind)
+        self._lay_out()
         block = np.asarray(self.buffer)[self.offset : self.offset + self.count * self.stride]
         rows = block.reshape(self.count, self.stride)
         first, size = int(field.offset), int(field.size)

@@ -1,4 +1,4 @@
-"""A limit on a finger's force: its cone cut off by a ball, so that the projection stays the gradient of a convex sum.
+"""A limit on a contact's force: its cone cut off by a ball, so that the projection stays the gradient of a convex sum.
 
 The cone is one about the origin and so is the ball, so that the nearest force in both is the nearest one in the cone,
 shortened to the limit. A soft finger's torsion counts with its force, in units of the patch length, where friction
@@ -8,72 +8,101 @@ bounds both; where it bounds nothing only the force is shortened.
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+
+from graspfx.compile.kernel import kernel
+from graspfx.cones.problem import FREE, STICK, ConeContact, dot4, tangent_of, with_tangent
+from graspfx.spatial import Vector, Vector4, dot
 
 NO_CONE = -1.0  # as a coefficient: a bilateral contact
 HALF_SPACE = -2.0  # as a coefficient: a contact that holds sideways whatever it takes, and only pushes
 LIFT = 3  # status of a contact of the half-space whose normal force is zero
 
 
-def force_size(S: Any, y: int, width: int) -> float:
-    """Give |y_i| over `width` entries from y on."""
-    total = 0.0
-    for a in range(width):
-        total += S[y + a] * S[y + a]
-    return math.sqrt(total)
+@dataclass(frozen=True, slots=True)
+class Face:
+    """Where on its cone the return map has put a force, as far as its slope asks for it."""
+
+    status: int
+    direction: Vector  # of the tangential force, where it slides
+    bend: float  # |y_t| / |t_t|, where it slides
 
 
-def limit_width(S: Any, mu: int, d: int) -> int:
-    """Count the coordinates that a finger's limit is about: all in a friction cone, else (mu < 0) the force alone."""
-    return d if S[mu] >= 0.0 else min(d, 3)
-
-
-def shorten(S: Any, y: int, width: int, limit: float) -> float:
-    """Shorten the force at y to the limit; returns the factor, 1 where it was short enough."""
-    size = force_size(S, y, width)
-    if not size > limit:
-        return 1.0
-    for a in range(width):
-        S[y + a] *= limit / size
-    return limit / size
-
-
-def cone_slope(
-    status: int, mu: float, theta: float, c1: float, c2: float, c3: float, bend: float,
-    x0: float, x1: float, x2: float, x3: float,
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """Give R'x of the return map without a limit, from what `turn_back` gives: x where the finger sticks (status 1)."""
-    if status == LIFT:
-        return 0.0, x1, x2, x3
-    if status == 1:
-        return x0, x1, x2, x3
-    if status == 0:
-        return 0.0, 0.0, 0.0, 0.0
-    along = c1 * x1 + c2 * x2 + c3 * x3
-    normal = (x0 + theta * mu * along) / (1.0 + theta * mu * mu)
-    return (
-        normal,
-        mu * c1 * normal + bend * (x1 - c1 * along),
-        mu * c2 * normal + bend * (x2 - c2 * along),
-        mu * c3 * normal + bend * (x3 - c3 * along),
-    )
-
-
-def ball_slope(
-    S: Any, y: int, width: int, limit: float, x0: float, x1: float, x2: float, x3: float
-) -> tuple[float, float, float, float]:
-    """Give the slope of `shorten` at the force y times x: limit/|y| (x - y y'x/|y|^2), or x where y is short enough."""
-    size = force_size(S, y, width)
-    if not size > limit:
-        return x0, x1, x2, x3
-    share = limit / size
-    y0, y1, y2, y3 = S[y] / size, 0.0, 0.0, 0.0
+@kernel
+def force_size(force: Vector4, width: int) -> float:
+    """Compute |f| over the first `width` entries."""
+    square = force.x * force.x
     if width > 1:
-        y1 = S[y + 1] / size
+        square += force.y * force.y
     if width > 2:
-        y2 = S[y + 2] / size
+        square += force.z * force.z
     if width > 3:
-        y3 = S[y + 3] / size
-    along = y0 * x0 + y1 * x1 + y2 * x2 + y3 * x3
-    last = share * (x3 - along * y3) if width > 3 else x3
-    return share * (x0 - along * y0), share * (x1 - along * y1), share * (x2 - along * y2), last
+        square += force.t * force.t
+    return math.sqrt(square)
+
+
+@kernel
+def limit_width(coefficient: float, d: int) -> int:
+    """Count the coordinates that a limit is about: all d in a friction cone, else (mu < 0) the force alone."""
+    return d if coefficient >= 0.0 else min(d, 3)
+
+
+@kernel
+def shorten(force: Vector4, width: int, limit: float) -> tuple[Vector4, float]:
+    """Shorten a force over its first `width` entries to the limit; give it and the factor, 1 if it is short enough."""
+    size = force_size(force, width)
+    if not size > limit:
+        return force, 1.0
+    share = limit / size
+    return Vector4(
+        force.x * share,
+        force.y * share if width > 1 else force.y,
+        force.z * share if width > 2 else force.z,
+        force.t * share if width > 3 else force.t,
+    ), share  # fmt: skip
+
+
+@kernel
+def is_plain(contact: ConeContact, d: int, limit: float, status: int) -> bool:
+    """Tell whether y_i, as `turn_back` gives it, is neither longer than its limit nor on a half-space's edge."""
+    return status != LIFT and not force_size(contact.force, limit_width(contact.coefficient, d)) > limit
+
+
+@kernel
+def cut_slope(contact: ConeContact, d: int, theta: float, limit: float, face: Face, x: Vector4) -> Vector4:
+    """Compute R'x for a contact of any status, its limit applied."""
+    slope = cone_slope(face, contact.coefficient, theta, x)
+    return ball_slope(contact.force, limit_width(contact.coefficient, d), limit, slope)
+
+
+@kernel
+def cone_slope(face: Face, mu: float, theta: float, x: Vector4) -> Vector4:
+    """Compute R'x of the return map without a limit."""
+    tangent = tangent_of(x)
+    if face.status == LIFT:
+        return with_tangent(0.0, tangent)
+    if face.status == STICK:
+        return x
+    if face.status == FREE:
+        return Vector4(0.0, 0.0, 0.0, 0.0)
+    along = dot(face.direction, tangent)
+    normal = (x.x + theta * mu * along) / (1.0 + theta * mu * mu)
+    return with_tangent(normal, mu * face.direction * normal + face.bend * (tangent - face.direction * along))
+
+
+@kernel
+def ball_slope(force: Vector4, width: int, limit: float, x: Vector4) -> Vector4:
+    """Compute the slope of `shorten` at a force y, times x: limit/|y| (x - y y'x/|y|^2), or x where y is short."""
+    size = force_size(force, width)
+    if not size > limit:
+        return x
+    share = limit / size
+    y = Vector4(
+        force.x / size,
+        force.y / size if width > 1 else 0.0,
+        force.z / size if width > 2 else 0.0,
+        force.t / size if width > 3 else 0.0,
+    )
+    along = dot4(y, x)
+    last = share * (x.t - along * y.t) if width > 3 else x.t
+    return Vector4(share * (x.x - along * y.x), share * (x.y - along * y.y), share * (x.z - along * y.z), last)

@@ -1,51 +1,29 @@
-"""Forces in products of friction cones: point contact with friction on a flat buffer, by semismooth Newton.
+"""Forces in products of friction cones, by semismooth Newton.
 
-The law is f = f0 + K (e + s), with f_i in the cone |f_t| <= mu f_n of finger i and s the displacement that slipping and
-letting go take away. Both laws are one return map with a dilatancy theta: f = R(t), t = f - c s for any c > 0.
-Associated (theta = 1): R projects on the cone; with f0 = 0 f minimises 1/2 (f - K e)' K^-1 (f - K e) over the cones,
-and there is one answer. Coulomb (theta = 0): f_n = max(t_n, 0), and f_t is scaled back to mu f_n; large mu may leave
-several answers.
+Both laws of a friction problem (`cones.problem`) are one return map with a dilatancy theta: f = R(t), t = f - c s for
+any c > 0. Associated (theta = 1): R projects on the cone; with f0 = 0 f minimises 1/2 (f - K e)' K^-1 (f - K e) over
+the cones, and there is one answer. Coulomb (theta = 0): f_n = max(t_n, 0), and f_t is scaled back to mu f_n; large mu
+may leave several answers.
 
-A finger has d coordinates: its normal, up to two tangents, and as the fourth the torsion of a soft finger in units of
-its patch length, for which the cone is the elliptic limit surface (Howe and Cutkosky 1996).
-
-Where `limits` (0: none) says from where on n limits [N] stand, each cone is cut off at |f_i| <= L_i (`cones.cut`): the
-associated force still minimises the same function. There a coefficient below zero means another cone (NO_CONE,
-HALF_SPACE), which is no matter of friction.
+Where forces have limits each cone is cut off at |f_i| <= L_i (`cones.cut`): the associated force still minimises the
+same function. There a coefficient below zero means another cone (NO_CONE, HALF_SPACE), which is no matter of friction.
 The slip s that comes out is then the cone's alone, so that what sticks at its limit stays where it holds.
-
-A problem stands in one piece of the buffer from `o` on, m = n d, vectors contact by contact, the normal first:
-
-    o            weight w_i per finger (not read for a square)
-    + n          coefficient mu_i per finger
-    + n          in: -1 holds a finger's force at zero; out: FREE, STICK or SLIDE (-1 stays)
-    + n          e, m entries [m]
-    + m          f0, m entries [N], in the cones
-    + m          out: f, m entries [N]
-    + m          out: s, m entries [m], exactly zero in what sticks
-    + m          work, m entries
-    + m          in and out: the unknowns, `count` entries; any start will do, the last sample's answer is the best
-    + count      work, count (count + 7) entries
-    ...          modes: `count` times beta_k and the m entries of q_k in contact frames (not there for a square)
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
-from graspfx.cones.cone import (
-    STICK,
-    compliant_share,
-    eliminate,
-    equations_of_modes,
-    equations_of_square,
-    jacobian_of_modes,
-    jacobian_of_square,
-    modes_offset,
-    turn_back,
-)
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Many, Table
+from graspfx.cones.cone import turn_back
 from graspfx.cones.cut import limit_width, shorten
+from graspfx.cones.elimination import eliminate
+from graspfx.cones.mode_equations import Merit, compliant_share, equations_of_modes, jacobian_of_modes
+from graspfx.cones.problem import STICK, Answer, FrictionProblem, Gains
+from graspfx.cones.square_equations import equations_of_square, jacobian_of_square
+from graspfx.spatial import Matrix, Vector
 
 COULOMB, ASSOCIATED, UNRESOLVED = 0, 1, 2  # which law the answer satisfies; unresolved: all forces are zero
 ROUNDING = 1e-15  # where Newton stops, relative to the forces at hand
@@ -58,223 +36,254 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # its multiples fill an interval evenly: 
 RESTARTS = 16  # where time does not matter: at kip/kep = 1000 and mu = 1.5 they leave 1 problem in 40 to the other law
 
 
-def problem_size(n: int, d: int, count: int, square: bool) -> int:
-    """Entries of a problem's piece; `count` is six at most, n d for a square."""
-    return modes_offset(0, n, d, count) + (0 if square else count * (1 + n * d))
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Whether a search got there, its residual [N], and how often the equations were evaluated."""
+
+    success: bool
+    residual: float
+    evaluations: int
 
 
-def turn_modes(
-    S: Any, rows: int, stride: int, frame: int, n: int, d: int, modes: int, count: int, out: int
-) -> None:  # fmt: skip
-    """Rigid modes in the axes of the contacts' rows as contact coordinates (1 + n d entries each).
+@kernel
+def turn_modes(frames: Many[Matrix], motions: Table, problem: FrictionProblem, d: int, count: int) -> None:
+    """Write `count` rigid modes in the contacts' frames, d coordinates each, into the problem.
 
-    A mode has 1 + 3 n entries, or 1 + 4 n where d is 4: the fourth is the torsion about the normal.
+    Args:
+        frames: of the contacts, normal and tangents as rows.
+        motions: a row for each mode: its share beta_k, then for every contact three entries in the axes in which the
+            frames stand, four where d is 4: the fourth is the torsion about the normal.
     """
     width = 4 if d > 3 else 3
+    problem.modes = count
     for k in range(count):
-        q = modes + k * (1 + width * n)
-        to = out + k * (1 + n * d)
-        S[to] = S[q]
-        for i in range(n):
-            m = q + 1 + width * i
-            for a in range(min(d, 3)):
-                f = rows + i * stride + frame + 3 * a
-                S[to + 1 + i * d + a] = S[f] * S[m] + S[f + 1] * S[m + 1] + S[f + 2] * S[m + 2]
+        motion = motions[k]
+        problem.unknowns[k].share = motion[0]
+        for i, contact in enumerate(problem.contacts):
+            m = 1 + width * i
+            mode = contact.modes[k]
+            entries = frames[i] @ Vector(motion[m], motion[m + 1], motion[m + 2])
+            mode.motion[0] = entries.x
+            if d > 1:
+                mode.motion[1] = entries.y
+            if d > 2:
+                mode.motion[2] = entries.z
             if d > 3:
-                S[to + 1 + i * d + 3] = S[m + 3]
+                mode.motion[3] = motion[m + 3]
 
 
-def friction_force(
-    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, coulomb: bool, restarts: int,
-    limits: int = 0, series: int = -1,
-) -> tuple[int, float, int]:  # fmt: skip
-    """Scalar gains: K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4), q_k orthonormal.
+@kernel
+def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool, restarts: int) -> Answer:
+    """Find the forces for scalar gains: K of eq. (4) in the problem's modes (`cones.mode_equations`).
 
-    f = sqrt(W) y, y = R(t), t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k: at most six unknowns,
-    kappa_k z_k = (k_i - kappa_k) q_k'(y - f0 / sqrt(W)) with kappa_k = k_i + (k_e - k_i) beta_k. A finger of weight 0
-    has no force; a gain below 1e-6 of the other one counts as that. Coulomb's law is sought from the unknowns as they
-    are, then from the associated answer, then `restarts` times from around that.
+    At most six unknowns. A contact of weight 0 has no force; a gain below 1e-6 of the other one counts as that.
+    Coulomb's law is sought from the unknowns as they are, then from the associated answer, then `restarts` times from
+    around that. Where the problem is compliant (K^-1 + C)^-1 is in the place of K, C_i / w_i on each coordinate of
+    contact i.
 
-    `series` >= 0 is where one compliance C_i per finger stands: then (K^-1 + C)^-1 is in the place of K, C_i / w_i on
-    each of finger i's coordinates.
-
-    Returns the law of the answer, its residual |f - f0 - K (e + s)| [N] (f and s fulfil the law exactly), evaluations.
+    Returns:
+        The law of the answer, its residual |f - f0 - K (e + s)| [N] (f and s fulfil the law exactly), evaluations.
     """
-    high = max(external, internal)
+    high = max(gains.external, gains.internal)
     if high <= 0.0:
-        add_nothing(S, o, n, d, limits)
-        return COULOMB if coulomb else ASSOCIATED, 0.0, 0
-    used = count if external != internal else 0  # equal gains: no finger knows of another
-    ke, ki = max(external, LEAST * high), max(internal, LEAST * high)
-    return solve(S, o, n, d, used, ke, ki, -1, 0, True, coulomb, restarts, limits, series)
+        add_nothing(problem, d)
+        return Answer(COULOMB if coulomb else ASSOCIATED, 0.0, 0)
+    used = problem.modes if gains.external != gains.internal else 0  # equal gains: no contact knows of another
+    raised = Gains(max(gains.external, LEAST * high), max(gains.internal, LEAST * high))
+    return solve(problem, d, used, raised, None, True, coulomb, restarts)
 
 
+@kernel
 def friction_force_square(
-    S: Any, o: int, n: int, d: int, square: int, lead: int, symmetric: bool, coulomb: bool, restarts: int,
-    limits: int = 0,
-) -> tuple[int, float, int]:  # fmt: skip
-    """The same for any K > 0 in contact frames at `square`, `lead` entries per row; the n d unknowns are e + s.
+    problem: FrictionProblem, d: int, square: Table, symmetric: bool, coulomb: bool, restarts: int
+) -> Answer:
+    """Find the forces for any K > 0 in contact frames; the n d unknowns are e + s.
 
     An asymmetric K has one associated answer too, but no convex function leads there: it can end unresolved.
     """
-    m = n * d
+    m = problem.count * d
     c = 0.0  # above every eigenvalue of K: there the associated problem is convex
     for p in range(m):
         total = 0.0
         for q in range(m):
-            total += abs(S[square + p * lead + q])
+            total += abs(square[p, q])
         c = max(c, total)
     if c <= 0.0:
-        add_nothing(S, o, n, d, limits)
-        return COULOMB if coulomb else ASSOCIATED, 0.0, 0
-    return solve(S, o, n, d, m, c, c, square, lead, symmetric, coulomb, restarts, limits, -1)
+        add_nothing(problem, d)
+        return Answer(COULOMB if coulomb else ASSOCIATED, 0.0, 0)
+    return solve(problem, d, m, Gains(c, c), square, symmetric, coulomb, restarts)
 
 
+@kernel
 def solve(
-    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, square: int, lead: int,
-    symmetric: bool, coulomb: bool, restarts: int, limits: int, series: int,
-) -> tuple[int, float, int]:  # fmt: skip
-    """Coulomb from the unknowns as they are, from the associated answer, from around it; else the associated answer."""
-    z = o + 3 * n + 5 * n * d
-    kept = z + 4 * count
+    problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, symmetric: bool, coulomb: bool,
+    restarts: int,
+) -> Answer:  # fmt: skip
+    """Seek Coulomb from the unknowns as they are, from the associated answer, from around it; else the associated."""
+    unknowns = problem.unknowns
+    start_others(problem, count)
     total = 0.0
     for k in range(count):
-        total += S[z + k]
+        total += unknowns[k].value
     if not abs(total) <= 1e300:
         for k in range(count):
-            S[z + k] = 0.0
-    taken = 0
+            unknowns[k].value = 0.0
+    steps = 0
     if coulomb:
-        found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 0.0, False, limits, series)
-        taken += steps
-        if found:
-            finish(S, o, n, d, internal, square, 0.0, limits, series)
-            return COULOMB, residual, taken
+        end = newton(problem, d, count, gains, square, 0.0, False)
+        steps += end.evaluations
+        if end.success:
+            finish(problem, d, gains.internal, square is None, 0.0)
+            return Answer(COULOMB, end.residual, steps)
         for k in range(count):
-            S[z + k] = 0.0
-    found, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric, limits, series)
-    taken += steps
-    if not found:
-        clear(S, o, n, d)
+            unknowns[k].value = 0.0
+    end = newton(problem, d, count, gains, square, 1.0, symmetric)
+    steps += end.evaluations
+    if not end.success:
+        clear(problem, d)
         for k in range(count):
-            S[z + k] = 0.0
-        return UNRESOLVED, residual, taken
+            unknowns[k].value = 0.0
+        return Answer(UNRESOLVED, end.residual, steps)
     if coulomb:
         far = 0.0
         for k in range(count):
-            S[kept + k] = S[z + k]
-            far = max(far, abs(S[z + k]))
+            unknowns[k].associated = unknowns[k].value
+            far = max(far, abs(unknowns[k].value))
         for start in range(restarts + 1):
             if start > 0:
-                for k in range(count):
-                    turn = ((start - 1) * count + k + 1) * GOLDEN
-                    S[z + k] = far * (2.0 * (turn - math.floor(turn)) - 1.0)
-                    if start % 2:
-                        S[z + k] += S[kept + k]
-            found, residual, steps = newton(
-                S, o, n, d, count, external, internal, square, lead, 0.0, False, limits, series
-            )
-            taken += steps
-            if found:
-                finish(S, o, n, d, internal, square, 0.0, limits, series)
-                return COULOMB, residual, taken
+                spread(problem, count, start, far)
+            end = newton(problem, d, count, gains, square, 0.0, False)
+            steps += end.evaluations
+            if end.success:
+                finish(problem, d, gains.internal, square is None, 0.0)
+                return Answer(COULOMB, end.residual, steps)
         for k in range(count):
-            S[z + k] = S[kept + k]
-        _, residual, steps = newton(S, o, n, d, count, external, internal, square, lead, 1.0, symmetric, limits, series)
-        taken += steps
-    finish(S, o, n, d, internal, square, 1.0, limits, series)
-    return ASSOCIATED, residual, taken
+            unknowns[k].value = unknowns[k].associated
+        end = newton(problem, d, count, gains, square, 1.0, symmetric)
+        steps += end.evaluations
+    finish(problem, d, gains.internal, square is None, 1.0)
+    return Answer(ASSOCIATED, end.residual, steps)
 
 
-def clear(S: Any, o: int, n: int, d: int) -> None:
-    """No force and no slip."""
-    for p in range(o + 3 * n + 2 * n * d, o + 3 * n + 4 * n * d):
-        S[p] = 0.0
-    for i in range(o + 2 * n, o + 3 * n):
-        S[i] = min(S[i], 0.0)
+@kernel
+def start_others(problem: FrictionProblem, count: int) -> None:
+    """Start the unknowns that the last search did not have: near zero, from where the last equations' g ended."""
+    unknowns = problem.unknowns
+    last = problem.started
+    if last > 0:
+        for k in range(last, count):
+            unknowns[k].value = unknowns[k - last].gradient if k < 2 * last else 0.0
+    if count > 0:
+        problem.started = count
 
 
-def add_nothing(S: Any, o: int, n: int, d: int, limits: int) -> None:
-    """No stiffness: f = f0, no slip."""
-    clear(S, o, n, d)
-    for i in range(n):
-        r = o + 3 * n + n * d + i * d
-        if S[o + 2 * n + i] >= 0.0 and (S[r] > 0.0 or (limits > 0 and S[o + n + i] < 0.0)):
-            S[o + 2 * n + i] = STICK
-            for p in range(r, r + d):
-                S[p + n * d] = S[p]
+@kernel
+def spread(problem: FrictionProblem, count: int, start: int, far: float) -> None:
+    """Put the unknowns to start number `start`: evenly over +-far around the associated answer, and around zero."""
+    for k in range(count):
+        unknown = problem.unknowns[k]
+        turn = ((start - 1) * count + k + 1) * GOLDEN
+        unknown.value = far * (2.0 * (turn - math.floor(turn)) - 1.0)
+        if start % 2:
+            unknown.value += unknown.associated
 
 
-def finish(S: Any, o: int, n: int, d: int, c: float, square: int, theta: float, limits: int, series: int) -> None:
-    """Write f = sqrt(W) y and s = (y - t) / (c sqrt(W)), y before its limit, r_i c with compliances in series."""
-    f, s, t = o + 3 * n + 2 * n * d, o + 3 * n + 3 * n * d, o + 3 * n + 4 * n * d
-    for i in range(n):
-        root = 1.0 if square >= 0 else math.sqrt(S[o + i])
-        if limits > 0:
-            turn_back(S, o, n, d, i, theta, limits)
-        for p in range(i * d, i * d + d):
-            S[s + p] = (S[f + p] - S[t + p]) / (c * root) if root > 0.0 else 0.0
-            if series >= 0:
-                S[s + p] /= compliant_share(S, series, i, c)
-            S[f + p] *= root
-        if limits > 0:
-            shorten(S, f + i * d, limit_width(S, o + n + i, d), S[limits + i])
+@kernel
+def clear(problem: FrictionProblem, d: int) -> None:
+    """Put force and slip to zero."""
+    for contact in problem.contacts:
+        for a in range(d):
+            contact.force[a] = 0.0
+            contact.slip[a] = 0.0
+        contact.status = min(contact.status, 0)
 
 
+@kernel
+def add_nothing(problem: FrictionProblem, d: int) -> None:
+    """Add nothing where there is no stiffness: f = f0, no slip."""
+    clear(problem, d)
+    for contact in problem.contacts:
+        pushes = contact.base_force.x > 0.0 or (problem.limited and contact.coefficient < 0.0)
+        if contact.status >= 0 and pushes:
+            contact.status = STICK
+            for a in range(d):
+                contact.force[a] = contact.base_force[a]
+
+
+@kernel
+def finish(problem: FrictionProblem, d: int, c: float, weighted: bool, theta: float) -> None:
+    """Compute f = sqrt(W) y and s = (y - t) / (c sqrt(W)), y before its limit, r_i c with compliances in series."""
+    for contact in problem.contacts:
+        root = math.sqrt(contact.weight) if weighted else 1.0
+        if problem.limited:
+            turn_back(contact, d, theta, True)
+        for a in range(d):
+            contact.slip[a] = (contact.force[a] - contact.trial[a]) / (c * root) if root > 0.0 else 0.0
+            if weighted and problem.compliant:
+                contact.slip[a] /= compliant_share(problem, contact, c)
+            contact.force[a] *= root
+        if problem.limited:
+            contact.force, _ = shorten(contact.force, limit_width(contact.coefficient, d), contact.limit)
+
+
+@kernel
 def newton(
-    S: Any, o: int, n: int, d: int, count: int, external: float, internal: float, square: int, lead: int,
-    theta: float, convex: bool, limits: int, series: int,
-) -> tuple[bool, float, int]:  # fmt: skip
-    """Semismooth Newton on g = 0 with a line search; returns whether it got there, the residual and the evaluations.
+    problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float, convex: bool
+) -> Search:
+    """Seek g = 0 by semismooth Newton with a line search.
 
     With `convex` g belongs to the gradient of a convex function, which falls until it gets there; else |g| has to fall.
     """
-    z = o + 3 * n + 5 * n * d
-    g, dz, start, H = z + count, z + 2 * count, z + 3 * count, z + 8 * count
-    merit = slope = residual = 0.0
+    unknowns = problem.unknowns
+    step = problem.step
+    value = slope = residual = 0.0
     best = length = math.inf
     t = 1.0
     limit = DESCENT if convex else STEPS
-    for step in range(limit):
-        if square < 0:
-            value, size, worst, residual = equations_of_modes(
-                S, o, n, d, count, external, internal, theta, limits, series
-            )
-        else:
-            value, size, worst, residual = equations_of_square(S, o, n, d, internal, square, lead, theta, limits)
-        if worst <= ROUNDING * size or 0.5 * best < worst <= CLOSE * size:
-            return True, residual, step + 1
+    for k in range(limit):
+        merit = evaluate(problem, d, count, gains, square, theta)
+        worst, residual = merit.worst, merit.residual
+        if worst <= ROUNDING * merit.size or 0.5 * best < worst <= CLOSE * merit.size:
+            return Search(True, residual, k + 1)
         if convex:
             # halving the least |g| so far is no cycle, and not blind where the function's digits end
-            better = worst <= 0.5 * best or value <= merit + 1e-4 * t * slope
+            better = worst <= 0.5 * best or merit.value <= value + 1e-4 * t * slope
         else:
             better = worst <= (1.0 - 1e-4 * t) * length
-        if step > 0 and not better:
+        if k > 0 and not better:
             t *= 0.5
             if t < (1e-9 if convex else SHORTEST):
-                return False, residual, step + 1
-            for k in range(count):
-                S[z + k] = S[start + k] + t * S[dz + k]
+                return Search(False, residual, k + 1)
+            for j in range(count):
+                unknowns[j].value = unknowns[j].start + t * step[j]
             continue
         best = min(best, worst)
-        merit, length, t = value, worst, 1.0
-        for k in range(count):
-            S[dz + k] = -S[g + k]
-            S[start + k] = S[z + k]
-        if square < 0:
-            jacobian_of_modes(S, o, n, d, count, external, internal, theta, limits, series)
+        value, length, t = merit.value, worst, 1.0
+        for j in range(count):
+            step[j] = -unknowns[j].gradient
+            unknowns[j].start = unknowns[j].value
+        if square is None:
+            jacobian_of_modes(problem, d, count, gains, theta)
         else:
-            jacobian_of_square(S, o, n, d, internal, square, lead, theta, limits)
-        if not eliminate(S, H, dz, count):
-            return False, residual, step + 1
+            jacobian_of_square(problem, d, gains.internal, square, theta)
+        if not eliminate(problem.jacobian, step, count):
+            return Search(False, residual, k + 1)
         slope = 0.0
-        for k in range(count):
-            along = S[dz + k]
-            if square >= 0:
-                along *= internal  # the gradient is (c I - K) g
-                for j in range(count):
-                    along -= S[square + k * lead + j] * S[dz + j]
-            slope += S[g + k] * along
-        for k in range(count):
-            S[z + k] += S[dz + k]
-    return False, residual, limit
+        for j in range(count):
+            along = step[j]
+            if square is not None:
+                along *= gains.internal  # the gradient is (c I - K) g
+                for q in range(count):
+                    along -= square[j, q] * step[q]
+            slope += unknowns[j].gradient * along
+        for j in range(count):
+            unknowns[j].value += step[j]
+    return Search(False, residual, limit)
+
+
+@kernel
+def evaluate(problem: FrictionProblem, d: int, count: int, gains: Gains, square: Table | None, theta: float) -> Merit:
+    """Evaluate the equations: those of modes, or of a square."""
+    if square is None:
+        return equations_of_modes(problem, d, count, gains, theta)
+    return equations_of_square(problem, d, gains.internal, square, theta)

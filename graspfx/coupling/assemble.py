@@ -2,87 +2,102 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from graspfx.coupling import block as at
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Table
 from graspfx.coupling.law import bilateral
+from graspfx.coupling.state import FingerState, GraspState
 from graspfx.grasp.rigid_modes import gain_matrix
+from graspfx.spatial import Vector, Vector4, inner, with_torsion
 
 
-def assemble(S: Any, elastic: bool) -> int:
-    """K with K e, or D with D e', in contact frames as a square and a vector; returns how many rows."""
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    m = n * c
-    A = at.square(n)
-    for p in range(m * m):
-        S[A + p] = 0.0
-    bilateral(S, elastic, not elastic)
-    into_frames(S, at.LOCAL, at.vector(n, c))
+@kernel
+def assemble(grasp: GraspState, elastic: bool) -> None:
+    """Compute K with K e, or D with D e', in contact frames as a square and a vector."""
+    size = grasp.count * grasp.coordinates
+    for p in range(size):
+        for q in range(size):
+            grasp.square[p, q] = 0.0
+    bilateral(grasp, elastic, not elastic)
+    for i, finger in enumerate(grasp.fingers):
+        write_coordinates(grasp, grasp.vector, i, in_frame(grasp, finger, finger.local))
     if elastic:
-        add_gains(S, A, m, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], 1.0, 0.0)
+        add_gains(grasp, grasp.square, grasp.external_stiffness, grasp.internal_stiffness, 1.0, 0.0)
     else:
-        add_gains(S, A, m, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], 0.0, 1.0)
-    for p in range(m):
-        S[at.diagonal(n, c) + p] = S[A + p * m + p]
-    return m
+        add_gains(grasp, grasp.square, grasp.external_damping, grasp.internal_damping, 0.0, 1.0)
+    for p in range(size):
+        grasp.diagonal[p] = grasp.square[p, p]
 
 
-def add_gains(S: Any, out: int, size: int, external: float, internal: float, elastic: float, damping: float) -> None:
-    """Adds a gain matrix in contact frames to a square at `out`: scalar gains, or elastic K + damping D."""
-    n = int(S[at.FINGERS])
-    d = int(S[at.COORDINATES])  # matrices are for points only, where it is d
-    if S[at.DENSE] == 0.0:
-        count = 0 if S[at.EQUAL] != 0.0 else int(S[at.COUNT])
-        gain_matrix(
-            S, at.ROW, at.STRIDE, at.WEIGHT, at.FRAME, n, d,
-            at.modes(n), count, external, internal, out, size, at.scratch(n, d),
-        )  # fmt: skip
+@kernel
+def add_gains(grasp: GraspState, out: Table, external: float, internal: float, elastic: float, damping: float) -> None:
+    """Add a gain matrix in contact frames to a square: scalar gains, or elastic K + damping D."""
+    if grasp.dense:
+        for i, finger in enumerate(grasp.fingers):
+            for j, other in enumerate(grasp.fingers):
+                add_block(grasp, finger, other, i, j, elastic, damping, out)
         return
-    m = n * d
-    K = at.dense(n, d)
-    for i in range(n):
-        for j in range(n):
-            for a in range(d):
-                f = at.ROW + i * at.STRIDE + at.FRAME + 3 * a
-                for b in range(d):
-                    g = at.ROW + j * at.STRIDE + at.FRAME + 3 * b
-                    total = 0.0
-                    for p in range(d):
-                        for q in range(d):
-                            k = (i * d + p) * m + j * d + q
-                            value = elastic * S[K + k] + damping * S[K + m * m + k]
-                            total += S[f + p] * value * S[g + q]
-                    S[out + (i * d + a) * size + j * d + b] += total
+    count = 0 if grasp.equal else grasp.mode_count
+    gain_matrix(grasp.fingers, grasp.modes, count, external, internal, grasp.coordinates, out, grasp.mode_force)
 
 
-def into_frames(S: Any, what: int, q: int) -> None:
-    """A vector of every finger's row as contact coordinates (normal, tangents, torsion) at q."""
-    n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    c = int(S[at.COORDINATES])
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        for a in range(d):
-            total = 0.0
-            for b in range(d):
-                total += S[r + at.FRAME + 3 * a + b] * S[r + what + b]
-            S[q + i * c + a] = total
-        if c > d:
-            S[q + i * c + d] = S[r + what + d]
-
-
-def out_of_frames(S: Any, q: int, what: int) -> None:
-    """Contact coordinates at q as a vector of every finger's row."""
-    n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    c = int(S[at.COORDINATES])
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
+@kernel
+def add_block(
+    grasp: GraspState, finger: FingerState, other: FingerState, i: int, j: int, elastic: float, damping: float,
+    out: Table,
+) -> None:  # fmt: skip
+    """Add F_i (elastic K_ij + damping D_ij) F_j' of two fingers with contact frames F."""
+    d = grasp.dimensions
+    for a in range(d):
         for b in range(d):
             total = 0.0
-            for a in range(d):
-                total += S[r + at.FRAME + 3 * a + b] * S[q + i * c + a]
-            S[r + what + b] = total
-        if c > d:
-            S[r + what + d] = S[q + i * c + d]
+            for p in range(d):
+                for q in range(d):
+                    value = elastic * grasp.stiffness[i * d + p, j * d + q]
+                    value += damping * grasp.damping[i * d + p, j * d + q]
+                    total += finger.frame[3 * a + p] * value * other.frame[3 * b + q]
+            out[i * d + a, j * d + b] += total
+
+
+@kernel
+def in_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
+    """Give a vector of the object's axes in a finger's contact frame: normal, tangents, torsion."""
+    y = z = 0.0
+    if grasp.dimensions > 1:
+        y = inner(finger.frame.second, v.vector)
+    if grasp.dimensions > 2:
+        z = inner(finger.frame.third, v.vector)
+    return Vector4(inner(finger.frame.first, v.vector), y, z, v.t)
+
+
+@kernel
+def out_of_frame(grasp: GraspState, finger: FingerState, v: Vector4) -> Vector4:
+    """Give contact coordinates of a finger as a vector in the object's axes, and torsion."""
+    F = finger.frame.transpose
+    return with_torsion(Vector(inner(F.first, v.vector), inner(F.second, v.vector), inner(F.third, v.vector)), v.t)
+
+
+@kernel
+def write_coordinates(grasp: GraspState, out: Floats, i: int, v: Vector4) -> None:
+    """Write the contact coordinates of finger i."""
+    p = i * grasp.coordinates
+    out[p] = v.x
+    if grasp.dimensions > 1:
+        out[p + 1] = v.y
+    if grasp.dimensions > 2:
+        out[p + 2] = v.z
+    if grasp.coordinates > grasp.dimensions:
+        out[p + grasp.dimensions] = v.t
+
+
+@kernel
+def coordinates_of(grasp: GraspState, numbers: Floats, i: int) -> Vector4:
+    """Read the contact coordinates of finger i, zeros where it has none."""
+    p = i * grasp.coordinates
+    y = z = t = 0.0
+    if grasp.dimensions > 1:
+        y = numbers[p + 1]
+    if grasp.dimensions > 2:
+        z = numbers[p + 2]
+    if grasp.coordinates > grasp.dimensions:
+        t = numbers[p + grasp.dimensions]
+    return Vector4(numbers[p], y, z, t)

@@ -7,92 +7,83 @@ the second projection D_s stands for D: passive in every state, s_min D <= D_s <
 
 from __future__ import annotations
 
-from typing import Any
-
-from graspfx.coupling import block as at
-from graspfx.coupling.law import push
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Table
+from graspfx.coupling.law import normal_force
+from graspfx.coupling.state import FingerState, GraspState
 
 SMALLEST = 1e-200  # of s: its square is nothing
 
 
-def damping_share(S: Any, i: int, normal: float) -> float:
-    """Give s_i = min(1, n.f0_i / (w_i kip delta)) of finger i, from its elastic normal force [N]; 1 without a depth."""
-    if S[at.GRADUAL] == 0.0:
+@kernel
+def damping_share(grasp: GraspState, finger: FingerState, normal: float) -> float:
+    """Compute s_i = min(1, n.f0_i / (w_i kip delta)) from an elastic normal force [N]; 1 without a depth."""
+    if not grasp.gradual:
         return 1.0
-    kip = S[at.STIFFEST] if S[at.DENSE] != 0.0 else S[at.INTERNAL_STIFFNESS]
-    whole = S[at.ROW + i * at.STRIDE + at.WEIGHT] * kip * S[at.DEPTH]
-    return 1.0 if normal >= whole else max(float(normal / whole), SMALLEST)
+    kip = grasp.stiffest.x if grasp.dense else grasp.internal_stiffness
+    whole = finger.weight * kip * grasp.damping_depth
+    return 1.0 if normal >= whole else max(normal / whole, SMALLEST)
 
 
-def compliance(S: Any, i: int, normal: float) -> float:
-    """Give w_i C_i = (1 - s_i) / (s_i b) of finger i, from its elastic normal force [m/(N s)]."""
-    s = damping_share(S, i, normal)
-    if S[at.DENSE] != 0.0:
-        return float((1.0 - s) / (s * max(S[at.STIFFEST + 1], S[at.STIFFEST + 2])))
-    return float((1.0 - s) / (s * max(S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING])))
+@kernel
+def compliance(grasp: GraspState, finger: FingerState, normal: float) -> float:
+    """Compute w_i C_i = (1 - s_i) / (s_i b) from an elastic normal force [m/(N s)]."""
+    s = damping_share(grasp, finger, normal)
+    if grasp.dense:
+        return (1.0 - s) / (s * max(grasp.stiffest.y, grasp.stiffest.z))
+    return (1.0 - s) / (s * max(grasp.external_damping, grasp.internal_damping))
 
 
-def is_whole(S: Any) -> bool:
-    """Tell whether every finger is so deep that D_s is D, with the elastic forces in LOCAL."""
-    if S[at.GRADUAL] == 0.0:
+@kernel
+def is_whole(grasp: GraspState) -> bool:
+    """Tell whether every finger is so deep, by its elastic force, that D_s is D."""
+    if not grasp.gradual:
         return True
     least = 1.0
-    for i in range(int(S[at.FINGERS])):
-        least = min(least, damping_share(S, i, push(S, i, int(S[at.DIMENSIONS]))))
+    for finger in grasp.fingers:
+        least = min(least, damping_share(grasp, finger, normal_force(finger)))
     return least >= 1.0
 
 
-def pose_compliances(S: Any, o: int, d: int) -> int:
-    """Put the compliances of the friction problem at o, d coordinates per finger, before it; return where, -1 for none.
-
-    The problem's elastic force f0 has to be there, and which fingers have no force.
-    """
-    if S[at.GRADUAL] == 0.0:
-        return -1
-    n = int(S[at.FINGERS])
-    f0 = o + 3 * n + n * d
-    for i in range(n):
-        S[o - n + i] = 0.0 if S[o + 2 * n + i] < 0.0 else compliance(S, i, S[f0 + i * d])
-    return o - n
-
-
-def soften(S: Any, square: int, m: int, vector: int, per: float, start: int) -> None:
-    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames; f0 stands at `start`.
+@kernel
+def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) -> None:
+    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames, by the elastic forces `known`.
 
     A compliance 1/g in series with coordinate p takes D e_p e_p'D / (g + D_pp) from D: one coordinate after another,
-    of fingers that touch. What pivots are measured by becomes D_s's diagonal. Without a vector, `vector` is -1.
+    of fingers that touch. What pivots are measured by becomes D_s's diagonal.
     """
-    if S[at.GRADUAL] == 0.0:
+    if not grasp.gradual:
         return
-    n, c = int(S[at.FINGERS]), int(S[at.COORDINATES])
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        C = compliance(S, i, S[start + i * c]) if S[r + at.TOUCHING] != 0.0 else 0.0
+    for i, finger in enumerate(grasp.fingers):
+        C = 0.0
+        if finger.touching:
+            C = compliance(grasp, finger, grasp.known[i * grasp.coordinates])
         if C > 0.0:
-            g = per * S[r + at.WEIGHT] / C
-            for p in range(i * c, i * c + c):
-                add_compliance(S, square, m, vector, g, p)
-    for p in range(m):
-        S[at.diagonal(n, c) + p] = S[square + p * m + p]
+            g = per * finger.weight / C
+            for p in range(i * grasp.coordinates, (i + 1) * grasp.coordinates):
+                add_compliance(square, vector, g, p)
+    for p in range(square.columns):
+        grasp.diagonal[p] = square[p, p]
 
 
-def add_compliance(S: Any, square: int, m: int, vector: int, g: float, p: int) -> None:
-    """Take M e_p e_p'M / (g + M_pp) from M at `square`, m x m, and the same from its product with a vector."""
-    own = S[square + p * m + p]
+@kernel
+def add_compliance(square: Table, vector: Floats | None, g: float, p: int) -> None:
+    """Take M e_p e_p'M / (g + M_pp) from a square M, and the same from its product with a vector."""
+    own = square[p, p]
     if not g + own > 0.0:
         return
     inverse = 1.0 / (g + own)
     share = g * inverse
-    for j in range(m):
-        factor = S[square + j * m + p]
+    for j in range(square.columns):
+        factor = square[j, p]
         if j != p and factor != 0.0:
             scaled = factor * inverse
-            for k in range(m):
-                S[square + j * m + k] -= scaled * S[square + p * m + k]
-            S[square + j * m + p] = share * factor
-            if vector >= 0:
-                S[vector + j] -= scaled * S[vector + p]
-    for k in range(m):
-        S[square + p * m + k] *= share
-    if vector >= 0:
-        S[vector + p] *= share
+            for k in range(square.columns):
+                square[j, k] -= scaled * square[p, k]
+            square[j, p] = share * factor
+            if vector is not None:
+                vector[j] -= scaled * vector[p]
+    for k in range(square.columns):
+        square[p, k] *= share
+    if vector is not None:
+        vector[p] *= share

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from graspfx.coupling import block as at
-from graspfx.coupling.approach import pose
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Floats, Table
+from graspfx.coupling.state import FingerState, Gain, GraspState
+from graspfx.grasp.state import motion_of
+from graspfx.spatial import IDENTITY, Matrix, Vector
 
 WEIGHT_FLOOR = 1e-12  # a metric has to be positive; the cone takes what is left of a faded finger's force
 
@@ -14,188 +16,211 @@ ALONE, LITERAL, SYMMETRIC = 0, 1, 2  # the rule of a pair of gains: they are equ
 KEP, KED, KIP, KID = 0, 1, 2, 3
 OBJECT, WORLD, CONTACT = 0, 1, 2  # the axes in which gains stand
 
+# First rows among `mode_rows`, a row for each mode: u_k = L^-1 q_k, w_k = L q_k, u_k'A and u_k'B.
+U, W, V, Z = 0, 6, 12, 18
 
-def fill_gains(S: Any) -> None:
-    """K and D, anew when a contact, a weight or the rotation has changed that they were made from."""
-    if is_made(S):
+
+@kernel
+def fill_gains(grasp: GraspState) -> None:
+    """Compute K and D anew if a contact, a weight or the rotation has changed that they come from."""
+    if is_up_to_date(grasp):
         return
-    n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
-    K = at.dense(n, d)
-    fill_pair(S, 0, KEP, KIP, K)
-    fill_pair(S, 1, KED, KID, K + (n * d) * (n * d))
+    fill_pair(grasp, grasp.stiffness_rule, grasp.kep, grasp.kip, grasp.stiffness)
+    if grasp.stiffness_rule == LITERAL:
+        grasp.stiffness_skew = keep_skew(grasp.stiffness, grasp.stiffness_skew, grasp.skewest_stiffness)
+    fill_pair(grasp, grasp.damping_rule, grasp.ked, grasp.kid, grasp.damping)
+    if grasp.damping_rule == LITERAL:
+        grasp.damping_skew = keep_skew(grasp.damping, grasp.damping_skew, grasp.skewest_damping)
 
 
-def is_made(S: Any) -> bool:
-    """Whether nothing has changed since the last time; remembers what there is now."""
-    n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
-    o = at.made(n, d)
-    same = bool(S[o] != 0.0)
-    S[o] = 1.0
-    if S[at.AXES_OF_GAINS] == WORLD or S[at.MIXED] != 0.0:
-        R = pose(S)[1]
+@kernel
+def is_up_to_date(grasp: GraspState) -> bool:
+    """Tell whether nothing has changed since K and D were computed, and store what they depend on now."""
+    same = grasp.gains_known
+    grasp.gains_known = True
+    if grasp.axes_of_gains == WORLD or grasp.mixed:
+        motion = grasp.motion
         for k in range(9):
-            same = same and S[R + k] == S[o + 1 + k]
-            S[o + 1 + k] = S[R + k]
-    split = S[at.EQUAL] == 0.0
-    for i in range(n):
-        r, k = at.ROW + i * at.STRIDE, o + 10 + at.MADE * i
-        same = same and S[r + at.WEIGHT] == S[k]
-        S[k] = S[r + at.WEIGHT]
-        if split:
-            for a in range(d):
-                same = same and S[r + at.CONTACT + a] == S[k + 1 + a]
-                S[k + 1 + a] = S[r + at.CONTACT + a]
-        if S[at.AXES_OF_GAINS] == CONTACT:
-            for a in range(d):
-                same = same and S[r + at.NORMAL + a] == S[k + 4 + a]
-                S[k + 4 + a] = S[r + at.NORMAL + a]
+            same = same and motion.rotation[k] == grasp.gains_rotation[k]
+        grasp.gains_rotation = motion.rotation
+    for finger in grasp.fingers:
+        same = same and finger.weight == finger.gains_weight
+        finger.gains_weight = finger.weight
+        if not grasp.equal:
+            for a in range(grasp.dimensions):
+                same = same and finger.contact[a] == finger.gains_contact[a]
+            finger.gains_contact = finger.contact
+        if grasp.axes_of_gains == CONTACT:
+            for a in range(grasp.dimensions):
+                same = same and finger.normal[a] == finger.gains_normal[a]
+            finger.gains_normal = finger.normal
     return same
 
 
-def fill_pair(S: Any, pair: int, outer: int, inner: int, out: int) -> None:
-    """E A + (I - E) B, or F A F' + H B H', of the external gain A and the internal one B, E = P on forces.
+@kernel
+def fill_pair(grasp: GraspState, rule: int, external: Gain, internal: Gain, out: Table) -> None:
+    """Compute E A + (I - E) B, or F A F' + H B H', of the external gain A and the internal one B, E = P on forces.
 
     With q_k the modes, b_k their blend, L^2 the weights, w_k = L q_k and u_k = L^-1 q_k: E = sum_k b_k w_k u_k',
     F = sum_k sqrt(b_k) w_k u_k', H = I - sum_k (1 - sqrt(1 - b_k)) w_k u_k'. Roots share a mode of blend b between both
     gains as b kep + (1 - b) kip, as the literal form does for numbers. Only u_k'A and u_k'B are needed, a row per mode,
     never a projector.
     """
-    n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
-    m = n * d
-    rule = int(S[at.RULE + pair])
-    spread(S, inner, out)
+    spread(grasp, internal, out)
     if rule == ALONE:
         return
-    A = at.square(n)  # of the projection, which comes later in the sample
-    spread(S, outer, A)
-    count = int(S[at.COUNT])
-    U = at.made(n, d) + 10 + at.MADE * n
-    W, V, Z = U + 6 * m, U + 12 * m, U + 18 * m
-    whole = S[at.WHOLE + outer] != 0.0 or S[at.WHOLE + inner] != 0.0
-    for k in range(count):
-        o = at.modes(n) + k * (1 + 3 * n)
-        for i in range(n):
-            root = metric_root(S, i)
-            for a in range(d):
-                S[U + k * m + i * d + a] = S[o + 1 + 3 * i + a] / root
-                S[W + k * m + i * d + a] = S[o + 1 + 3 * i + a] * root
-        for i in range(n):
-            first = 0 if whole else i * d
-            last = m if whole else i * d + d
-            for q in range(i * d, i * d + d):
-                along = across = 0.0
-                for p in range(first, last):
-                    u, x = S[U + k * m + p], p * m + q
-                    along += u * S[A + x]
-                    across += u * S[out + x]
-                S[V + k * m + q], S[Z + k * m + q] = along, across
+    spread(grasp, external, grasp.square)  # of the projection, which comes later in the sample
+    for k in range(grasp.mode_count):
+        fill_rows(grasp, k, external.whole or internal.whole, grasp.square, out)
     if rule == LITERAL:
-        for k in range(count):
-            v, z = V + k * m, Z + k * m
-            for q in range(m):
-                S[v + q] -= S[z + q]
-            for p in range(m):
-                w, row = S[at.modes(n) + k * (1 + 3 * n)] * S[W + k * m + p], out + p * m
-                for q in range(m):
-                    S[row + q] += w * S[v + q]
-        keep_skew(S, pair, out)
+        for k in range(grasp.mode_count):
+            add_literal(grasp, k, out)
     else:
-        add_symmetric(S, count, U, out)
+        add_symmetric(grasp, out)
 
 
-def add_symmetric(S: Any, count: int, U: int, out: int) -> None:
-    """Adds F A F' + H B H' - B to B at `out`, symmetric to the last bit, from the rows that start at U."""
-    n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
-    m = n * d
-    W, V, Z, C = U + 6 * m, U + 12 * m, U + 18 * m, U + 24 * m
+@kernel
+def fill_rows(grasp: GraspState, k: int, whole: bool, A: Table, B: Table) -> None:
+    """Compute u_k, w_k, u_k'A and u_k'B of mode k."""
+    d, rows, mode = grasp.dimensions, grasp.mode_rows, grasp.modes[k]
+    for i, finger in enumerate(grasp.fingers):
+        root = metric_root(finger)
+        motion = motion_of(mode, i, 3)
+        for a in range(d):
+            rows[U + k, i * d + a] = motion.shift[a] / root
+            rows[W + k, i * d + a] = motion.shift[a] * root
+    for i in range(grasp.count):
+        first = 0 if whole else i * d
+        last = grasp.components if whole else i * d + d
+        for q in range(i * d, i * d + d):
+            along = across = 0.0
+            for p in range(first, last):
+                along += rows[U + k, p] * A[p, q]
+                across += rows[U + k, p] * B[p, q]
+            rows[V + k, q], rows[Z + k, q] = along, across
+
+
+@kernel
+def add_literal(grasp: GraspState, k: int, out: Table) -> None:
+    """Add b_k w_k u_k'(A - B) to B."""
+    m, rows = grasp.components, grasp.mode_rows
+    for q in range(m):
+        rows[V + k, q] -= rows[Z + k, q]
+    for p in range(m):
+        w = grasp.modes[k, 0] * rows[W + k, p]
+        for q in range(m):
+            out[p, q] += w * rows[V + k, q]
+
+
+@kernel
+def add_symmetric(grasp: GraspState, out: Table) -> None:
+    """Add F A F' + H B H' - B to B, symmetric to the last bit."""
+    count, m, rows, C = grasp.mode_count, grasp.components, grasp.mode_rows, grasp.mode_products
     for k in range(count):
-        outer, inner = roots(S[at.modes(n) + k * (1 + 3 * n)])
+        outer, inner = roots(grasp.modes[k, 0])
         for j in range(count):
-            also, less = roots(S[at.modes(n) + j * (1 + 3 * n)])
+            also, less = roots(grasp.modes[j, 0])
             along = across = 0.0
             for q in range(m):
-                along += S[V + k * m + q] * S[U + j * m + q]
-                across += S[Z + k * m + q] * S[U + j * m + q]
-            S[C + 6 * k + j] = outer * also * along + inner * less * across
+                along += rows[V + k, q] * rows[U + j, q]
+                across += rows[Z + k, q] * rows[U + j, q]
+            C[k, j] = outer * also * along + inner * less * across
     for k in range(count):
-        _, inner = roots(S[at.modes(n) + k * (1 + 3 * n)])
+        _, inner = roots(grasp.modes[k, 0])
         for q in range(m):
             total = 0.0
             for j in range(count):
-                total += S[C + 6 * k + j] * S[W + j * m + q]
-            S[V + k * m + q] = 0.5 * total - inner * S[Z + k * m + q]
+                total += C[k, j] * rows[W + j, q]
+            rows[V + k, q] = 0.5 * total - inner * rows[Z + k, q]
     for p in range(m):
         for q in range(p + 1):
-            total = S[out + p * m + q]
+            total = out[p, q]
             for k in range(count):
-                total += S[W + k * m + p] * S[V + k * m + q] + S[W + k * m + q] * S[V + k * m + p]
-            S[out + p * m + q] = S[out + q * m + p] = total
+                total += rows[W + k, p] * rows[V + k, q] + rows[W + k, q] * rows[V + k, p]
+            out[p, q] = out[q, p] = total
 
 
 def roots(blend: float) -> tuple[float, float]:
-    """The factors of a mode in F and in I - H: the root of its blend, and what the root of the rest leaves of one."""
+    """Compute a mode's factors in F and in I - H: the root of its blend, and one less the root of the rest."""
     return math.sqrt(blend), 1.0 - math.sqrt(1.0 - blend)
 
 
-def spread(S: Any, gain: int, out: int) -> None:
-    """Write a gain X as a square at `out` in the object's axes: L R'X R L of each finger, or R'X R if whole.
+@kernel
+def spread(grasp: GraspState, gain: Gain, out: Table) -> None:
+    """Write a gain X as a square in the object's axes: L R'X R L of each finger, or R'X R if whole.
 
     R turns from the object's axes to those of the gain: the world's, or a finger's contact frame.
     """
-    n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
-    m = n * d
-    X, whole = int(S[at.GAINS + gain]), S[at.WHOLE + gain] != 0.0
-    R = pose(S)[1]
-    for i in range(n):
-        if S[at.AXES_OF_GAINS] == CONTACT:
-            R = at.ROW + i * at.STRIDE + at.FRAME
+    n, d, m = grasp.count, grasp.dimensions, grasp.components
+    X = Floats(grasp.buffer, grasp.matrices.offset + gain.first)
+    motion = grasp.motion
+    for i, finger in enumerate(grasp.fingers):
+        R = IDENTITY
+        if grasp.axes_of_gains == WORLD:
+            R = motion.rotation
+        elif grasp.axes_of_gains == CONTACT:
+            R = finger.frame
         for j in range(n):
-            if whole:
-                turn_block(S, X + i * d * m + j * d, m, d, R, 1.0, out + i * d * m + j * d, m)
+            block = Table(out.buffer, out.offset + (i * d * out.columns + j * d), out.columns)
+            if gain.whole:
+                turn_block(grasp, Table(X.buffer, X.offset + (i * d * m + j * d), m), R, 1.0, block)
             elif i == j:
-                weight = max(S[at.ROW + i * at.STRIDE + at.WEIGHT], WEIGHT_FLOOR)
-                turn_block(S, X + i * d * d, d, d, R, weight, out + i * d * m + j * d, m)
+                weight = max(finger.weight, WEIGHT_FLOOR)
+                turn_block(grasp, Table(X.buffer, X.offset + i * d * d, d), R, weight, block)
             else:
                 for a in range(d):
                     for b in range(d):
-                        S[out + (i * d + a) * m + j * d + b] = 0.0
+                        block[a, b] = 0.0
 
 
-def turn_block(S: Any, X: int, lead: int, d: int, R: int, weight: float, out: int, row: int) -> None:
-    """Write weight R'X R, d x d, at `out`; R is left out where gains stand in the object's axes or have none."""
-    if S[at.AXES_OF_GAINS] == OBJECT:
+@kernel
+def turn_block(grasp: GraspState, X: Table, R: Matrix, weight: float, out: Table) -> None:
+    """Write weight R'X R, d x d; R is left out where gains stand in the object's axes or have none."""
+    d = grasp.dimensions
+    if grasp.axes_of_gains == OBJECT:
         for a in range(d):
             for b in range(d):
-                S[out + a * row + b] = weight * S[X + a * lead + b]
+                out[a, b] = weight * X[a, b]
         return
-    for b in range(d):
-        x = y = z = 0.0
-        for v in range(d):
-            c = weight * S[R + 3 * v + b]
-            x += S[X + v] * c
-            y += S[X + lead + v] * c
-            if d > 2:
-                z += S[X + 2 * lead + v] * c
-        for a in range(d):
-            S[out + a * row + b] = S[R + a] * x + S[R + 3 + a] * y + S[R + 6 + a] * z
+    turn_column(X, R, weight * R.transpose.first, 0, d, out)
+    turn_column(X, R, weight * R.transpose.second, 1, d, out)
+    if d > 2:
+        turn_column(X, R, weight * R.transpose.third, 2, d, out)
 
 
-def keep_skew(S: Any, pair: int, square: int) -> None:
-    """Keeps a square whose skew part, which creates energy on closed motions, is the largest so far."""
-    n, d = int(S[at.FINGERS]), int(S[at.DIMENSIONS])
-    m = n * d
+@kernel
+def turn_column(X: Table, R: Matrix, c: Vector, b: int, d: int, out: Table) -> None:
+    """Write column b of weight R'X R, from c, R's own times the weight."""
+    x = 0.0 + X[0, 0] * c.x + X[0, 1] * c.y
+    y = 0.0 + X[1, 0] * c.x + X[1, 1] * c.y
+    z = 0.0
+    if d > 2:
+        x += X[0, 2] * c.z
+        y += X[1, 2] * c.z
+        z = 0.0 + X[2, 0] * c.x + X[2, 1] * c.y + X[2, 2] * c.z
+    turned = R.transpose @ Vector(x, y, z)
+    out[0, b], out[1, b] = turned.x, turned.y
+    if d > 2:
+        out[2, b] = turned.z
+
+
+@kernel
+def keep_skew(square: Table, largest: float, out: Table) -> float:
+    """Copy a square whose skew part, which creates energy on closed motions, is the largest so far; give its size."""
     skew = 0.0
-    for p in range(m):
+    for p in range(square.columns):
         for q in range(p):
-            apart = S[square + p * m + q] - S[square + q * m + p]
+            apart = square[p, q] - square[q, p]
             skew += apart * apart
-    if skew > S[at.SKEW + pair]:
-        S[at.SKEW + pair] = skew
-        kept = at.skewest(n, d) + pair * m * m
-        for k in range(m * m):
-            S[kept + k] = S[square + k]
+    if not skew > largest:
+        return largest
+    for p in range(square.columns):
+        for q in range(square.columns):
+            out[p, q] = square[p, q]
+    return skew
 
 
-def metric_root(S: Any, i: int) -> float:
-    """The square root of finger i's weight."""
-    return math.sqrt(max(S[at.ROW + i * at.STRIDE + at.WEIGHT], WEIGHT_FLOOR))
+@inline
+def metric_root(finger: FingerState) -> float:
+    """Compute the square root of a finger's weight."""
+    return math.sqrt(max(finger.weight, WEIGHT_FLOOR))

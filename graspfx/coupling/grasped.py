@@ -3,52 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.cones.friction import problem_size
-from graspfx.coupling import block as at
+from graspfx.compile.records import size_of, start_of
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
+from graspfx.coupling.entries import recorded_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
-from graspfx.coupling.gains import ALONE, CONTACT, KED, KID, KIP, LITERAL, OBJECT, SYMMETRIC, WORLD
-from graspfx.coupling.law import push
+from graspfx.coupling.fill import Grip, Shape, body_array, largest_forces, new_block, radii
+from graspfx.coupling.law import normal_force
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
-from graspfx.errors import InputError
-from graspfx.grasp.impedance import Coupling, per_finger
-from graspfx.grasp.rigid_modes import NO_ARM
-from graspfx.objects import integrators as body
-from graspfx.surfaces.triangles import ball, tree, walk
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.grasp.impedance import Coupling
+from graspfx.objects.state import BodyState
+from graspfx.surfaces.triangles import ball, walk
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
-
-
-STRUCTURE = (
-    at.FINGERS, at.DIMENSIONS, at.COORDINATES, at.EQUAL, at.DENSE, at.DAMPED, at.SINGULAR, at.ATTACHED, at.STICK,
-    at.FADE, at.AT_CONTACT, at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.FRICTION, at.RAYS, at.OBSERVED,
-    at.PROBLEM, at.BRAKE, at.GRADUAL, at.LIMITS, at.RULE, at.RULE + 1, at.AXES_OF_GAINS,
-    *range(at.WHOLE, at.WHOLE + 4),
-    *range(at.GAINS, at.GAINS + 4),
-)  # fmt: skip
-RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
-AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
-
-
-class Shape(Protocol):
-    """What the coupling needs of a shape: the number, the parameters and the data of its closest-point kernel."""
-
-    @property
-    def kind(self) -> int: ...
-
-    @property
-    def parameters(self) -> tuple[float, float, float]: ...
-
-    @property
-    def data(self) -> FloatArray | None: ...
 
 
 class GraspedObject:
@@ -87,103 +62,40 @@ class GraspedObject:
         limit: ArrayLike | None = None,
     ) -> None:
         n, d = fingers, dimensions
+        grip = Grip(
+            n, d, law, rules, shape, radii(radius, n), None if limit is None else largest_forces(limit, n),
+            body_array(fill_body),
+        )  # fmt: skip
         self.fingers, self.dimensions, self.law = n, d, law
-        gains = [gain for part in (law.external, law.internal) for gain in (part.stiffness, part.damping)]
-        self.matrices = any(np.ndim(gain) for gain in gains)
-        mu, patch = np.broadcast_to(rules.friction, n), np.broadcast_to(rules.patch, n)
-        slips = bool(np.any(mu)) and not rules.attached
-        self.soft = bool(np.any(patch))
-        if self.soft:
-            self._require_soft(rules, mu)
-        c = self.coordinates = 4 if self.soft else d
-        state = np.zeros(body.SIZE)
-        fill_body(state)
-        implicit = state[body.INTEGRATOR] == body.IMPLICIT
-        square = self.matrices or bool(implicit)
-        # without friction the cones are rays, and six unknowns do for numbers; else principal pivoting
-        rays = not (slips or rules.attached or rules.stick or square or law.equal)
-        holds = rules.attached or (rules.stick and not slips)
-        balls = limit is not None and holds and not (square or law.equal)  # limits where there is no friction cone
-        problem = problem_size(n, c, n * c if square else 6, square) if slips or rays or balls else 0
-        squares = [per_finger(gain, n, d) for gain in gains] if self.matrices else []
-        entries = sum(matrix.size for matrix in squares)
-        if not 0.0 <= rules.damping_depth < np.inf:
-            raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
-        gradual = rules.damping_depth > 0.0 and not rules.attached and bool(np.any(gains[1]) or np.any(gains[3]))
-        room = n if gradual else 0  # one compliance for each finger, before the problem of the damping
-        limits = at.size(n, c, entries, problem) + room
-        end = limits + (at.limits_size(n) if limit is not None else 0)
-        data = None if shape is None else shape.data
-        self.block = np.zeros(end if data is None else end + n * ball.STATE + data.size)
-        self._S = memoryview(self.block)  # its items are Python floats, which run twice as fast as array items
-        S = self.block
-        S[at.FINGERS], S[at.DIMENSIONS], S[at.PERIOD] = n, d, period
-        S[at.COORDINATES], S[at.FRICTION], S[at.RAYS] = c, slips, rays
-        S[at.PROBLEM] = at.problems(n, c, entries)
-        S[at.BRAKE] = S[at.PROBLEM] + problem + room
-        S[at.GRADUAL], S[at.DEPTH] = gradual, rules.damping_depth
-        self.limit: FloatArray | None = None
-        if limit is not None:
-            S[at.LIMITS] = limits
-            S[limits : limits + n] = np.inf
-            self.limit = S[limits + n : limits + 2 * n]
-            self.limit[:] = _limits(limit, n)
-        S[at.EQUAL] = law.equal
-        S[at.DAMPED] = bool(np.any(gains[1]) or np.any(gains[3]))
-        S[at.SINGULAR] = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
-        if self.matrices:
-            self._place_gains(squares, rules.axes)
-            S[at.RELEASE] = release_compliance(law, n, d)
-            S[at.STIFFEST : at.STIFFEST + 3] = [np.linalg.eigvalsh(squares[k]).max() for k in (KIP, KED, KID)]
-        else:
-            S[at.EXTERNAL_STIFFNESS : at.INTERNAL_DAMPING + 1] = gains
-            if not rules.attached and not (gains[0] and gains[2]):
-                raise InputError(
-                    "stiffness", f"external {gains[0]}, internal {gains[2]} N/m", "both above zero",
-                    "unilateral contact shares a push between them; attach the contacts to study a zero",
-                )  # fmt: skip
-        S[at.ATTACHED], S[at.STICK], S[at.AT_CONTACT] = rules.attached, rules.stick, rules.at_contact
-        if rules.fade is not None and not rules.attached:
-            S[at.FADE] = 1.0
-            S[at.NEAR], S[at.FAR] = rules.fade
-        S[at.ARM_LOW], S[at.ARM_HIGH] = rules.blend or (NO_ARM, NO_ARM)
-        S[at.BODY : at.BODY + body.SIZE] = state
-        S[at.IMPLICIT] = implicit
-        self._free_directions()
-        rows = self.rows = S[at.ROW : at.ROW + n * at.STRIDE].reshape(n, at.STRIDE)
-        rows[:, at.SHARE] = 1.0 if rules.share is None else rules.share
-        rows[:, at.WEIGHT] = rows[:, at.SHARE]
-        rows[:, at.COEFFICIENT] = mu if slips else 0.0
-        rows[:, at.PATCH] = patch
-        rows[:, at.FACE] = -1.0
-        rows[:, at.FRAME : at.FRAME + 9] = np.eye(3).ravel()
-        rows[:, at.ANCHOR : at.ANCHOR + 9] = S[at.BODY + body.ROTATION : at.BODY + body.ROTATION + 9]
+        self.matrices, self.soft = grip.matrices, grip.soft
+        self.block = new_block(grip, period)
+        self.state = GraspState(self.block)
+        self._grasp = GraspState(memoryview(self.block))  # its items are Python floats, twice as fast as array items
+        self.coordinates = self.state.coordinates
         self._shaped = shape is not None
-        if self.soft and not self._shaped:
-            raise InputError("shape", None, "a shape", "soft fingers exert torsion about its normal")
-        if shape is None and not rules.attached:
-            raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
-        if shape is not None:
-            S[at.SHAPE] = shape.kind
-            S[at.PARAMETERS : at.PARAMETERS + 3] = shape.parameters
-        rows[:, at.RADIUS] = _radii(radius, n)
         self._walks: FloatArray | None = None
-        if data is not None:
-            S[at.WALKS], S[at.MESH] = end, end + n * ball.STATE
-            self._walks = S[end : end + n * ball.STATE].reshape(n, ball.STATE)
+        if shape is not None and shape.data is not None:
+            first = int(self.state.parameters.y)
+            self._walks = self.block[first : first + n * ball.STATE].reshape(n, ball.STATE)
             self._walks[:, walk.REACH] = np.inf
-            if S[at.FADE]:
-                self.set_fade(*S[[at.NEAR, at.FAR]])
-            S[end + n * ball.STATE :] = data
-        self.body_state = S[at.BODY : at.BODY + body.SIZE]
-        self.finger_position = rows[:, at.POSITION : at.POSITION + d]
-        self.finger_velocity = rows[:, at.VELOCITY : at.VELOCITY + d]
-        self.contact_position = rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d]
-        self.force = rows[:, at.FORCE : at.FORCE + d]
-        self.moment = rows[:, at.MOMENT : at.MOMENT + 3]
-        self.touching = rows[:, at.TOUCHING]
-        self.touching[:] = rules.attached
-        self.where = self._entries()
+            if self.state.fade:
+                self.set_fade(self.state.fade_start, self.state.fade_end)
+        o = start_of(GraspState, "body")
+        self.body_state = self.block[o : o + size_of(BodyState)]
+        o = start_of(GraspState, "fingers")
+        self.rows = self.block[o : o + n * size_of(FingerState)].reshape(n, size_of(FingerState))
+        self.finger_position = self.array(FingerState.position)[:, :d]
+        self.finger_velocity = self.array(FingerState.velocity)[:, :d]
+        self.contact_position = self.array(FingerState.contact_world)[:, :d]
+        self.force = self.array(FingerState.force)[:, :d]
+        self.moment = self.array(FingerState.moment)
+        self.touching = self.array(FingerState.touching)
+        self.limit = None if limit is None else self.array(FingerState.limit)
+        self.where = recorded_entries(self.state)
+
+    def array(self, field: Any) -> FloatArray:
+        """Give a field of all fingers as an array that shares the block's memory, (n,) or (n, entries)."""
+        return self.state.fingers.array(field)
 
     @property
     def wrench(self) -> FloatArray:
@@ -192,70 +104,51 @@ class GraspedObject:
 
     @property
     def structure(self) -> Index:
-        """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets.
-
-        Values are not among them but for zeros that stay zero, gains, and what a finger lacks of friction, of a patch
-        and of a radius; and for weights of one that never fade.
-        """
-        fixed = [*STRUCTURE, *(at.BODY + entry for entry in (body.DIMENSIONS, body.INTEGRATOR))]
-        fixed += range(at.BODY + body.FREE, at.BODY + body.FREE + 6)
-        if self._walks is not None:
-            start = int(self.block[at.MESH])
-            fixed += [at.MESH, at.WALKS, *range(start + tree.CLOSED, start + tree.RINGS + 1)]
-        lacking = list(range(at.EXTERNAL_STIFFNESS, at.INTERNAL_DAMPING + 1))
-        for o in range(at.ROW, at.ROW + self.fingers * at.STRIDE, at.STRIDE):
-            lacking += [o + at.COEFFICIENT, o + at.PATCH, o + at.RADIUS]
-        fixed += [entry for entry in lacking if self.block[entry] == 0.0]
-        if not self.block[at.FADE]:
-            weights = range(at.ROW + at.WEIGHT, at.ROW + self.fingers * at.STRIDE, at.STRIDE)
-            fixed += [entry for entry in weights if self.block[entry] == 1.0]
-        return np.array(sorted(fixed), dtype=np.intp)
+        """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets."""
+        return structure_entries(self.state)
 
     @property
     def implicit(self) -> bool:
-        """The body's free motion has to be predicted before each sample."""
-        return bool(self.block[at.IMPLICIT])
+        """True if the body's free motion has to be predicted before each sample."""
+        return self.state.implicit
 
     @property
     def shortfall(self) -> float:
         """By how much the fade began too near the surface, at most so far [m]; 0 if it never did."""
-        return float(self.block[at.SHORTFALL])
+        return self.state.shortfall
 
     @property
     def fade_needed(self) -> float:
         """Where the fade would have had to begin for the forces so far [m]; 0 if it began there."""
-        return float(self.block[at.NEAR] + self.block[at.SHORTFALL]) if self.block[at.SHORTFALL] else 0.0
+        return self.state.fade_start + self.shortfall if self.shortfall else 0.0
 
     def fade_asked(self) -> tuple[float, float] | None:
         """Where the fade begins, and where the forces of the last sample ask it to [m]; None where nothing fades."""
-        S = self.block
-        if not S[at.FADE] or S[at.EQUAL]:
+        if not self.state.fade or self.state.equal:
             return None
-        d = self.dimensions
-        pushes = sum(push(self._S, i, d) for i in range(self.fingers))
-        return float(S[at.NEAR]), release_compliance(self.law, self.fingers, d) * float(pushes)
+        pushes = sum(normal_force(finger) for finger in self._grasp.fingers)
+        return self.state.fade_start, release_compliance(self.law, self.fingers, self.dimensions) * float(pushes)
 
     @property
     def blended(self) -> int:
         """Samples in which a rotation was in the split with a part of its weight."""
-        return int(self.block[at.IN_BAND])
+        return int(self.state.in_band)
 
     def set_fade(self, low: float, high: float) -> None:
         """Let a free finger leave the split between two gaps [m]."""
-        S = self.block
-        S[at.NEAR], S[at.FAR] = low, high
+        self.state.fade_start, self.state.fade_end = low, high
         if self._walks is not None:
-            self._walks[:, walk.REACH] = high + self.rows[:, at.RADIUS]
+            self._walks[:, walk.REACH] = high + self.array(FingerState.radius)
 
     def inward(self) -> FloatArray:
         """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
-        d = self.dimensions
-        R = self.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
-        return (self.rows[:, at.NORMAL : at.NORMAL + 3] @ R.T)[:, :d]
+        o = start_of(BodyState, "motion") + start_of(type(self.state.body.motion), "rotation")
+        R = self.body_state[o : o + 9].reshape(3, 3)
+        return (self.array(FingerState.normal) @ R.T)[:, : self.dimensions]
 
     def attach(self, contacts: FloatArray) -> None:
         """Attached contact points, (n, d) in the object's frame [m]; the object's centre unless they are set."""
-        self.rows[:, at.CONTACT : at.CONTACT + self.dimensions] = contacts
+        self.array(FingerState.contact)[:, : self.dimensions] = contacts
 
     def meet(self, position: FloatArray) -> None:
         """Find each finger's contact point on the shape from where it starts, (n, d) [m]: the face that it will be on.
@@ -267,14 +160,16 @@ class GraspedObject:
         self.finger_position[:] = position
         if self._walks is not None:
             self._walks[:, walk.MODE] = walk.NEW
-        attached, touching = self.block[at.ATTACHED], self.touching.copy()
-        self.block[at.ATTACHED] = self.touching[:] = 0.0
-        approach(self._S)
-        self.block[at.ATTACHED], self.touching[:] = attached, touching
+        attached, touching = self.state.attached, self.touching.copy()
+        self.state.attached = False
+        self.touching[:] = 0.0
+        approach(self._grasp)
+        self.state.attached = attached
+        self.touching[:] = touching
 
     def sample(self) -> int:
         """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
-        return sample(self._S)
+        return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
         """Compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
@@ -282,13 +177,13 @@ class GraspedObject:
         Args:
             at_rest: at the forces of the last sample, which had no rates; else at none, where they are infinite.
         """
-        S, n = self._S, self.fingers
-        if not S[at.GRADUAL]:
-            return np.zeros(n)
+        if not self.state.gradual:
+            return np.zeros(self.fingers)
         if not at_rest:
-            return np.full(n, np.inf)
-        forces = [push(S, i, self.dimensions) for i in range(n)]
-        return np.array([compliance(S, i, f) for i, f in enumerate(forces)]) / self.rows[:, at.WEIGHT]
+            return np.full(self.fingers, np.inf)
+        grasp = self._grasp
+        weighted = [compliance(grasp, finger, normal_force(finger)) for finger in grasp.fingers]
+        return np.array(weighted) / self.array(FingerState.weight)
 
     def check_activity(self) -> None:
         """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.
@@ -296,98 +191,12 @@ class GraspedObject:
         Samples do not warn; who runs them asks here.
         """
         if self.matrices:
-            o, m = at.skewest(self.fingers, self.dimensions), self.fingers * self.dimensions
-            K, D = self.block[o : o + 2 * m * m].reshape(2, m, m)
-            self.law.warn_if_active("stiffness", K)
-            self.law.warn_if_active("damping", D)
+            self.law.warn_if_active("stiffness", self.state.skewest_stiffness.array(self.state.components))
+            self.law.warn_if_active("damping", self.state.skewest_damping.array(self.state.components))
 
     def let_go(self) -> None:
         """Zero force and wrench."""
-        let_go(self._S)
-
-    def _entries(self) -> dict[str, Index]:
-        """Which entries of the block hold what a recording asks for."""
-        n, d = self.fingers, self.dimensions
-        rows = np.arange(at.ROW, at.ROW + n * at.STRIDE).reshape(n, at.STRIDE)
-        o = at.BODY
-        turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
-        angle = {1: [], 2: [body.ANGLE], 3: [body.QUATERNION + a for a in range(4)]}[d]
-        limits: dict[str, Index] = {}
-        if self.limit is not None:
-            law = at.law_force(self.block)
-            limits["saturated"] = np.arange(n) + at.saturation(self.block)
-            limits["law_force"] = (law + np.arange(3 * n).reshape(n, 3))[:, :d]
-        return limits | {
-            "finger_position": rows[:, at.POSITION : at.POSITION + d],
-            "finger_velocity": rows[:, at.VELOCITY : at.VELOCITY + d],
-            "contact_position": rows[:, at.CONTACT_WORLD : at.CONTACT_WORLD + d],
-            "finger_force": rows[:, at.FORCE : at.FORCE + d],
-            "finger_moment": rows[:, at.MOMENT : at.MOMENT + 3],
-            "touching": rows[:, at.TOUCHING],
-            "status": rows[:, at.STATUS],
-            "gap": rows[:, at.GAP],
-            "position": np.arange(o + body.POSITION, o + body.POSITION + d),
-            "velocity": np.arange(o + body.VELOCITY, o + body.VELOCITY + d),
-            "orientation": np.array([o + a for a in angle], dtype=np.intp),
-            "angular_velocity": np.array([o + body.ANGULAR_VELOCITY + a for a in turns], dtype=np.intp),
-            "law": np.array([at.LAW]),
-            "residual": np.array([at.RESIDUAL]),
-            "wrench": np.array([o + body.FORCE + a for a in range(d)] + [o + body.MOMENT + a for a in turns]),
-        }
-
-    def _require_soft(self, rules: Rules, mu: FloatArray) -> None:
-        if self.dimensions != 3:
-            raise InputError(
-                "patch", rules.patch, "soft fingers in space only", "elsewhere a soft finger is a hard one"
-            )
-        if self.matrices:
-            raise InputError("patch", rules.patch, "one number for each gain where fingers are soft")
-        if not (rules.attached or rules.stick or mu[np.broadcast_to(rules.patch, mu.shape) > 0.0].all()):
-            raise InputError("patch", rules.patch, "friction where a finger is soft", "without it there is no torsion")
-
-    def _free_directions(self) -> None:
-        S, d = self.block, self.dimensions
-        free = S[at.BODY + body.FREE : at.BODY + body.FREE + 6] != 0.0
-        shifts, turns = int(free[:3].sum()), int(free[3:].sum())
-        S[at.SHIFTS], S[at.TURNS] = shifts, turns
-        S[at.AXES : at.AXES + 18].reshape(6, 3)[: shifts + turns] = np.vstack([np.eye(3), np.eye(3)])[free]
-        # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
-        S[at.MIXED] = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
-
-    def _place_gains(self, squares: Sequence[FloatArray], axes: str) -> None:
-        """Place kep, ked, kip and kid as matrices, for each finger or for all of them together."""
-        S, n, d, law = self.block, self.fingers, self.dimensions, self.law
-        S[at.DENSE] = 1.0
-        o = at.gains(n, d)
-        for k, matrix in enumerate(squares):
-            S[at.GAINS + k], S[at.WHOLE + k] = o, matrix.ndim == 2
-            S[o : o + matrix.size] = matrix.ravel()
-            o += matrix.size
-        S[at.RULE], S[at.RULE + 1] = RULES[law.rule("stiffness")], RULES[law.rule("damping")]
-        directed = any(
-            np.ndim(part.stiffness) > 1 or np.ndim(part.damping) > 1 for part in (law.external, law.internal)
-        )
-        S[at.AXES_OF_GAINS] = AXES[axes] if d > 1 and directed else OBJECT
-
-
-def _radii(given: ArrayLike, n: int) -> FloatArray:
-    radii = np.asarray(given, dtype=float)
-    if radii.shape not in ((), (n,)) or not (np.isfinite(radii) & (radii >= 0.0)).all():
-        raise InputError("radius", given, f"a finite length, zero or more, or {n} of them [m]")
-    return np.broadcast_to(radii, (n,))
-
-
-def _limits(given: ArrayLike, n: int) -> FloatArray:
-    limits = np.asarray(given, dtype=float)
-    if limits.shape not in ((), (n,)) or not (limits > 0.0).all():
-        raise InputError("limit", given, f"a force above zero, or {n} of them [N]", "inf where there is no limit")
-    return np.broadcast_to(limits, (n,))
-
-
-def _least(gain: float | FloatArray) -> float:
-    """The least a gain does in any direction, zero to rounding as zero."""
-    values = np.linalg.eigvalsh(gain) if np.ndim(gain) > 1 else np.atleast_1d(gain)
-    return 0.0 if values.min() <= 1e-12 * values.max() else float(values.min())
+        let_go(self._grasp)
 
 
 def fault_text(fault: int, fingers: Sequence[str]) -> str:

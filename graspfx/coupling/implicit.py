@@ -2,155 +2,154 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from graspfx.compile.kernel import inline, kernel
 from graspfx.cones.complement import pivot, release
-from graspfx.coupling import block as at
-from graspfx.coupling.assemble import add_gains, into_frames
+from graspfx.coupling.assemble import add_gains, in_frame, write_coordinates
 from graspfx.coupling.depth import soften
-from graspfx.objects import integrators as body
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.spatial import cross, dot
 
 LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none
 
 
-def assemble_implicitly(S: Any, elastic: bool, damping: bool, held: bool) -> int:
-    """The law in contact frames for the state at the end of the sample, the object's displacement u eliminated.
+@kernel
+def assemble_implicitly(grasp: GraspState, elastic: bool, damping: bool, condensed: bool) -> None:
+    """Compute the law in contact frames for the end of the sample, the object's displacement u eliminated.
 
     f = K (e - G'u) + D (e' - H'u / T), u = C (G K ... + H D ...), C the object's compliance; G has the moment arms of
-    the contacts and H those of the points where the rate is taken. With `held`, K and D are those of the touching
+    the contacts and H those of the points where the rate is taken. Condensed, K and D are those of the touching
     fingers alone, all others released from each by itself: where a free finger is changes nothing; and where there is a
-    coefficient, e is what slipping has left of it. Returns the rows.
+    coefficient, e is what slipping has left of it.
     """
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    m = n * c
-    u = int(S[at.SHIFTS]) + int(S[at.TURNS])
-    size = m + u
-    A, q = at.square(n), at.vector(n, c)
-    for p in range(size * size):
-        S[A + p] = 0.0
+    m, size = grasp.count * grasp.coordinates, grasp.unknowns
     for p in range(size):
-        S[q + p] = 0.0
+        for q in range(size):
+            grasp.square[p, q] = 0.0
+        grasp.vector[p] = 0.0
     if elastic:
-        add_part(S, size, m, True, held)
+        add_part(grasp, True, condensed)
     if damping:
-        add_part(S, size, m, False, held)
-    add_inertia(S, size, m)
+        add_part(grasp, False, condensed)
+    add_inertia(grasp)
     for p in range(m, size):
-        pivot(S, A, size, q, size, p)
+        pivot(grasp.square, grasp.vector, p)
     for p in range(m):
-        S[at.diagonal(n, c) + p] = S[A + p * size + p]
-    return size
+        grasp.diagonal[p] = grasp.square[p, p]
 
 
-def add_part(S: Any, size: int, m: int, elastic: bool, held: bool) -> None:
-    """Adds B = K with e, or B = D / T with T e': B, -B G', G B, -G B G', and the vectors B x and G B x."""
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    T = S[at.PERIOD]
-    A, q, B, x = at.square(n), at.vector(n, c), at.part(n, c), at.known(n, c)
-    fill_part(S, m, elastic, held)
-    kept = at.RETAINED if held and S[at.FRICTION] != 0.0 else at.DISPLACEMENT
-    into_frames(S, kept if elastic else at.RATE, x)
-    unit = 1.0 if elastic else T
-    at_tip = not elastic and S[at.AT_CONTACT] == 0.0
-    shifts = int(S[at.SHIFTS])
+@kernel
+def add_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
+    """Add B = K with e, or B = D / T with T e': B, -B G', G B, -G B G', and the vectors B x and G B x."""
+    m, free = grasp.count * grasp.coordinates, grasp.unknowns - grasp.count * grasp.coordinates
+    A, q, B, x, G = grasp.square, grasp.vector, grasp.part, grasp.known, grasp.levers
+    fill_part(grasp, elastic, condensed)
+    for i, finger in enumerate(grasp.fingers):
+        e = finger.retained if condensed and grasp.friction else finger.displacement
+        write_coordinates(grasp, x, i, in_frame(grasp, finger, e if elastic else finger.rate))
+    unit = 1.0 if elastic else grasp.period
+    at_tip = not elastic and not grasp.at_contact
     for p in range(m):
         total = 0.0
         for k in range(m):
-            total += S[B + p * m + k] * S[x + k]
-            S[A + p * size + k] += S[B + p * m + k]
-        S[q + p] += unit * total
-    G = at.levers(n, c)
-    for u in range(size - m):
-        for k in range(m):
-            S[G + u * m + k] = lever(S, u, shifts, k, c, at_tip)
-    for u in range(size - m):
+            total += B[p, k] * x[k]
+            A[p, k] += B[p, k]
+        q[p] += unit * total
+    for u in range(free):
+        for i, finger in enumerate(grasp.fingers):
+            for a in range(grasp.coordinates):
+                G[u, i * grasp.coordinates + a] = lever(grasp, finger, u, a, at_tip)
+    for u in range(free):
         for p in range(m):
             along = across = 0.0
             for k in range(m):
-                g = S[G + u * m + k]
-                along += S[B + p * m + k] * g
-                across += g * S[B + k * m + p]
-            S[A + p * size + m + u] -= along
-            S[A + (m + u) * size + p] += across
-            S[q + m + u] += unit * across * S[x + p]
-            for v in range(size - m):
-                S[A + (m + u) * size + m + v] -= across * S[G + v * m + p]
+                along += B[p, k] * G[u, k]
+                across += G[u, k] * B[k, p]
+            A[p, m + u] -= along
+            A[m + u, p] += across
+            q[m + u] += unit * across * x[p]
+            for v in range(free):
+                A[m + u, m + v] -= across * G[v, p]
 
 
-def fill_part(S: Any, m: int, elastic: bool, held: bool) -> None:
-    """K or D / T in contact frames, m x m; with `held`, condensed to what touches, zero rows and columns elsewhere."""
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    B, q, marks, diagonal = at.part(n, c), at.rest(n, c), at.marks(n, c), at.diagonal(n, c)
-    per = 1.0 / S[at.PERIOD]
-    for p in range(m * m):
-        S[B + p] = 0.0
+@kernel
+def fill_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
+    """Compute K or D / T in contact frames; condensed to what touches, with zero rows and columns elsewhere."""
+    m = grasp.count * grasp.coordinates
+    B = grasp.part
+    per = 1.0 / grasp.period
+    for p in range(m):
+        for q in range(m):
+            B[p, q] = 0.0
     if elastic:
-        add_gains(S, B, m, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], 1.0, 0.0)
+        add_gains(grasp, B, grasp.external_stiffness, grasp.internal_stiffness, 1.0, 0.0)
     else:
-        add_gains(S, B, m, per * S[at.EXTERNAL_DAMPING], per * S[at.INTERNAL_DAMPING], 0.0, per)
-    if not held:
-        return
-    if not elastic and S[at.GRADUAL] != 0.0:
-        if S[at.SINGULAR] != 0.0:
+        add_gains(grasp, B, per * grasp.external_damping, per * grasp.internal_damping, 0.0, per)
+    if condensed:
+        condense(grasp, elastic, per)
+
+
+@kernel
+def condense(grasp: GraspState, elastic: bool, per: float) -> None:
+    """Release from K or D / T what carries no force."""
+    n, c = grasp.count, grasp.coordinates
+    m, B = n * c, grasp.part
+    if not elastic and grasp.gradual:
+        if grasp.singular:
             for p in range(m):
-                S[B + p * m + p] *= 1.0 + LEAST
-        into_frames(S, at.LOCAL, at.known(n, c))
-        soften(S, B, m, -1, per, at.known(n, c))
-    for p in range(m):
-        if not elastic and S[at.SINGULAR] != 0.0 and S[at.GRADUAL] == 0.0:
-            S[B + p * m + p] *= 1.0 + LEAST
-        S[diagonal + p] = S[B + p * m + p]
-        S[marks + p] = 0.0 if is_held(S, p, c) else 1.0
-    release(S, B, m, q, m, m, marks, diagonal)
-    for p in range(m):
-        for k in range(m):
-            if not (is_held(S, p, c) and is_held(S, k, c)):
-                S[B + p * m + k] = 0.0
+                B[p, p] *= 1.0 + LEAST
+        for i, finger in enumerate(grasp.fingers):
+            write_coordinates(grasp, grasp.known, i, in_frame(grasp, finger, finger.local))
+        soften(grasp, B, None, per)
+    for i, finger in enumerate(grasp.fingers):
+        for a in range(c):
+            p = i * c + a
+            if not elastic and grasp.singular and not grasp.gradual:
+                B[p, p] *= 1.0 + LEAST
+            grasp.diagonal[p] = B[p, p]
+            grasp.marks[p] = 0.0 if carries(grasp, finger, a) else 1.0
+    release(B, grasp.rest, m, grasp.marks, grasp.diagonal)
+    for i, finger in enumerate(grasp.fingers):
+        for j, other in enumerate(grasp.fingers):
+            for a in range(c):
+                for b in range(c):
+                    if not (carries(grasp, finger, a) and carries(grasp, other, b)):
+                        B[i * c + a, j * c + b] = 0.0
 
 
-def is_held(S: Any, p: int, c: int) -> bool:
-    """Whether contact coordinate p carries force: a touching finger's normal, and its tangents if it has friction."""
-    touching = S[at.ROW + (p // c) * at.STRIDE + at.TOUCHING] != 0.0
-    return touching and (p % c == 0 or S[at.STICK] != 0.0 or S[at.FRICTION] != 0.0)
+@inline
+def carries(grasp: GraspState, finger: FingerState, a: int) -> bool:
+    """Tell whether contact coordinate a carries force: a touching finger's normal, tangents if it has friction."""
+    return finger.touching and (a == 0 or grasp.stick or grasp.friction)
 
 
-def add_inertia(S: Any, size: int, m: int) -> None:
-    """Adds -1/compliance of the object's free directions: -(M + T B) / T^2."""
-    n = int(S[at.FINGERS])
-    T = S[at.PERIOD]
-    A, shifts = at.square(n), int(S[at.SHIFTS])
-    for u in range(size - m):
-        for v in range(size - m):
+@kernel
+def add_inertia(grasp: GraspState) -> None:
+    """Add -1/compliance of the object's free directions: -(M + T B) / T^2."""
+    m, free = grasp.count * grasp.coordinates, grasp.unknowns - grasp.count * grasp.coordinates
+    T, body, shifts = grasp.period, grasp.body, grasp.freedom.shifts
+    for u in range(free):
+        for v in range(free):
             total = 0.0
             if u == v and u < shifts:
-                total = S[at.BODY + body.MASS] + T * S[at.BODY + body.VISCOSITY]
+                total = body.mass + T * body.viscosity
             if u >= shifts and v >= shifts:
+                one, other = grasp.freedom.axes[u], grasp.freedom.axes[v]
                 for a in range(3):
-                    inertia = S[at.BODY + body.INERTIA + a] + T * S[at.BODY + body.ROTATIONAL_VISCOSITY]
-                    total += S[at.AXES + 3 * u + a] * S[at.AXES + 3 * v + a] * inertia
-            S[A + (m + u) * size + m + v] -= total / (T * T)
+                    inertia = body.inertia[a] + T * body.rotational_viscosity
+                    total += one.vector[a] * other.vector[a] * inertia
+            grasp.square[m + u, m + v] -= total / (T * T)
 
 
-def lever(S: Any, u: int, shifts: int, k: int, c: int, at_tip: bool) -> float:
-    """One entry of G in contact frames: what force coordinate k does along the object's free direction u."""
-    r = at.ROW + (k // c) * at.STRIDE
-    f = r + at.FRAME + 3 * (k % c)
-    o = at.AXES + 3 * u
-    if k % c == 3:
-        f = r + at.TWIST_AXIS
-        turn = S[o] * S[f] + S[o + 1] * S[f + 1] + S[o + 2] * S[f + 2]
-        return float(S[r + at.PATCH] * turn) if u >= shifts else 0.0
-    if u < shifts:
-        return float(S[o] * S[f] + S[o + 1] * S[f + 1] + S[o + 2] * S[f + 2])
-    x, y, z = S[r + at.CONTACT], S[r + at.CONTACT + 1], S[r + at.CONTACT + 2]
+@kernel
+def lever(grasp: GraspState, finger: FingerState, u: int, a: int, at_tip: bool) -> float:
+    """Compute an entry of G in contact frames: what force coordinate a does along the object's free direction u."""
+    axis = grasp.freedom.axes[u].vector
+    if a == 3:
+        return finger.patch * dot(axis, finger.twist_axis) if u >= grasp.freedom.shifts else 0.0
+    f = finger.frame.row(a)
+    if u < grasp.freedom.shifts:
+        return dot(axis, f)
+    p = finger.contact
     if at_tip:
-        x += S[r + at.DISPLACEMENT]
-        y += S[r + at.DISPLACEMENT + 1]
-        z += S[r + at.DISPLACEMENT + 2]
-    mx = y * S[f + 2] - z * S[f + 1]
-    my = z * S[f] - x * S[f + 2]
-    mz = x * S[f + 1] - y * S[f]
-    return float(S[o] * mx + S[o + 1] * my + S[o + 2] * mz)
+        p += finger.displacement.vector
+    return dot(axis, cross(p, f))

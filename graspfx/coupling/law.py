@@ -3,107 +3,96 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from graspfx.coupling import block as at
-
-
-def combine(S: Any, kep: float, ked: float, kip: float, kid: float) -> None:
-    """f = P (kep e + ked e') + (I - P) (kip e + kid e') (eq. 4), as kip e + kid e' and one projection of one vector.
-
-    Where there is a coefficient, what each mode adds to the internal force stays in the scratch.
-    """
-    n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    soft = S[at.COORDINATES] > 3.0
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        w = S[r + at.WEIGHT]
-        if S[at.EQUAL] == 0.0:
-            S[r + at.ROOT] = math.sqrt(w)
-        for a in range(4 if soft else d):
-            f = kip * S[r + at.DISPLACEMENT + a]
-            if kid != 0.0:
-                f += kid * S[r + at.RATE + a]
-            S[r + at.LOCAL + a] = w * f
-    if S[at.EQUAL] != 0.0:
-        return
-    width = 4 if soft else 3
-    size = 1 + width * n
-    ke, kd = kep - kip, ked - kid
-    keep = at.scratch(n, int(S[at.COORDINATES])) if S[at.FRICTION] != 0.0 else -1
-    # where nothing turns, the modes are the free translations: known before the program runs
-    for k in range(int(S[at.COUNT]) if S[at.TURNS] != 0.0 else int(S[at.SHIFTS])):
-        q = at.modes(n) + k * size + 1
-        z = 0.0
-        for i in range(n):
-            r = at.ROW + i * at.STRIDE
-            inner = 0.0
-            for a in range(4 if soft else d):
-                g = ke * S[r + at.DISPLACEMENT + a]
-                if kd != 0.0:
-                    g += kd * S[r + at.RATE + a]
-                inner += S[q + width * i + a] * g
-            z += S[r + at.ROOT] * inner
-        z *= S[q - 1]
-        if keep >= 0:
-            S[keep + k] = z
-        for i in range(n):
-            r = at.ROW + i * at.STRIDE
-            share = z * S[r + at.ROOT]
-            for a in range(4 if soft else d):
-                S[r + at.LOCAL + a] += share * S[q + width * i + a]
+from graspfx.compile.kernel import inline, kernel
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.grasp.state import motion_of
+from graspfx.spatial import dot, inner, with_torsion
 
 
-def keep_elastic(S: Any) -> None:
-    """Keeps the forces in LOCAL, to which damping has not been added yet."""
-    for i in range(int(S[at.FINGERS])):
-        r = at.ROW + i * at.STRIDE
-        for a in range(4):
-            S[r + at.ELASTIC + a] = S[r + at.LOCAL + a]
-
-
-def combine_matrices(S: Any, elastic: bool, damping: bool) -> None:
-    """f = K e + D e' with the squares that stand in the block."""
-    n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    m = n * d
-    K = at.dense(n, int(S[at.COORDINATES]))
-    for i in range(n):
-        for a in range(d):
-            p = i * d + a
-            f = 0.0
-            for j in range(n):
-                r = at.ROW + j * at.STRIDE
-                for b in range(d):
-                    q = p * m + j * d + b
-                    if elastic:
-                        f += S[K + q] * S[r + at.DISPLACEMENT + b]
-                    if damping:
-                        f += S[K + m * m + q] * S[r + at.RATE + b]
-            S[at.ROW + i * at.STRIDE + at.LOCAL + a] = f
-
-
-def bilateral(S: Any, elastic: bool, damping: bool) -> None:
-    """The law without cones into LOCAL: its elastic part, its damping part or both."""
-    if S[at.DENSE] != 0.0:
-        combine_matrices(S, elastic, damping)
+@kernel
+def bilateral(grasp: GraspState, elastic: bool, damping: bool) -> None:
+    """Compute the law without cones: its elastic part, its damping part or both."""
+    if grasp.dense:
+        combine_matrices(grasp, elastic, damping)
         return
     e = 1.0 if elastic else 0.0
     r = 1.0 if damping else 0.0
     combine(
-        S,
-        e * S[at.EXTERNAL_STIFFNESS],
-        r * S[at.EXTERNAL_DAMPING],
-        e * S[at.INTERNAL_STIFFNESS],
-        r * S[at.INTERNAL_DAMPING],
+        grasp,
+        e * grasp.external_stiffness,
+        r * grasp.external_damping,
+        e * grasp.internal_stiffness,
+        r * grasp.internal_damping,
     )
 
 
-def push(S: Any, i: int, d: int) -> float:
-    """The normal force of finger i on the object [N]."""
-    r = at.ROW + i * at.STRIDE
-    total = 0.0
-    for a in range(d):
-        total += S[r + at.NORMAL + a] * S[r + at.LOCAL + a]
-    return total
+@kernel
+def combine(grasp: GraspState, kep: float, ked: float, kip: float, kid: float) -> None:
+    """Compute f = P (kep e + ked e') + (I - P) (kip e + kid e') (eq. 4) with one projection of one vector.
+
+    f = s + P d with s = kip e + kid e' and d = (kep - kip) e + (ked - kid) e', weights left and right.
+    """
+    for finger in grasp.fingers:
+        if not grasp.equal:
+            finger.sqrt_weight = math.sqrt(finger.weight)
+        s = kip * finger.displacement
+        if kid != 0.0:
+            s += kid * finger.rate
+        finger.local = finger.weight * s
+    if not grasp.equal:
+        # where nothing turns, the modes are the free translations: known before the program runs
+        for k in range(grasp.mode_count if grasp.freedom.turns != 0 else grasp.freedom.shifts):
+            add_mode(grasp, k, kep - kip, ked - kid)
+
+
+@kernel
+def add_mode(grasp: GraspState, k: int, stiffness: float, damping: float) -> None:
+    """Add mode k's part of P d to the forces: sqrt(w) q_k beta_k q_k' sqrt(w) d."""
+    mode = grasp.modes[k]
+    z = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        motion = motion_of(mode, i, grasp.width)
+        d = stiffness * finger.displacement
+        if damping != 0.0:
+            d += damping * finger.rate
+        along = dot(motion.shift, d.vector)
+        if grasp.coordinates > 3:
+            along += motion.twist * d.t
+        z += finger.sqrt_weight * along
+    z *= mode[0]
+    if grasp.friction:
+        grasp.mode_force[k] = z
+    for i, finger in enumerate(grasp.fingers):
+        motion = motion_of(mode, i, grasp.width)
+        twist = motion.twist if grasp.coordinates > 3 else 0.0
+        finger.local += z * finger.sqrt_weight * with_torsion(motion.shift, twist)
+
+
+@kernel
+def combine_matrices(grasp: GraspState, elastic: bool, damping: bool) -> None:
+    """Compute f = K e + D e' with the matrices that stand in the block."""
+    d = grasp.dimensions
+    for i, finger in enumerate(grasp.fingers):
+        for a in range(d):
+            f = 0.0
+            for j, other in enumerate(grasp.fingers):
+                for b in range(d):
+                    if elastic:
+                        f += grasp.stiffness[i * d + a, j * d + b] * other.displacement[b]
+                    if damping:
+                        f += grasp.damping[i * d + a, j * d + b] * other.rate[b]
+            finger.local[a] = f
+
+
+@kernel
+def keep_elastic(grasp: GraspState) -> None:
+    """Copy the forces, to which damping has not been added yet, to the elastic ones."""
+    for finger in grasp.fingers:
+        finger.elastic = finger.local
+
+
+@inline
+def normal_force(finger: FingerState) -> float:
+    """Compute the normal force of a finger on the object [N]."""
+    return inner(finger.normal, finger.local.vector)

@@ -8,177 +8,179 @@ gradient of a convex function (`graspfx.cones.cut`). Whatever is still too long 
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from graspfx.compile.kernel import kernel
 from graspfx.cones.cut import HALF_SPACE, NO_CONE, force_size, shorten
 from graspfx.cones.friction import UNRESOLVED as NONE
-from graspfx.coupling import block as at
+from graspfx.cones.problem import FrictionProblem, Gains
 from graspfx.coupling.approach import UNRESOLVED
-from graspfx.coupling.assemble import into_frames, out_of_frames
-from graspfx.coupling.depth import pose_compliances
+from graspfx.coupling.assemble import in_frame, out_of_frame
+from graspfx.coupling.conventional import damp_alone
 from graspfx.coupling.law import bilateral, keep_elastic
-from graspfx.coupling.projection import damp_alone
-from graspfx.coupling.rays import press
+from graspfx.coupling.rays import frictionless_force
 from graspfx.coupling.react import react
-from graspfx.coupling.scaling import scale
-from graspfx.coupling.slip import friction_force_modes, pose_problem, rub
+from graspfx.coupling.scaling import LIMIT_MARGIN, scale
+from graspfx.coupling.slip import force_of_modes, force_with_friction, pose_compliances, pose_problem
+from graspfx.coupling.state import GraspState
+from graspfx.spatial import NOTHING, ZERO
 
 NEARLY = 1.0 - 1e-12  # of a limit: a force of that size stands at it
 
 
-def limit(S: Any, fault: int) -> int:
-    """Bring the forces of a sample within the limits; returns `fault`, or UNRESOLVED.
+@kernel
+def limit(grasp: GraspState, fault: int) -> int:
+    """Bring the forces of a sample within the limits; give `fault`, or UNRESOLVED.
 
     The law's own forces stay in the block, and who stands at a limit. Nothing changes where all are short enough.
     """
-    keep_law(S)
-    if fault != 0 or not exceeds(S):
+    store_law(grasp)
+    if fault != 0 or not exceeds(grasp):
         return fault
-    n = int(S[at.FINGERS])
-    inside = is_inside(S)
+    inside = is_inside(grasp)
     if inside:
-        for i in range(n):
-            S[int(S[at.LIMITS]) + i] = at.LIMIT_MARGIN * S[at.device_limits(S) + i]
-        fault = within(S)
-        for i in range(n):
-            S[int(S[at.LIMITS]) + i] = math.inf
+        for finger in grasp.fingers:
+            finger.cut = LIMIT_MARGIN * finger.limit
+        fault = force_in_cut_cones(grasp)
+        for finger in grasp.fingers:
+            finger.cut = math.inf
     if fault == 0:
-        scale(S, True)
-        mark(S, inside)
+        scale(grasp, True)
+        mark(grasp, inside)
     return fault
 
 
-def limit_again(S: Any) -> None:
+@kernel
+def limit_again(grasp: GraspState) -> None:
     """Scale what was added to the forces since `limit` and the reaction to them; it counts as the law's."""
-    add_to_law(S, -1.0)
-    react(S)
-    add_to_law(S, 1.0)
-    scale(S, False)
-    mark(S, False)
+    for finger in grasp.fingers:
+        finger.law_force -= finger.force
+    react(grasp)
+    for finger in grasp.fingers:
+        finger.law_force += finger.force
+    scale(grasp, False)
+    mark(grasp, False)
 
 
-def forget_limits(S: Any) -> None:
+@kernel
+def forget_limits(grasp: GraspState) -> None:
     """Clear the law's force and who stands at a limit."""
-    n = int(S[at.FINGERS])
-    for k in range(4 * n):
-        S[at.saturation(S) + k] = 0.0
+    for finger in grasp.fingers:
+        finger.saturated = False
+        finger.law_force = ZERO
 
 
-def keep_law(S: Any) -> None:
-    """Keep the forces as they are, in world axes, as the law's; nobody stands at a limit yet."""
-    react(S)
-    n = int(S[at.FINGERS])
-    for i in range(n):
-        S[at.saturation(S) + i] = 0.0
-        for a in range(3):
-            S[at.law_force(S) + 3 * i + a] = S[at.ROW + i * at.STRIDE + at.FORCE + a]
+@kernel
+def store_law(grasp: GraspState) -> None:
+    """Copy the forces, in world axes, to the law's; nobody stands at a limit yet."""
+    react(grasp)
+    for finger in grasp.fingers:
+        finger.saturated = False
+        finger.law_force = finger.force
 
 
-def add_to_law(S: Any, sign: float) -> None:
-    """Add the forces in world axes to the law's, or take them off."""
-    for i in range(int(S[at.FINGERS])):
-        for a in range(3):
-            S[at.law_force(S) + 3 * i + a] += sign * S[at.ROW + i * at.STRIDE + at.FORCE + a]
-
-
-def exceeds(S: Any) -> bool:
+@kernel
+def exceeds(grasp: GraspState) -> bool:
     """Tell whether some finger's force, or its elastic one, is beyond the limit."""
-    longest = 0.0
-    for i in range(int(S[at.FINGERS])):
-        r, most = at.ROW + i * at.STRIDE, at.LIMIT_MARGIN * S[at.device_limits(S) + i]
-        if force_size(S, r + at.LOCAL, width(S)) > most or force_size(S, r + at.ELASTIC, width(S)) > most:
-            longest = 1.0
-    return longest > 0.0
+    beyond = False
+    for finger in grasp.fingers:
+        most = LIMIT_MARGIN * finger.limit
+        if force_size(finger.local, width(grasp)) > most or force_size(finger.elastic, width(grasp)) > most:
+            beyond = True
+    return beyond
 
 
-def width(S: Any) -> int:
+@kernel
+def width(grasp: GraspState) -> int:
     """Count the entries of a force that the limit is about: torsion too where friction bounds both together."""
-    return 4 if S[at.FRICTION] != 0.0 else 3
+    return 4 if grasp.friction else 3
 
 
-def mark(S: Any, inside: bool) -> None:
+@kernel
+def mark(grasp: GraspState, inside: bool) -> None:
     """Mark the fingers whose force stands at the limit; inside the projection, also whose elastic force does."""
-    for i in range(int(S[at.FINGERS])):
-        r, least = at.ROW + i * at.STRIDE, NEARLY * at.LIMIT_MARGIN * S[at.device_limits(S) + i]
-        if force_size(S, r + at.LOCAL, width(S)) >= least:
-            S[at.saturation(S) + i] = 1.0
-        if inside and force_size(S, r + at.ELASTIC, width(S)) >= least:
-            S[at.saturation(S) + i] = 1.0
+    for finger in grasp.fingers:
+        least = NEARLY * LIMIT_MARGIN * finger.limit
+        if force_size(finger.local, width(grasp)) >= least:
+            finger.saturated = True
+        if inside and force_size(finger.elastic, width(grasp)) >= least:
+            finger.saturated = True
 
 
-def is_inside(S: Any) -> bool:
+@kernel
+def is_inside(grasp: GraspState) -> bool:
     """Tell whether the projection itself can be asked for forces within limits.
 
     Not with the implicit integrator, nor where gains are matrices and there is no coefficient of friction.
     """
-    return bool(S[at.IMPLICIT] == 0.0 and (S[at.FRICTION] != 0.0 or S[at.DENSE] == 0.0))
+    return not grasp.implicit and (grasp.friction or not grasp.dense)
 
 
-def within(S: Any) -> int:
-    """Find the forces of the cut cones: the elastic one, then damping; returns 0 or UNRESOLVED."""
-    if S[at.FRICTION] != 0.0:
-        return rub(S)
-    if S[at.RAYS] != 0.0:
-        return press(S)
-    if S[at.EQUAL] != 0.0:
-        within_alone(S)
+@kernel
+def force_in_cut_cones(grasp: GraspState) -> int:
+    """Find the forces of the cut cones: the elastic one, then damping; give 0 or UNRESOLVED."""
+    if grasp.friction:
+        return force_with_friction(grasp)
+    if grasp.rays:
+        return frictionless_force(grasp)
+    if grasp.equal:
+        limit_alone(grasp)
         return 0
-    return within_balls(S)
+    return force_in_balls(grasp)
 
 
-def within_alone(S: Any) -> None:
+@kernel
+def limit_alone(grasp: GraspState) -> None:
     """Limit every finger by itself, where gains are equal: elastic force and sum are shortened one after the other."""
-    n = int(S[at.FINGERS])
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        for a in range(4):
-            S[r + at.LOCAL + a] = S[r + at.ELASTIC + a]
-    shorten_all(S)
-    keep_elastic(S)
-    if S[at.DAMPED] != 0.0:
-        if S[at.ATTACHED] != 0.0:
-            bilateral(S, False, True)
-            for i in range(n):
-                r = at.ROW + i * at.STRIDE
-                for a in range(4):
-                    S[r + at.LOCAL + a] += S[r + at.ELASTIC + a]
+    for finger in grasp.fingers:
+        finger.local = finger.elastic
+    shorten_all(grasp)
+    keep_elastic(grasp)
+    if grasp.damped:
+        if grasp.attached:
+            bilateral(grasp, False, True)
+            for finger in grasp.fingers:
+                finger.local += finger.elastic
         else:
-            damp_alone(S)
-        shorten_all(S)
+            damp_alone(grasp)
+        shorten_all(grasp)
 
 
-def shorten_all(S: Any) -> None:
+@kernel
+def shorten_all(grasp: GraspState) -> None:
     """Shorten every force to its limit."""
-    for i in range(int(S[at.FINGERS])):
-        shorten(S, at.ROW + i * at.STRIDE + at.LOCAL, width(S), S[int(S[at.LIMITS]) + i])
+    for finger in grasp.fingers:
+        finger.local, _ = shorten(finger.local, width(grasp), finger.cut)
 
 
-def within_balls(S: Any) -> int:
+@kernel
+def force_in_balls(grasp: GraspState) -> int:
     """Find the forces of attached and sticking contacts nearest to the law's, by K^-1 and D^-1, with |f_i| <= L_i.
 
-    Fingers that the law has let go of stay free, and those that it holds only push.
+    Fingers that the law has let go of stay free, and those that it holds only push; give 0 or UNRESOLVED.
     """
-    fault = ball_force(S, int(S[at.PROBLEM]), at.DISPLACEMENT, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS])
-    keep_elastic(S)
-    if fault == 0 and S[at.DAMPED] != 0.0:
-        fault = ball_force(S, int(S[at.BRAKE]), at.RATE, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING])
+    gains = Gains(grasp.external_stiffness, grasp.internal_stiffness)
+    fault = force_in_ball(grasp, grasp.problem, gains, True)
+    keep_elastic(grasp)
+    if fault == 0 and grasp.damped:
+        gains = Gains(grasp.external_damping, grasp.internal_damping)
+        fault = force_in_ball(grasp, grasp.damping_problem, gains, False)
     return fault
 
 
-def ball_force(S: Any, o: int, what: int, external: float, internal: float) -> int:
-    """Put the elastic force into LOCAL, or add damping by what is a RATE to the one that is there."""
-    n, c = int(S[at.FINGERS]), int(S[at.COORDINATES])
-    m = n * c
-    pose_problem(S, o, True)
-    for i in range(n):
-        S[o + n + i] = NO_CONE if S[at.ATTACHED] != 0.0 else HALF_SPACE
-    into_frames(S, what, o + 3 * n)
-    if what == at.RATE:
-        into_frames(S, at.LOCAL, o + 3 * n + m)
-    else:
-        for p in range(m):
-            S[o + 3 * n + m + p] = 0.0
-    series = pose_compliances(S, o, c) if what == at.RATE else -1
-    law, _, _ = friction_force_modes(S, o, external, internal, False, series)
-    out_of_frames(S, o + 3 * n + 2 * m, at.LOCAL)
+@kernel
+def force_in_ball(grasp: GraspState, problem: FrictionProblem, gains: Gains, elastic: bool) -> int:
+    """Find the elastic force of balls for cones, or add damping to the one that is there; give 0 or UNRESOLVED."""
+    pose_problem(grasp, problem, True)
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        contact.coefficient = NO_CONE if grasp.attached else HALF_SPACE
+        contact.displacement = in_frame(grasp, finger, finger.displacement if elastic else finger.rate)
+        contact.base_force = NOTHING
+        if not elastic:
+            contact.base_force = in_frame(grasp, finger, finger.local)
+    if not elastic:
+        pose_compliances(grasp, problem)
+    law = force_of_modes(grasp, problem, gains, False).law
+    for i, finger in enumerate(grasp.fingers):
+        finger.local = out_of_frame(grasp, finger, problem.contacts[i].force)
     return UNRESOLVED if law == NONE else 0

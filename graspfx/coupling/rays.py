@@ -2,75 +2,75 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from graspfx.cones.cone import modes_offset
+from graspfx.compile.kernel import kernel
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.friction import friction_force, turn_modes
-from graspfx.coupling import block as at
+from graspfx.cones.problem import FrictionProblem, Gains
 from graspfx.coupling.approach import UNRESOLVED
-from graspfx.coupling.depth import pose_compliances
-from graspfx.coupling.law import bilateral, keep_elastic
-from graspfx.coupling.slip import brake, grip, pose_problem
+from graspfx.coupling.law import bilateral, keep_elastic, normal_force
+from graspfx.coupling.slip import damping_in_cones, elastic_in_cones, pose_compliances, pose_problem
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.spatial import Vector4, inner
 
 
-def press(S: Any) -> int:
-    """The elastic force f = K (e + s) along the normals, then damping there; returns 0 or UNRESOLVED.
+@kernel
+def frictionless_force(grasp: GraspState) -> int:
+    """Find the elastic force f = K (e + s) along the normals, then damping there; give 0 or UNRESOLVED.
 
     Tangents carry nothing, so that q_k'f asks for the modes' normal entries alone, as long as the internal gain is the
     larger one: else the convex function has the tangents' part of the modes in it, and all coordinates are needed.
     """
-    if S[at.EXTERNAL_STIFFNESS] <= S[at.INTERNAL_STIFFNESS]:
-        fault = along_normals(S, int(S[at.PROBLEM]), True)
+    if grasp.external_stiffness <= grasp.internal_stiffness:
+        fault = elastic_along_normals(grasp)
     else:
-        fault = grip(S)
-    if S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0:
-        keep_elastic(S)
-    if fault == 0 and S[at.DAMPED] != 0.0:
-        if S[at.EXTERNAL_DAMPING] <= S[at.INTERNAL_DAMPING]:
-            fault = along_normals(S, int(S[at.BRAKE]), False)
+        fault = elastic_in_cones(grasp)
+    if grasp.observed or grasp.limited:
+        keep_elastic(grasp)
+    if fault == 0 and grasp.damped:
+        if grasp.external_damping <= grasp.internal_damping:
+            gains = Gains(grasp.external_damping, grasp.internal_damping)
+            fault = force_along_normals(grasp, grasp.damping_problem, gains, False)
         else:
-            fault = brake(S)
+            fault = damping_in_cones(grasp)
     return fault
 
 
-def along_normals(S: Any, o: int, elastic: bool) -> int:
-    """The elastic force into LOCAL, or damping added to the one that is there."""
-    n = int(S[at.FINGERS])
-    d = int(S[at.DIMENSIONS])
-    if elastic and d == 1:
-        bilateral(S, True, False)
-        pulls = False
-        for i in range(n):
-            r = at.ROW + i * at.STRIDE
-            push = S[r + at.NORMAL] * S[r + at.LOCAL]
-            pulls = pulls or push < 0.0
-            if S[at.LIMITS] != 0.0:
-                pulls = pulls or push > S[int(S[at.LIMITS]) + i]
-            S[r + at.TOUCHING] = 1.0 if push > 0.0 else 0.0
-        if not pulls:
+@kernel
+def elastic_along_normals(grasp: GraspState) -> int:
+    """Find the elastic force along the normals; give 0 or UNRESOLVED."""
+    if grasp.dimensions == 1:
+        bilateral(grasp, True, False)
+        outside = False
+        for finger in grasp.fingers:
+            f = normal_force(finger)
+            outside = outside or f < 0.0
+            if grasp.limited:
+                outside = outside or f > finger.cut
+            finger.touching = f > 0.0
+        if not outside:
             return 0
-    external = S[at.EXTERNAL_STIFFNESS] if elastic else S[at.EXTERNAL_DAMPING]
-    internal = S[at.INTERNAL_STIFFNESS] if elastic else S[at.INTERNAL_DAMPING]
-    what = at.DISPLACEMENT if elastic else at.RATE
-    count = 0 if external == internal else int(S[at.COUNT])
-    pose_problem(S, o, not elastic)
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        x = f0 = 0.0
-        for a in range(d):
-            x += S[r + at.NORMAL + a] * S[r + what + a]
-            f0 += S[r + at.NORMAL + a] * S[r + at.LOCAL + a]
-        S[o + 3 * n + i] = x
-        S[o + 4 * n + i] = 0.0 if elastic else f0
-    turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, 1, at.modes(n), count, modes_offset(o, n, 1, count))
-    series = -1 if elastic else pose_compliances(S, o, 1)
-    law, _, _ = friction_force(S, o, n, 1, count, external, internal, False, 0, int(S[at.LIMITS]), series)
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        f = S[o + 5 * n + i]
-        for a in range(d):
-            S[r + at.LOCAL + a] = f * S[r + at.NORMAL + a]
+    gains = Gains(grasp.external_stiffness, grasp.internal_stiffness)
+    return force_along_normals(grasp, grasp.problem, gains, True)
+
+
+@kernel
+def force_along_normals(grasp: GraspState, problem: FrictionProblem, gains: Gains, elastic: bool) -> int:
+    """Find the elastic force along the normals, or add damping to the one that is there; give 0 or UNRESOLVED."""
+    pose_problem(grasp, problem, not elastic)
+    for i, finger in enumerate(grasp.fingers):
+        x = finger.displacement if elastic else finger.rate
+        f0 = 0.0 if elastic else normal_force(finger)
+        problem.contacts[i].displacement = Vector4(inner(finger.normal, x.vector), 0.0, 0.0, 0.0)
+        problem.contacts[i].base_force = Vector4(f0, 0.0, 0.0, 0.0)
+    count = 0 if gains.external == gains.internal else grasp.mode_count
+    turn_modes(grasp.fingers.part(FingerState.frame), grasp.modes, problem, 1, count)
+    if not elastic:
+        pose_compliances(grasp, problem)
+    law = friction_force(problem, 1, gains, False, 0).law
+    for i, finger in enumerate(grasp.fingers):
+        f = problem.contacts[i].force.x
+        for a in range(grasp.dimensions):
+            finger.local[a] = f * finger.normal[a]
         if elastic:
-            S[r + at.TOUCHING] = 1.0 if f > 0.0 else 0.0
+            finger.touching = f > 0.0
     return UNRESOLVED if law == NONE else 0

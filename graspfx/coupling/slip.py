@@ -3,215 +3,251 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from graspfx.cones.cone import FREE, STICK, modes_offset
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Table
 from graspfx.cones.cut import force_size
 from graspfx.cones.friction import COULOMB, LEAST, friction_force, friction_force_square, turn_modes
 from graspfx.cones.friction import UNRESOLVED as NONE
-from graspfx.coupling import block as at
-from graspfx.coupling.approach import UNRESOLVED, set_anchor
-from graspfx.coupling.assemble import assemble, into_frames, out_of_frames
-from graspfx.coupling.depth import is_whole, pose_compliances, soften
+from graspfx.cones.problem import FREE, NO_FORCE, STICK, Answer, FrictionProblem, Gains, tangent_of
+from graspfx.coupling.approach import UNRESOLVED
+from graspfx.coupling.assemble import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
+from graspfx.coupling.depth import compliance, is_whole, soften
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.coupling.torsion import set_anchor
+from graspfx.spatial import NOTHING, Vector4
 
 RESTARTS = 2  # of Coulomb's law in a sample: the last sample's answer is nearly always a start that leads there
 SYMMETRIC = 1e-12  # of a square's largest entry
-NOTHING = 1e-200  # [N]: less counts as no force, its square would
+SMALLEST = 1e-200  # [N]: less counts as no force, its square would
 
 
-def rub(S: Any) -> int:
-    """The elastic force f = K (e + s) in the friction cones, then damping in them; returns 0 or UNRESOLVED.
+@kernel
+def force_with_friction(grasp: GraspState) -> int:
+    """Find the elastic force f = K (e + s) in the friction cones, then damping in them; give 0 or UNRESOLVED.
 
-    Coulomb's law, or where it has no answer that was found the associated one. A finger keeps its contact point while
-    it sticks; RETAINED tells the next sample where the contact of one that slips or is free has to be.
+    Coulomb's law, or where no answer to it was found the associated one. A finger keeps its contact point while it
+    sticks; `retained` tells the next sample where the contact of one that slips or is free has to be.
     """
-    fault = grip(S)
-    if S[at.OBSERVED] != 0.0 or S[at.LIMITS] != 0.0:
-        keep_elastic(S)
-    if fault == 0 and S[at.DAMPED] != 0.0:
-        fault = brake(S)
+    fault = elastic_in_cones(grasp)
+    if grasp.observed or grasp.limited:
+        keep_elastic(grasp)
+    if fault == 0 and grasp.damped:
+        fault = damping_in_cones(grasp)
     return fault
 
 
-def grip(S: Any) -> int:
-    """The elastic force in the cones into LOCAL, each finger's status, and e + s."""
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    o = int(S[at.PROBLEM])
-    S[at.LAW], S[at.RESIDUAL] = COULOMB, 0.0
-    known, force, slip, unknowns = o + 3 * n, o + 3 * n + 2 * n * c, o + 3 * n + 3 * n * c, o + 3 * n + 5 * n * c
-    square = S[at.IMPLICIT] != 0.0 or S[at.DENSE] != 0.0
-    into_frames(S, at.DISPLACEMENT, known)
-    if S[at.IMPLICIT] == 0.0 and S[at.RAYS] == 0.0:
-        bilateral(S, True, False)
-        into_frames(S, at.LOCAL, force)
-        if sticks(S, force):  # the answer as it is, and where the next one starts
-            for k in range(n * c if square else int(S[at.COUNT])):
-                S[unknowns + k] = S[known + k] if square else -S[at.scratch(n, c) + k]
-            for i in range(n):
-                r = at.ROW + i * at.STRIDE
-                S[r + at.TOUCHING], S[r + at.STATUS] = 1.0, STICK
-                for a in range(4):
-                    S[r + at.RETAINED + a] = S[r + at.DISPLACEMENT + a]
+@kernel
+def elastic_in_cones(grasp: GraspState) -> int:
+    """Find the elastic force in the cones, each finger's status, and e + s; give 0 or UNRESOLVED."""
+    problem = grasp.problem
+    grasp.law, grasp.residual = COULOMB, 0.0
+    if not grasp.implicit and not grasp.rays:
+        bilateral(grasp, True, False)
+        if sticks(grasp):
+            stick_all(grasp, problem)
             return 0
-    pose_problem(S, o, False)
-    for p in range(n * c):
-        S[known + n * c + p] = 0.0
-    if square:
-        size = assemble_implicitly(S, True, False, False) if S[at.IMPLICIT] != 0.0 else assemble(S, True)
-        even = made_symmetric(S, at.square(n), size, n * c)
-        cut = 0 if S[at.IMPLICIT] != 0.0 else int(S[at.LIMITS])
-        law, residual, _ = friction_force_square(S, o, n, c, at.square(n), size, even, True, RESTARTS, cut)
+    pose_problem(grasp, problem, False)
+    for i, finger in enumerate(grasp.fingers):
+        problem.contacts[i].displacement = in_frame(grasp, finger, finger.displacement)
+        problem.contacts[i].base_force = NOTHING
+    if grasp.implicit or grasp.dense:
+        if grasp.implicit:
+            assemble_implicitly(grasp, True, False, False)
+        else:
+            assemble(grasp, True)
+        symmetric = made_symmetric(grasp, grasp.square)
+        answer = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, True, RESTARTS)
     else:
-        law, residual, _ = friction_force_modes(S, o, S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS], True, -1)
-    S[at.LAW], S[at.RESIDUAL] = law, residual
-    out_of_frames(S, force, at.LOCAL)
-    for p in range(n * c):
-        S[slip + p] += S[known + p]
-    out_of_frames(S, slip, at.RETAINED)
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        status = max(S[o + 2 * n + i], 0.0)
-        S[r + at.STATUS] = status
-        S[r + at.TOUCHING] = 0.0 if status == FREE else 1.0
-        if S[r + at.WEIGHT] == 0.0:
-            for a in range(4):
-                S[r + at.RETAINED + a] = 0.0
-    return UNRESOLVED if law == NONE else 0
+        answer = force_of_modes(grasp, problem, Gains(grasp.external_stiffness, grasp.internal_stiffness), True)
+    grasp.law, grasp.residual = answer.law, answer.residual
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        finger.local = out_of_frame(grasp, finger, contact.force)
+        finger.retained = out_of_frame(grasp, finger, contact.slip + contact.displacement)
+        finger.status = max(contact.status, 0)
+        finger.touching = finger.status != FREE
+        if finger.weight == 0.0:
+            finger.retained = NOTHING
+    return UNRESOLVED if answer.law == NONE else 0
 
 
-def move_anchors(S: Any) -> None:
-    """From here on the torsion of soft fingers that do not stick counts from the object's rotation now."""
-    if S[at.COORDINATES] > 3.0:
-        for i in range(int(S[at.FINGERS])):
-            r = at.ROW + i * at.STRIDE
-            if S[r + at.STATUS] != STICK:
-                set_anchor(S, r, S[r + at.RETAINED + 3])
+@kernel
+def sticks(grasp: GraspState) -> bool:
+    """Tell whether the forces all lie inside their cones and limits."""
+    for finger in grasp.fingers:
+        if not is_inside_cone(grasp, finger, in_frame(grasp, finger, finger.local)):
+            return False
+    return True
 
 
-def brake(S: Any) -> int:
-    """Adds damping: f = f0 + D (e' + s) in the cones, s in C*, f's = 0, nothing where f0 is zero; never active.
+@kernel
+def is_inside_cone(grasp: GraspState, finger: FingerState, force: Vector4) -> bool:
+    """Tell whether a contact force lies inside its cone and limit."""
+    tangent = tangent_of(force)
+    along = math.sqrt(tangent.x * tangent.x + tangent.y * tangent.y + tangent.z * tangent.z)
+    if not force.x > SMALLEST or along > finger.coefficient * force.x:
+        return False
+    return not (grasp.limited and force_size(force, grasp.coordinates) > finger.cut)
+
+
+@kernel
+def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
+    """Take the forces as they are for the answer, and for where the next search starts."""
+    if grasp.dense:
+        for i, finger in enumerate(grasp.fingers):
+            e = in_frame(grasp, finger, finger.displacement)
+            write_coordinates(grasp, grasp.known, i, e)
+        for k in range(grasp.count * grasp.coordinates):
+            problem.unknowns[k].value = grasp.known[k]
+    else:
+        for k in range(grasp.mode_count):
+            problem.unknowns[k].value = -grasp.mode_force[k]
+        problem.started = max(problem.started, grasp.mode_count)
+    for finger in grasp.fingers:
+        finger.touching, finger.status = True, STICK
+        finger.retained = finger.displacement
+
+
+@kernel
+def move_anchors(grasp: GraspState) -> None:
+    """Count the torsion of soft fingers that do not stick from the object's rotation now."""
+    if grasp.coordinates > 3:
+        for finger in grasp.fingers:
+            if finger.status != STICK:
+                set_anchor(grasp, finger, finger.retained.t)
+
+
+@kernel
+def damping_in_cones(grasp: GraspState) -> int:
+    """Add damping: f = f0 + D (e' + s) in the cones, s in C*, f's = 0, nothing where f0 is zero; never active.
 
     The implicit integrator has f = K (e + s0 - G'u) + (D / T) (T e' - H'u) + (K + D / T) s,
     for the object's new state, with s0 the slip of the elastic force: one system for all three.
     """
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    m = n * c
-    o = int(S[at.BRAKE])
-    known, force = o + 3 * n, o + 3 * n + 2 * m
-    start = known + m
-    pose_problem(S, o, True)
-    if S[at.IMPLICIT] != 0.0:
-        size = assemble_implicitly(S, True, True, True)
-        for p in range(m):
-            S[known + p] = 0.0
-            S[start + p] = S[at.vector(n, c) + p]
-        even = made_symmetric(S, at.square(n), size, m)
-        law, _, _ = friction_force_square(S, o, n, c, at.square(n), size, even, False, 0)
+    problem = grasp.damping_problem
+    pose_problem(grasp, problem, True)
+    law = COULOMB
+    if grasp.implicit:
+        assemble_implicitly(grasp, True, True, True)
+        for i in range(grasp.count):
+            problem.contacts[i].displacement = NOTHING
+            problem.contacts[i].base_force = coordinates_of(grasp, grasp.vector, i)
+        symmetric = made_symmetric(grasp, grasp.square)
+        law = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
     else:
-        into_frames(S, at.LOCAL, start)
-        into_frames(S, at.RATE, known)
-        law = 0
-        if not (S[at.RAYS] == 0.0 and all_touch(S) and is_whole(S) and stays(S, start, force)):
-            if S[at.DENSE] != 0.0:
-                assemble(S, False)
-                raise_least(S, at.square(n), m)
-                soften(S, at.square(n), m, -1, 1.0, start)
-                even = made_symmetric(S, at.square(n), m, m)
-                law, _, _ = friction_force_square(S, o, n, c, at.square(n), m, even, False, 0, int(S[at.LIMITS]))
-            else:
-                series = pose_compliances(S, o, c)
-                law, _, _ = friction_force_modes(S, o, S[at.EXTERNAL_DAMPING], S[at.INTERNAL_DAMPING], False, series)
-    out_of_frames(S, force, at.LOCAL)
+        for i, finger in enumerate(grasp.fingers):
+            problem.contacts[i].displacement = in_frame(grasp, finger, finger.rate)
+            problem.contacts[i].base_force = in_frame(grasp, finger, finger.local)
+        if grasp.rays or not all_touch(grasp) or not is_whole(grasp) or not stays(grasp, problem):
+            law = damping_of_slip(grasp, problem)
+    for i, finger in enumerate(grasp.fingers):
+        finger.local = out_of_frame(grasp, finger, problem.contacts[i].force)
     return UNRESOLVED if law == NONE else 0
 
 
-def stays(S: Any, start: int, force: int) -> bool:
-    """Whether the elastic force at `start` and all the damping, which go to `force`, lie in the cones."""
-    bilateral(S, False, True)
-    into_frames(S, at.LOCAL, force)
-    for p in range(int(S[at.FINGERS]) * int(S[at.COORDINATES])):
-        S[force + p] += S[start + p]
-    return sticks(S, force)
+@kernel
+def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
+    """Find the damping where some finger slips or is free; give the law of the answer."""
+    if grasp.dense:
+        for i in range(grasp.count):
+            write_coordinates(grasp, grasp.known, i, problem.contacts[i].base_force)
+        assemble(grasp, False)
+        raise_least(grasp, grasp.square)
+        soften(grasp, grasp.square, None, 1.0)
+        symmetric = made_symmetric(grasp, grasp.square)
+        return friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
+    pose_compliances(grasp, problem)
+    return force_of_modes(grasp, problem, Gains(grasp.external_damping, grasp.internal_damping), False).law
 
 
-def friction_force_modes(
-    S: Any, o: int, external: float, internal: float, coulomb: bool, series: int
-) -> tuple[int, float, int]:
-    """`friction_force` for the modes that stand in the block."""
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    count = 0 if external == internal else int(S[at.COUNT])
-    turn_modes(S, at.ROW, at.STRIDE, at.FRAME, n, c, at.modes(n), count, modes_offset(o, n, c, count))
-    return friction_force(S, o, n, c, count, external, internal, coulomb, RESTARTS, int(S[at.LIMITS]), series)
+@kernel
+def stays(grasp: GraspState, problem: FrictionProblem) -> bool:
+    """Tell whether the elastic force and all the damping lie in the cones; their sum becomes the problem's force."""
+    bilateral(grasp, False, True)
+    inside = True
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        contact.force = in_frame(grasp, finger, finger.local) + contact.base_force
+        inside = inside and is_inside_cone(grasp, finger, contact.force)
+    return inside
 
 
-def pose_problem(S: Any, o: int, touching: bool) -> None:
-    """Weights, coefficients and which fingers are held at no force, for the problem at o."""
-    n = int(S[at.FINGERS])
-    for i in range(n):
-        r = at.ROW + i * at.STRIDE
-        S[o + i] = S[r + at.WEIGHT]
-        S[o + n + i] = S[r + at.COEFFICIENT]
-        held = S[r + at.WEIGHT] == 0.0 or (touching and S[r + at.TOUCHING] == 0.0)
-        S[o + 2 * n + i] = -1.0 if held else 0.0
+@kernel
+def force_of_modes(grasp: GraspState, problem: FrictionProblem, gains: Gains, coulomb: bool) -> Answer:
+    """Find the forces of a problem for gains that are numbers."""
+    count = 0 if gains.external == gains.internal else grasp.mode_count
+    turn_modes(grasp.fingers.part(FingerState.frame), grasp.modes, problem, grasp.coordinates, count)
+    return friction_force(problem, grasp.coordinates, gains, coulomb, RESTARTS)
 
 
-def sticks(S: Any, q: int) -> bool:
-    """Whether all contact forces at q lie inside their cones and limits."""
-    n = int(S[at.FINGERS])
-    c = int(S[at.COORDINATES])
-    for i in range(n):
-        r = q + i * c
-        along = 0.0
-        for a in range(1, c):
-            along += S[r + a] * S[r + a]
-        if not S[r] > NOTHING or math.sqrt(along) > S[at.ROW + i * at.STRIDE + at.COEFFICIENT] * S[r]:
-            return False
-        if S[at.LIMITS] != 0.0 and force_size(S, r, c) > S[int(S[at.LIMITS]) + i]:
-            return False
-    return True
+@kernel
+def pose_problem(grasp: GraspState, problem: FrictionProblem, touching: bool) -> None:
+    """Write weights, coefficients, limits and which fingers have no force: with `touching` those that do not touch."""
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        contact.weight = finger.weight
+        contact.coefficient = finger.coefficient
+        free = finger.weight == 0.0 or (touching and not finger.touching)
+        contact.status = NO_FORCE if free else 0
+        if grasp.limited:
+            contact.limit = finger.cut
 
 
-def all_touch(S: Any) -> bool:
-    n = int(S[at.FINGERS])
+@kernel
+def pose_compliances(grasp: GraspState, problem: FrictionProblem) -> None:
+    """Write the compliances in series, where there are any, by the problem's elastic force f0."""
+    if not grasp.gradual:
+        return
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        contact.compliance = 0.0
+        if contact.status >= 0:
+            contact.compliance = compliance(grasp, finger, contact.base_force.x)
+
+
+@kernel
+def all_touch(grasp: GraspState) -> bool:
+    """Tell whether every finger touches."""
     count = 0
-    for i in range(n):
-        count += 1 if S[at.ROW + i * at.STRIDE + at.TOUCHING] != 0.0 else 0
-    return count == n
+    for finger in grasp.fingers:
+        count += 1 if finger.touching else 0
+    return count == grasp.count
 
 
-def made_symmetric(S: Any, square: int, lead: int, m: int) -> bool:
-    """Whether a square is symmetric but for rounding, which is taken out of it: the solver then has a convex problem.
+@kernel
+def made_symmetric(grasp: GraspState, square: Table) -> bool:
+    """Take rounding's skew part out of a square and tell whether there is no other: a convex problem for the solver.
 
     Numbers for gains make no other squares, though a damping of which one part is zero leaves a lot to rounding.
     """
+    m = grasp.count * grasp.coordinates
     largest = skew = 0.0
     for p in range(m):
         for q in range(p + 1):
-            largest = max(largest, abs(S[square + p * lead + q]))
-            skew = max(skew, abs(S[square + p * lead + q] - S[square + q * lead + p]))
-    if S[at.DENSE] != 0.0 and skew > SYMMETRIC * largest:
+            largest = max(largest, abs(square[p, q]))
+            skew = max(skew, abs(square[p, q] - square[q, p]))
+    if grasp.dense and skew > SYMMETRIC * largest:
         return False
     for p in range(m):
         for q in range(p):
-            mean = 0.5 * (S[square + p * lead + q] + S[square + q * lead + p])
-            S[square + p * lead + q] = S[square + q * lead + p] = mean
+            mean = 0.5 * (square[p, q] + square[q, p])
+            square[p, q] = square[q, p] = mean
     return True
 
 
-def raise_least(S: Any, square: int, m: int) -> None:
-    """Where D is singular, raises it by 1e-6 of its largest row: the law stays passive."""
-    if S[at.SINGULAR] == 0.0:
+@kernel
+def raise_least(grasp: GraspState, square: Table) -> None:
+    """Raise a singular D by 1e-6 of its largest row: the law stays passive."""
+    if not grasp.singular:
         return
     largest = 0.0
-    for p in range(m):
+    for p in range(square.columns):
         total = 0.0
-        for q in range(m):
-            total += abs(S[square + p * m + q])
+        for q in range(square.columns):
+            total += abs(square[p, q])
         largest = max(largest, total)
-    for p in range(m):
-        S[square + p * m + p] += LEAST * largest
+    for p in range(square.columns):
+        square[p, p] += LEAST * largest

@@ -9,12 +9,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.cones.complement import complement, release, settle
-from graspfx.cones.cone import SLIDE, STICK, contact_frame
-from graspfx.cones.friction import ASSOCIATED, LEAST, RESTARTS, UNRESOLVED, friction_force_square, problem_size
+from graspfx.compile.records import Floats, Table, numbers
+from graspfx.cones.complement import Contacts, complement, release, settle
+from graspfx.cones.cone import contact_frame
+from graspfx.cones.friction import ASSOCIATED, LEAST, RESTARTS, UNRESOLVED, friction_force_square
+from graspfx.cones.problem import SLIDE, STICK, ConeContact, problem_size, set_up
 from graspfx.errors import InputError
 from graspfx.grasp.contact import unit_normals
 from graspfx.numeric import SMALLEST, finite
+from graspfx.spatial import Vector
 
 FloatArray = NDArray[np.float64]
 Status = Literal["free", "stick", "slide"]
@@ -87,46 +90,46 @@ def unilateral_force(
     stick = isinstance(friction, str) and friction == "stick"
     mu = np.zeros(n) if friction is None or stick else coefficients(friction, n)
 
-    # One buffer: normal and frame per finger, the square, the vector, its diagonal, the displacement, marks, states.
-    frames, square = 3 * n, 3 * n + 9 * n
-    vector = square + m * m
-    diagonal, displaced, marks, state = (vector + k * m for k in range(1, 5))
-    block = np.zeros(state + n)
-    S = memoryview(block)
-    block[: 3 * n].reshape(n, 3)[:, :d] = n_
     F = np.zeros((m, m))
-    for i in range(n):
-        contact_frame(S, 3 * i, d, frames + 9 * i)
-        F[i * d : (i + 1) * d, i * d : (i + 1) * d] = block[frames + 9 * i : frames + 9 * i + 9].reshape(3, 3)[:d, :d]
+    for i, normal in enumerate(n_.tolist()):
+        frame = contact_frame(Vector(*normal, *([0.0] * (3 - d))), d)
+        F[i * d : (i + 1) * d, i * d : (i + 1) * d] = np.reshape(list(numbers(frame)), (3, 3))[:d, :d]
     K_f, e_f = F @ K @ F.T, F @ e
     if mu.any():
         raised = LEAST * values[-1] if values[0] < LEAST * values[-1] else 0.0
         force, status, left, law = slipping(K_f, raised, e_f, mu, d)
         return Touch(F.T @ force, status, left, law)
-    block[displaced:marks] = e_f
-
-    def attempt(back: bool) -> int:
-        block[square:vector] = K_f.ravel()
-        block[vector:diagonal] = K_f @ e_f
-        block[diagonal:displaced] = K_f.diagonal()
-        block[state:] = 1.0
-        if not stick:
-            block[marks:state] = np.arange(m) % d > 0
-            release(S, square, m, vector, m, m, marks, diagonal)
-        scale = float(np.abs(block[vector:diagonal]).max())
-        return complement(S, square, m, vector, m, n, d, stick, back, state, diagonal, scale)
-
-    unresolved = attempt(True)
-    if unresolved and stick:
-        unresolved = attempt(False)
+    f, unresolved = pushing(K_f, e_f, Contacts(n, d, stick))
     if unresolved:
         raise InputError("stiffness", K, "a matrix for which the contact forces are unique")
-    settle(S, square, m, vector, displaced, n, d, stick, state)
-    f = block[vector:diagonal].reshape(n, d)
     pushes = f[:, 0] > 0.0
     touching: Status = "stick" if stick else "slide"
     status = tuple(touching if p else "free" for p in pushes)
     return Touch(F.T @ f.ravel(), status, residual(K_f, e_f, f, stick), "stick" if stick else "frictionless")
+
+
+def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArray, bool]:
+    """Forces (n, d) in contact frames that only push, without friction, or held whole; and whether none was found."""
+    m = len(e)
+    square = np.zeros((m, m))
+    vector, diagonal, marks, state = np.zeros(m), K.diagonal().copy(), np.zeros(m), np.zeros(contacts.count)
+    M, q, D = Table(memoryview(square.ravel()), 0, m), Floats(memoryview(vector)), Floats(memoryview(diagonal))
+    engaged = Floats(memoryview(state))
+
+    def attempt(back: bool) -> int:
+        square[:] = K
+        vector[:] = K @ e
+        state[:] = 1.0
+        if not contacts.whole:
+            marks[:] = np.arange(m) % contacts.coordinates > 0
+            release(M, q, m, Floats(memoryview(marks)), D)
+        return complement(M, q, D, engaged, contacts, back, float(np.abs(vector).max()))
+
+    unresolved = attempt(True)
+    if unresolved and contacts.whole:
+        unresolved = attempt(False)
+    settle(M, q, Floats(memoryview(e)), engaged, contacts)
+    return vector.reshape(contacts.count, contacts.coordinates), bool(unresolved)
 
 
 def coefficients(friction: object, n: int) -> FloatArray:
@@ -143,22 +146,23 @@ def slipping(
 ) -> tuple[FloatArray, tuple[Status, ...], float, Law]:
     """Forces in contact frames with friction cones, their status, residual and law."""
     n, m = len(mu), len(e)
-    square = problem_size(n, d, m, True)
-    block = np.zeros(square + m * m)
-    block[n : 2 * n] = mu
-    block[3 * n : 3 * n + m] = e
-    block[square:] = (K + raised * np.eye(m)).ravel()
+    problem = set_up(memoryview(np.zeros(problem_size(n, m))), 0, n, m)
+    contacts = problem.contacts
+    contacts.array(ConeContact.coefficient)[:] = mu
+    contacts.array(ConeContact.displacement)[:, :d] = e.reshape(n, d)
+    square = Table(memoryview((K + raised * np.eye(m)).ravel()), 0, m)
     symmetric = bool(np.abs(K - K.T).max() <= 1e-13 * np.abs(K).max())
-    found, _, _ = friction_force_square(memoryview(block), 0, n, d, square, m, symmetric, True, RESTARTS)
-    if found == UNRESOLVED:
+    answer = friction_force_square(problem, d, square, symmetric, True, RESTARTS)
+    if answer.law == UNRESOLVED:
         raise InputError("stiffness", K, "a matrix for which the contact forces are unique")
-    f, s = block[3 * n + 2 * m : 3 * n + 4 * m].reshape(2, m)
+    f = contacts.array(ConeContact.force)[:, :d].ravel()
+    s = contacts.array(ConeContact.slip)[:, :d].ravel()
     names: dict[int, Status] = {STICK: "stick", SLIDE: "slide"}
-    status = tuple(names.get(int(k), "free") for k in block[2 * n : 3 * n])
+    status = tuple(names.get(int(k), "free") for k in contacts.array(ConeContact.status))
     gap = np.abs(K @ (e + s) - f).max()
     c = np.abs(K).max()
-    back = returned(f - c * s, mu, d, found == ASSOCIATED)
-    return f, status, float(max(gap, np.abs(back - f).max())), "associated" if found == ASSOCIATED else "coulomb"
+    back = returned(f - c * s, mu, d, answer.law == ASSOCIATED)
+    return f, status, float(max(gap, np.abs(back - f).max())), "associated" if answer.law == ASSOCIATED else "coulomb"
 
 
 def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatArray:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Record
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.numeric import SMALLEST, finite, number
 from graspfx.objects import integrators as at
@@ -56,9 +57,9 @@ class BlockBody:
             raise InputError("state", f"{d} dimensions", "a block written by fill_body")
         self._body = BodyState(state.data)  # a memoryview's items are Python floats, twice as fast as an array's
         motion = BodyState(state).motion
-        self.position, self.velocity = motion.entries(Motion.position)[:d], motion.entries(Motion.velocity)[:d]
-        self._quaternion = motion.entries(Motion.quaternion)
-        self._angular_velocity = motion.entries(Motion.angular_velocity)
+        self.position, self.velocity = motion.array(Motion.position)[:d], motion.array(Motion.velocity)[:d]
+        self._quaternion = motion.array(Motion.quaternion)
+        self._angular_velocity = motion.array(Motion.angular_velocity)
 
     @property
     def orientation(self) -> float | FloatArray | None:
@@ -76,14 +77,14 @@ class BlockBody:
 
 
 @kernel
-def advance(body: BodyState, beside: Any, T: float) -> int:
+def advance(body: BodyState, beside: Record, T: float) -> int:
     """Move a body that nothing is in the way of; what stands beside its block is not used."""
     at.step(body, T)
     return 0
 
 
 @kernel
-def expect(body: BodyState, beside: Any, T: float) -> None:
+def expect(body: BodyState, beside: Record, T: float) -> None:
     """Predict the motion of such a body under the implicit integrator without a wrench."""
     at.predict(body, T)
 
@@ -91,15 +92,15 @@ def expect(body: BodyState, beside: Any, T: float) -> None:
 class NativeBody(BlockBody):
     """A rigid body moved by the integrator that its block names.
 
-    A run may move it by its kernels: `stepping(S, o, F, T)`, 0 or a code, and `predicting(S, o, F, T)`, for the body
-    whose block starts at S[o] and what stands beside it in F, its `buffer`; S again where that is None.
+    A run may move it by its kernels: `stepping(S, o, F, f, T)`, 0 or a code, and `predicting(S, o, F, f, T)`, for the
+    body whose block starts at S[o] and what stands beside it at F[f], its `buffer`; S again where that is None.
 
     Args:
         state: (SIZE,) the block, filled by `fill_body`; kept and written in place.
     """
 
-    stepping = staticmethod(advance)
-    predicting = staticmethod(expect)
+    stepping: Callable[..., int] = staticmethod(advance)
+    predicting: Callable[..., None] = staticmethod(expect)
     buffer: FloatArray | None = None
     structure: tuple[int, ...] = ()  # entries of the buffer that never change and pick what the kernels do
 
@@ -192,9 +193,9 @@ def fill_body(
     body.rotational_viscosity = number(
         "rotational_viscosity", rotational_viscosity, "a finite number, zero or above [N m s/rad]"
     )
-    body.entries(BodyState.gravity)[:d] = _vector("gravity", gravity, d)
-    motion.entries(Motion.position)[:d] = _vector("position", position, d)
-    motion.entries(Motion.velocity)[:d] = _vector("velocity", velocity, d)
+    body.array(BodyState.gravity)[:d] = _vector("gravity", gravity, d)
+    motion.array(Motion.position)[:d] = _vector("position", position, d)
+    motion.array(Motion.velocity)[:d] = _vector("velocity", velocity, d)
     motion.quaternion = Quaternion(0.0, 0.0, 0.0, 1.0)
     if d == 1:
         for name, given in (("orientation", orientation), ("angular_velocity", angular_velocity)):
@@ -216,7 +217,7 @@ def fill_body(
         ("velocity", Motion.velocity, velocity, locked[:3]),
         ("angular_velocity", Motion.angular_velocity, angular_velocity, locked[3:]),
     ):
-        if motion.entries(field)[still].any():
+        if motion.array(field)[still].any():
             raise InputError(name, given, "zero where `free` is false")
     at.orient(body)
 

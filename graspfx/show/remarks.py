@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.cones.cone import SLIDE
+from graspfx.cones.problem import SLIDE
 from graspfx.coupling.fade import BAND
 
 if TYPE_CHECKING:

@@ -232,6 +232,18 @@ def test_a_record_of_unknown_kinds_is_refused() -> None:
         size_of(Bad)
 
 
+@kernel
+def other_kind(grasp: Grasp) -> float:
+    """See the first finger's entries through a record of its own, and a table's width."""
+    finger = Finger(grasp.buffer, grasp.fingers.offset)
+    return finger.position.x + angle_matrix(finger.position.y).xy
+
+
+def test_a_view_at_an_offset_and_functions_of_math_in_what_is_written_out() -> None:
+    S = block(1)
+    assert other_kind(Grasp(S)) == written(other_kind)(Grasp(S))
+
+
 class Ring(Record):
     length: int
     values: Floats = floats("length")
@@ -271,12 +283,43 @@ def test_records_of_varying_size_stand_as_far_apart_as_their_owner_says() -> Non
 
 
 @kernel
-def other_kind(grasp: Grasp) -> float:
-    """See the first finger's entries through a record of its own, and a table's width."""
-    finger = Finger(grasp.buffer, grasp.fingers.offset)
-    return finger.position.x + angle_matrix(finger.position.y).xy
+def add_up(places: Many[Vector], rows: Table) -> Vector:
+    """Add up values of a group and tell how wide a table is."""
+    force = ZERO
+    for i, place in enumerate(places):
+        force += place + places[i]
+    return force * (rows[1, 1] * rows.columns)
 
 
-def test_a_view_at_an_offset_and_functions_of_math_in_what_is_written_out() -> None:
-    S = block(1)
-    assert other_kind(Grasp(S)) == written(other_kind)(Grasp(S))
+@dataclass(frozen=True, slots=True)
+class Counts:
+    rows: int
+    share: float
+
+
+@kernel
+def repeat(counts: Counts) -> float:
+    """Count up to a number of a value."""
+    total = 0.0
+    for _ in range(counts.rows):
+        total += counts.share
+    return total
+
+
+def test_groups_of_values_and_whole_numbers_of_values() -> None:
+    S = block(4, count=3)
+    grasp = Grasp(S)
+    places = grasp.fingers.part(Finger.position)
+    assert add_up(places, grasp.modes) == written(add_up)(places, grasp.modes)
+    assert places[1] == grasp.fingers[1].position
+    assert repeat(Counts(3, 0.5)) == written(repeat)(Counts(3, 0.5)) == 1.5
+
+
+def test_a_kernel_by_itself_is_compiled() -> None:
+    """Buffers, offsets and numbers go in flat."""
+    S = block(5, count=3)
+    table = Grasp(S).modes
+    places = Grasp(S).fingers.part(Finger.position)
+    run = compiled(add_up)
+    result = run(S, places.offset, places.stride, places.count, S, table.offset, table.columns)
+    assert Vector(*result) == add_up(places, table)

@@ -13,9 +13,8 @@ from graspfx.cones.friction import (
     RESTARTS,
     UNRESOLVED,
     friction_force,
-    friction_force_square,
-    problem_size,
 )
+from graspfx.cones.problem import ConeContact
 from tests.support.cone_problems import Problem
 
 RATIOS = [0.01, 0.1, 2.0, 100.0]  # kip/kep
@@ -65,17 +64,20 @@ def limit(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     assert answer(problem, False, cut=False) == ASSOCIATED or problem.mu[0] < 0.0
     longest = np.abs(problem.force).max() if problem.mu[0] >= 0.0 else np.abs(problem.K @ problem.e).max()
     limits = max(longest, 1e-3 * problem.size) * rng.uniform(0.1, 1.0, problem.n)
-    problem.S = np.concatenate([problem.S, limits])
+    set_limits(problem, limits)
     problem.unknowns[:] = 0.0
     return limits
 
 
+def set_limits(problem: Problem, limits: np.ndarray) -> None:
+    problem.cones.contacts.array(ConeContact.limit)[:] = limits
+
+
 def answer(problem: Problem, coulomb: bool, *, cut: bool = True) -> int:
-    where = len(problem.S) - problem.n if cut else 0
+    problem.cones.limited = cut
     law, _, _ = compiled(friction_force)(
-        problem.S, 0, problem.n, problem.d, problem.count, problem.external, problem.internal,
-        coulomb, RESTARTS, where, -1,
-    )  # fmt: skip
+        problem.block, 0, problem.d, problem.external, problem.internal, coulomb, RESTARTS
+    )
     return int(law)
 
 
@@ -104,15 +106,12 @@ def test_a_square_gives_the_same_as_the_modes(mu: float) -> None:
     rng = np.random.default_rng(7)
     for _ in range(40):
         problem, limits = random_problem(rng, 2.5, mu)
-        problem.S[: problem.n], problem.root = 1.0, np.ones(problem.m)
+        problem.root = np.ones(problem.m)
+        problem.pose()
+        set_limits(problem, limits)
         assert answer(problem, False) == ASSOCIATED
-        n, d, m = problem.n, problem.d, problem.m
-        size = problem_size(n, d, m, True)
-        S = np.concatenate([np.zeros(size), problem.K.ravel(), limits])
-        S[:n], S[n : 2 * n], S[3 * n : 3 * n + m] = 1.0, problem.mu, problem.e
-        law, _, _ = friction_force_square(memoryview(S), 0, n, d, size, m, True, False, 0, size + m * m)
+        law, force = problem.solve_square(False)
         assert law == ASSOCIATED
-        force = S[3 * n + 2 * m : 3 * n + 3 * m]
         np.testing.assert_allclose(force, problem.force, rtol=0.0, atol=1e-11 * problem.size)
 
 
@@ -126,11 +125,8 @@ def test_torsion_of_soft_fingers_is_cut_with_the_force(mu: float, coulomb: bool)
         n, d, m = 4, 4, 16
         problem.n, problem.d, problem.m, problem.root = n, d, m, np.ones(m)
         problem.Q = np.linalg.qr(rng.normal(size=(m, 6)))[0]
-        problem.e, problem.count = rng.normal(size=m) * 0.01, 6
-        size = problem_size(n, d, 6, False)
-        problem.S = np.zeros(size)
-        problem.S[:n], problem.S[n : 2 * n], problem.S[3 * n : 3 * n + m] = 1.0, mu, problem.e
-        problem.S[size - 6 * (1 + m) : size] = np.column_stack([np.ones(6), problem.Q.T]).ravel()
+        problem.e = rng.normal(size=m) * 0.01
+        problem.pose()
         limits = limit(problem, rng)
         law = answer(problem, coulomb)
         assert law != UNRESOLVED
@@ -145,13 +141,14 @@ def test_limits_that_do_not_bite_leave_every_bit(coulomb: bool) -> None:
     rng = np.random.default_rng(3)
     for _ in range(100):
         problem, _ = random_problem(rng, float(rng.choice(RATIOS)), float(rng.choice([0.0, 0.5, 1.5])))
-        problem.S[-problem.n :] = np.inf
-        start = problem.S.copy()
+        set_limits(problem, np.full(problem.n, np.inf))
+        start = problem.block.copy()
         assert answer(problem, coulomb, cut=False) != UNRESOLVED
-        whole = problem.S.copy()
-        problem.S[:] = start
+        whole = problem.block.copy()
+        problem.block[:] = start
         answer(problem, coulomb)
-        assert np.array_equal(problem.S, whole)
+        problem.cones.limited = False
+        assert np.array_equal(problem.block, whole)
 
 
 @pytest.mark.parametrize("ratio", [0.1, 10.0])
@@ -170,7 +167,8 @@ def test_the_cut_force_is_a_gradient(mu: float, ratio: float) -> None:
             along = 0.0
             for k in range(2000):
                 for node, weight in zip(nodes, weights, strict=True):
-                    problem.S[3 * problem.n : 3 * problem.n + problem.m] = a + (k + 0.5 + 0.5 * node) / 2000 * (b - a)
+                    here = a + (k + 0.5 + 0.5 * node) / 2000 * (b - a)
+                    problem.displacement[:] = here.reshape(problem.n, problem.d)
                     assert answer(problem, False, cut=cut) == ASSOCIATED
                     f = problem.force.reshape(problem.n, -1).copy()
                     if not cut:
@@ -184,7 +182,7 @@ def test_the_cut_force_is_a_gradient(mu: float, ratio: float) -> None:
     for _ in range(3):
         problem = Problem(rng, 3, 2, ratio, mu)
         limits = np.full(3, 0.3 * np.abs(problem.K @ problem.e).max())
-        problem.S = np.concatenate([problem.S, limits])
+        set_limits(problem, limits)
         corners = 0.01 * rng.normal(size=(3, problem.m))
         left.append(round_trip(problem, limits, corners, cut=True))
         if mu >= 0.0:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspfx.cones.friction import ASSOCIATED, friction_force, modes_offset, problem_size
+from graspfx.cones.friction import ASSOCIATED, friction_force
+from graspfx.cones.problem import ConeContact, Gains, ModePart, Unknown, problem_size, set_up
 
 
 def nearest(x: np.ndarray, mu: float, limit: float) -> np.ndarray:
@@ -38,14 +39,19 @@ def test_the_force_is_the_nearest_one_in_the_cut_cones_with_compliances_in_serie
             side = rng.normal(size=(n, d - 1))
             f0[:, 1:] = side * (rng.random(n) * mu * f0[:, 0] / np.linalg.norm(side, axis=1))[:, None]
         f0 *= np.minimum(1.0, 0.99 * limits / np.linalg.norm(f0, axis=1))[:, None]
-        o = 1 + 2 * n  # an offset of zero means no limits
-        S = np.zeros(o + problem_size(n, d, count, False))
-        S[1 : 1 + n], S[1 + n : o], S[o : o + n], S[o + n : o + 2 * n] = limits, C, w, mu
-        S[o + 3 * n : o + 3 * n + m], S[o + 3 * n + m : o + 3 * n + 2 * m] = e, f0.ravel()
-        S[modes_offset(o, n, d, count) :] = np.column_stack([np.ones(count), Q.T]).ravel()
-        law, _, _ = friction_force(memoryview(S), o, n, d, count, external, internal, False, 0, 1, 1 + n)
-        assert law == ASSOCIATED
-        f = S[o + 3 * n + 2 * m : o + 3 * n + 3 * m]
+        problem = set_up(memoryview(np.zeros(problem_size(n))), 0, n)
+        problem.limited = problem.compliant = True
+        problem.modes = count
+        contacts = problem.contacts
+        contacts.array(ConeContact.weight)[:], contacts.array(ConeContact.coefficient)[:] = w, mu
+        contacts.array(ConeContact.limit)[:], contacts.array(ConeContact.compliance)[:] = limits, C
+        contacts.array(ConeContact.displacement)[:, :d] = e.reshape(n, d)
+        contacts.array(ConeContact.base_force)[:, :d] = f0
+        problem.unknowns.array(Unknown.share)[:count] = 1.0
+        for i in range(n):
+            contacts[i].modes.array(ModePart.motion)[:count, :d] = Q[i * d : i * d + d].T
+        assert friction_force(problem, d, Gains(external, internal), False, 0).law == ASSOCIATED
+        f = contacts.array(ConeContact.force)[:, :d].ravel()
         root = np.sqrt(np.repeat(w, d))
         K = root[:, None] * (internal * np.eye(m) + (external - internal) * Q @ Q.T) * root
         x = e - (np.linalg.inv(K) + np.diag(np.repeat(C / w, d))) @ (f - f0.ravel())

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.compile.records import Many, Table
 from graspfx.cones.friction import (
     ASSOCIATED,
     COULOMB,
     RESTARTS,
     UNRESOLVED,
     friction_force,
-    friction_force_square,
-    modes_offset,
-    problem_size,
     turn_modes,
 )
+from graspfx.cones.problem import Answer, ConeContact, Gains, ModePart, Unknown, problem_size, set_up
+from graspfx.spatial import Matrix
 from tests.support.cone_problems import DEEP, Problem
 
 RATIOS = [0.01, 0.1, 2.0, 100.0, 1000.0]  # kip/kep; the geometric mean is 100 N/m
@@ -58,10 +58,10 @@ def test_conditions_hold_in_fifty_digits(ratio: float) -> None:
     for _ in range(25):
         problem = random_problem(rng, ratio, 5)
         for coulomb in (False, True):
-            law, residual, _ = problem.solve(coulomb)
-            assert law != UNRESOLVED
-            assert violation(problem, problem.force, law) <= 1e-13 * max(ratio, 1.0 / ratio) * problem.size
-            assert residual <= 1e-13 * max(ratio, 1.0 / ratio) * problem.size
+            answer = problem.solve(coulomb)
+            assert answer.law != UNRESOLVED
+            assert violation(problem, problem.force, answer.law) <= 1e-13 * max(ratio, 1.0 / ratio) * problem.size
+            assert answer.residual <= 1e-13 * max(ratio, 1.0 / ratio) * problem.size
 
 
 @pytest.mark.parametrize("ratio", RATIOS)
@@ -71,7 +71,8 @@ def test_no_failure_is_silent(ratio: float) -> None:
     fallen_back = 0
     for k in range(120):
         problem = random_problem(rng, ratio, 20)
-        law, residual, _ = problem.solve(k % 2 == 0)
+        answer = problem.solve(k % 2 == 0)
+        law, residual = answer.law, answer.residual
         assert law in ((COULOMB, ASSOCIATED) if k % 2 == 0 else (ASSOCIATED,))
         fallen_back += k % 2 == 0 and law == ASSOCIATED
         f, s, d = problem.force.reshape(-1, problem.d), problem.slip, problem.d
@@ -96,7 +97,7 @@ def test_associated_law_against_a_conic_solver(ratio: float) -> None:
         problem = Problem(
             rng, int(rng.integers(1, 9)), int(rng.integers(2, 4)), ratio, float(rng.choice([0.1, 0.5, 1.5]))
         )
-        assert problem.solve(False)[0] == ASSOCIATED
+        assert problem.solve(False).law == ASSOCIATED
         d, unit = problem.d, problem.size
         scale = np.ones(problem.m)
         scale[::d] = problem.mu
@@ -135,15 +136,15 @@ def test_large_coefficient_holds() -> None:
     rng = np.random.default_rng(8)
     for _ in range(20):
         problem = Problem(rng, 4, 3, 4.0, 1e6)
-        problem.vector(0).reshape(-1, 3)[:, 0] = 0.1
-        problem.e = problem.vector(0).copy()
+        problem.displacement[:, 0] = 0.1
+        problem.e = problem.displacement.ravel()
         held = problem.K @ problem.e
         if (held.reshape(-1, 3)[:, 0] <= 1e-5).any():
             continue
-        assert problem.solve(True)[0] == COULOMB
+        assert problem.solve(True).law == COULOMB
         np.testing.assert_allclose(problem.force, held, rtol=1e-13, atol=1e-14)
         assert not problem.slip.any()
-        assert problem.S[2 * 4 : 3 * 4].tolist() == [1.0] * 4
+        assert problem.status.tolist() == [1.0] * 4
 
 
 @pytest.mark.parametrize(
@@ -152,12 +153,15 @@ def test_large_coefficient_holds() -> None:
 )
 def test_lone_finger_in_closed_form(coulomb: bool, expected: list[float], slip: list[float]) -> None:
     """k = 100 N/m, mu = 0.5, 1 mm in and 3 mm along: the trial force (0.1, 0.3) N scaled back, or projected."""
-    S = np.zeros(problem_size(1, 2, 0, False))
-    S[:5] = [1.0, 0.5, 0.0, 0.001, 0.003]
-    law, residual, _ = friction_force(memoryview(S), 0, 1, 2, 0, 100.0, 100.0, coulomb, RESTARTS)
-    assert law == (COULOMB if coulomb else ASSOCIATED)
-    np.testing.assert_allclose(S[7:11], [*expected, *slip], rtol=1e-14, atol=1e-18)
-    assert residual == 0.0
+    problem = set_up(memoryview(np.zeros(problem_size(1))), 0, 1)
+    contacts = problem.contacts
+    contacts[0].weight, contacts[0].coefficient = 1.0, 0.5
+    contacts.array(ConeContact.displacement)[0, :2] = 0.001, 0.003
+    answer = friction_force(problem, 2, Gains(100.0, 100.0), coulomb, RESTARTS)
+    assert answer.law == (COULOMB if coulomb else ASSOCIATED)
+    result = np.concatenate([contacts.array(field)[0, :2] for field in (ConeContact.force, ConeContact.slip)])
+    np.testing.assert_allclose(result, [*expected, *slip], rtol=1e-14, atol=1e-18)
+    assert answer.residual == 0.0
 
 
 @pytest.mark.parametrize("ratio", [0.01, 4.0, 1000.0])
@@ -169,7 +173,7 @@ def test_elastic_projection_is_passive(ratio: float) -> None:
         problem.solve(False)
         f, e = problem.force.copy(), problem.e
         other = e + rng.normal(size=e.size) * DEEP * 10.0 ** rng.uniform(-4, 0)
-        problem.vector(0)[:] = other
+        problem.displacement[:] = other.reshape(problem.n, problem.d)
         problem.solve(False)
         df, de = f - problem.force, e - other
         rounding = 1e-12 * max(1.0, ratio, 1 / ratio) * problem.size * float(np.abs(de).max())
@@ -183,18 +187,17 @@ def test_added_damping_is_passive_and_stays_in_the_cone(ratio: float) -> None:
     for _ in range(20):
         problem = random_problem(rng, ratio, 6)
         n, d = problem.n, problem.d
-        f0 = problem.vector(1).reshape(n, d)
+        f0 = problem.base_force
         f0[:, 0] = rng.uniform(0.0, 2.0, n) * (rng.random(n) < 0.7)
         if d > 1:
             f0[:, 1] = rng.uniform(-1.0, 1.0, n) * problem.mu * f0[:, 0]
-        problem.S[2 * n : 3 * n] = np.where(f0[:, 0] > 0.0, 0.0, -1.0)
-        law, _, _ = problem.solve(False)
-        assert law == ASSOCIATED
+        problem.status[:] = np.where(f0[:, 0] > 0.0, 0.0, -1.0)
+        assert problem.solve(False).law == ASSOCIATED
         f = problem.force.reshape(n, d)
         assert not f[f0[:, 0] == 0.0].any()
         assert (np.linalg.norm(f[:, 1:], axis=1) <= problem.mu * f[:, 0] * (1 + 1e-15) + 1e-300).all()
-        assert (problem.force - problem.vector(1)) @ problem.e >= -1e-14 * problem.size * DEEP
-        law_of_motion = problem.vector(1) + problem.K @ (problem.e + problem.slip) - problem.force
+        assert (problem.force - f0.ravel()) @ problem.e >= -1e-14 * problem.size * DEEP
+        law_of_motion = f0.ravel() + problem.K @ (problem.e + problem.slip) - problem.force
         assert np.abs(law_of_motion).max() <= 1e-13 * max(ratio, 1 / ratio) * (problem.size + 2.0)
 
 
@@ -206,7 +209,7 @@ def test_warm_start_changes_nothing(coulomb: bool) -> None:
         problem = random_problem(rng, 4.0, 6)
         problem.solve(coulomb)
         cold = problem.force.copy()
-        assert problem.solve(coulomb)[2] <= 2
+        assert problem.solve(coulomb).evaluations <= 2
         np.testing.assert_allclose(problem.force, cold, rtol=0.0, atol=1e-13 * problem.size)
         for far in (1e-4, 10.0):
             problem.unknowns[:] += far * problem.size * rng.normal(size=problem.count)
@@ -225,25 +228,20 @@ def test_square_gives_what_modes_give(ratio: float) -> None:
         n, d = int(rng.integers(1, 5)), int(rng.integers(1, 4))
         weights = rng.uniform(0.05, 1.0, n)
         problem = Problem(rng, n, d, ratio, rng.uniform(0.0, 1.0, n), weights)
-        m = n * d
-        square = problem_size(n, d, m, True)
-        S = np.zeros(square + m * m)
-        S[: 3 * n + m] = problem.S[: 3 * n + m]
-        S[square:] = problem.K.ravel()
-        assert problem.solve(False)[0] == ASSOCIATED
-        law, _, _ = friction_force_square(memoryview(S), 0, n, d, square, m, True, False, 0)
+        assert problem.solve(False).law == ASSOCIATED
+        law, force = problem.solve_square(False)
         assert law == ASSOCIATED
         bound = 1e-13 * max(ratio, 1 / ratio) * problem.size
-        np.testing.assert_allclose(S[3 * n + 2 * m : 3 * n + 3 * m], problem.force, rtol=0.0, atol=bound)
+        np.testing.assert_allclose(force, problem.force, rtol=0.0, atol=bound)
 
     problem = Problem(rng, 3, 3, ratio, 0.5)
-    problem.S[1] = 0.0
-    modes = problem.S[modes_offset(0, 3, 3, problem.count) :].reshape(problem.count, 10)
-    modes[:, 4:7] = 0.0
-    modes[:, 1:] = np.linalg.qr(modes[:, 1:].T)[0].T
-    assert problem.solve(True)[0] == COULOMB
+    problem.root[3:6] = 0.0
+    problem.Q[3:6] = 0.0
+    problem.Q = np.linalg.qr(problem.Q)[0]
+    problem.pose()
+    assert problem.solve(True).law == COULOMB
     assert problem.force[3:6].tolist() == [0.0] * 3
-    assert problem.S[2 * 3 + 1] == 0.0
+    assert problem.status[1] == 0.0
 
 
 @pytest.mark.parametrize(("external", "internal"), [(0.0, 100.0), (100.0, 0.0), (1e8, 1e-3)])
@@ -253,23 +251,22 @@ def test_singular_gains_are_raised(external: float, internal: float) -> None:
     for _ in range(10):
         problem = random_problem(rng, 1.0, 6)
         problem.external, problem.internal = external, internal
-        law, _, _ = problem.solve(False)
-        assert law == ASSOCIATED
+        assert problem.solve(False).law == ASSOCIATED
         miss = np.abs(problem.K @ (problem.e + problem.slip) - problem.force).max()
         assert miss <= 1e-3 * problem.size
     problem.external = problem.internal = 0.0
-    assert problem.solve(True) == (COULOMB, 0.0, 0)
+    assert problem.solve(True) == Answer(COULOMB, 0.0, 0)
     assert not problem.force.any()
-    problem.vector(1)[0] = 1.0
+    problem.base_force[0, 0] = 1.0
     problem.solve(False)
-    assert problem.force.tolist() == problem.vector(1).tolist()
+    assert problem.force.tolist() == problem.base_force.ravel().tolist()
 
 
 def test_not_finite_is_no_force() -> None:
     """A displacement that is NaN ends unresolved with zero forces, not with an exception."""
     problem = Problem(np.random.default_rng(0), 3, 3, 4.0, 0.5)
-    problem.vector(0)[4] = np.nan
-    assert problem.solve(True)[0] == UNRESOLVED
+    problem.displacement[1, 1] = np.nan
+    assert problem.solve(True).law == UNRESOLVED
     assert not problem.force.any()
     assert not problem.slip.any()
 
@@ -280,12 +277,15 @@ def test_modes_in_contact_frames() -> None:
     n, d, k = 3, 2, 2
     frames = [np.block([[np.linalg.qr(rng.normal(size=(2, 2)))[0], np.zeros((2, 1))]]) for _ in range(n)]
     modes = rng.normal(size=(k, 1 + 3 * n))
-    S = np.zeros(n * 9 + modes.size + k * (1 + n * d))
-    for i in range(n):
-        S[9 * i : 9 * i + 6] = frames[i].ravel()
-    S[9 * n : 9 * n + modes.size] = modes.ravel()
-    turn_modes(memoryview(S), 0, 9, 0, n, d, 9 * n, k, 9 * n + modes.size)
-    out = S[9 * n + modes.size :].reshape(k, 1 + n * d)
-    for row, mode in zip(out, modes, strict=True):
-        expected = np.concatenate([frames[i] @ mode[1 + 3 * i : 4 + 3 * i] for i in range(n)])
-        np.testing.assert_allclose(row, [mode[0], *expected], rtol=0.0, atol=1e-15)
+    rows = np.zeros((n, 9))
+    rows[:, :6] = [frame.ravel() for frame in frames]
+    problem = set_up(memoryview(np.zeros(problem_size(n))), 0, n)
+    motions = Table(memoryview(modes.ravel()), 0, 1 + 3 * n)
+    turn_modes(Many(Matrix, memoryview(rows.ravel()), 0, n), motions, problem, d, k)
+    assert problem.modes == k
+    np.testing.assert_array_equal(problem.unknowns.array(Unknown.share)[:k], modes[:, 0])
+    for j, mode in enumerate(modes):
+        for i in range(n):
+            part = problem.contacts[i].modes.array(ModePart.motion)[j]
+            np.testing.assert_allclose(part[:d], frames[i] @ mode[1 + 3 * i : 4 + 3 * i], rtol=0.0, atol=1e-15)
+            assert not part[d:].any()

@@ -10,7 +10,9 @@ import pytest
 import graspfx as gx
 from graspfx.certificate.plan import plan
 from graspfx.compile.machine import compiled
-from graspfx.cones.cone import jacobian_of_modes, jacobian_of_square
+from graspfx.cones.mode_equations import jacobian_of_modes
+from graspfx.cones.problem import ConeContact, problem_size, set_up
+from graspfx.cones.square_equations import jacobian_of_square
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
@@ -226,25 +228,32 @@ def test_implicit_force_and_torsion_are_solved_with_the_objects_motion(kip: floa
 
 
 def test_kernels_with_torsion_compile_to_the_same_bits() -> None:
-    """Four coordinates a finger, 200 random buffers: the return map with both Jacobians, and the modes."""
+    """Four coordinates a finger, 200 random blocks: the return map with both Jacobians, and the modes."""
     rng = np.random.default_rng(8)
-    n, c, count, square, size = 3, 4, 6, 400, 12
+    n, c, count, size = 3, 4, 6, 12
+    square = problem_size(n, size)
     twins = {kernel: compiled(kernel) for kernel in (jacobian_of_modes, jacobian_of_square, rigid_modes)}
     for k in range(200):
-        S = rng.normal(size=900)
-        S[: 2 * n], S[2 * n : 3 * n] = rng.uniform(0.2, 1.5, size=2 * n), 0.0
-        S[880 : 880 + n] = rng.uniform(0.0, 0.1, size=n)  # compliances in series, in every other four
-        theta, series = float(k % 2), (-1, 880)[k // 4 % 2]
+        S = rng.normal(size=square + size * size)
+        problem = set_up(S, 0, n, size)
+        contacts = problem.contacts
+        contacts.array(ConeContact.weight)[:] = rng.uniform(0.2, 1.5, size=n)
+        contacts.array(ConeContact.coefficient)[:] = rng.uniform(0.2, 1.5, size=n)
+        contacts.array(ConeContact.status)[:] = 0.0
+        contacts.array(ConeContact.compliance)[:] = rng.uniform(0.0, 0.1, size=n)
+        problem.limited, problem.compliant = False, k // 4 % 2 == 1
+        theta = float(k % 2)
         calls: dict[Any, tuple[Any, ...]] = {
-            jacobian_of_modes: (0, n, c, count, *((40.0, 160.0), (160.0, 40.0))[k // 2 % 2], theta, 0, series),
-            jacobian_of_square: (0, n, c, 160.0, square, size, theta, 0),
+            jacobian_of_modes: (0, c, count, *((40.0, 160.0), (160.0, 40.0))[k // 2 % 2], theta),
+            jacobian_of_square: (0, c, 160.0, S, square, size, theta),
             rigid_modes: (0, 12, 0, 3, n, 3, 60, 3, 3, 0.1, 0.2, 100, 4, 7),
         }
         for kernel, arguments in calls.items():
             a, b = S.copy(), S.copy()
+            one, other = ([x if entry is S else entry for entry in arguments] for x in (memoryview(a), b))
             if kernel is rigid_modes:
                 a[3:36:12] = b[3:36:12] = np.abs(a[3:36:12])
-            told, found = kernel(memoryview(a), *arguments), twins[kernel](b, *arguments)  # type: ignore[call-arg]
+            told, found = kernel(memoryview(a), *one), twins[kernel](b, *other)  # type: ignore[call-arg]
             assert told == found and np.array_equal(a, b)
 
 

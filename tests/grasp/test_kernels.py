@@ -6,9 +6,11 @@ import mpmath
 import numpy as np
 import pytest
 
+from graspfx.compile.records import Floats, Table, numbers
 from graspfx.cones.complement import pivot
 from graspfx.cones.cone import contact_frame
 from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
+from graspfx.spatial import Vector
 
 STRIDE = 4  # a point and a weight
 
@@ -121,27 +123,25 @@ def test_contact_frame_is_orthonormal_for_every_normal() -> None:
     rng = np.random.default_rng(4)
     normals = np.vstack([np.eye(3), -np.eye(3), [[1e-9, 0, -1.0]], rng.normal(size=(50, 3))])
     for normal in normals / np.linalg.norm(normals, axis=1, keepdims=True):
-        S = np.concatenate([normal, np.zeros(9)])
-        contact_frame(S, 0, 3, 3)
-        F = S[3:].reshape(3, 3)
+        F = np.reshape(list(numbers(contact_frame(Vector(*normal.tolist()), 3))), (3, 3))
         np.testing.assert_allclose(F @ F.T, np.eye(3), atol=4e-16)
         np.testing.assert_array_equal(F[0], normal)
-    S = np.array([0.6, 0.8, 0.0] + [0.0] * 9)
-    contact_frame(S, 0, 2, 3)
-    assert S[3:9].tolist() == [0.6, 0.8, 0.0, -0.8, 0.6, 0.0]
+    flat = list(numbers(contact_frame(Vector(0.6, 0.8, 0.0), 2)))
+    assert flat == [0.6, 0.8, 0.0, -0.8, 0.6, 0.0, 0.0, 0.0, 1.0]
 
 
 def test_pivoting_twice_is_the_identity_and_once_exchanges() -> None:
     rng = np.random.default_rng(5)
     M, q = rng.normal(size=(4, 4)) + 4 * np.eye(4), rng.normal(size=4)
     S = np.concatenate([M.ravel(), q])
-    pivot(memoryview(S), 0, 4, 16, 4, 2)
+    square, vector = Table(memoryview(S), 0, 4), Floats(memoryview(S), 16)
+    pivot(square, vector, 2)
     x = rng.normal(size=4)
     y = q + M @ x
     exchanged_x, exchanged_y = x.copy(), y.copy()
     exchanged_x[2], exchanged_y[2] = y[2], x[2]
     np.testing.assert_allclose(S[16:] + S[:16].reshape(4, 4) @ exchanged_x, exchanged_y, rtol=1e-12)
-    pivot(memoryview(S), 0, 4, 16, 4, 2)
+    pivot(square, vector, 2)
     np.testing.assert_allclose(S, np.concatenate([M.ravel(), q]), rtol=1e-12)
 
 

@@ -77,10 +77,10 @@ def test_everything_given_stands_where_it_belongs() -> None:
     assert (body.viscosity, body.rotational_viscosity, body.integrator) == (0.8, 3e-4, at.EXACT)
     assert (body.free_translation, body.free_rotation) == (Vector(1, 0, 1), Vector(0, 1, 1))
     assert (body.gravity, motion.position) == (Vector(0, 0, -9.81), Vector(1, 2, 3))
-    np.testing.assert_allclose(motion.entries(Motion.quaternion), [s, 0, 0, s], rtol=1e-15)
+    np.testing.assert_allclose(motion.array(Motion.quaternion), [s, 0, 0, s], rtol=1e-15)
     assert (motion.angle, motion.velocity, motion.angular_velocity) == (0.0, Vector(4, 0, 6), Vector(0, 8, 9))
     # a quarter turn about x takes y to z
-    np.testing.assert_allclose(motion.entries(Motion.rotation), [1, 0, 0, 0, 0, -1, 0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(motion.array(Motion.rotation), [1, 0, 0, 0, 0, -1, 0, 1, 0], atol=1e-15)
 
 
 def test_free_is_in_the_order_of_the_rows_of_G() -> None:

@@ -19,7 +19,7 @@ from graspfx.objects.floor.lowest import lowest, thin
 from graspfx.objects.floor.planes import MOST, FloorState
 from graspfx.objects.state import BodyState
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
-from graspfx.spatial import Vector
+from graspfx.spatial import Matrix, Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.surfaces.triangles.mesh import make_mesh
 
@@ -301,10 +301,10 @@ def test_a_mesh_rests_on_the_corners_of_its_hull() -> None:
 def test_of_many_points_near_a_plane_nine_are_kept() -> None:
     """The deepest, and the outermost in eight directions: of a ring of 40 with one deep point inside."""
     angles = 2.0 * np.pi * np.arange(40) / 40
-    block = FloorState(np.zeros(size_for(FloorState, plane_count=1, feature_count=41)))
+    block = FloorState(np.zeros(size_for(FloorState, plane_count=1, feature_count=41, problem_entries=0)))
     block.plane_count, block.feature_count = 1, 41
     contacts, [plane] = block.contacts, block.planes
-    plane.normal, plane.tangent, plane.second_tangent = Vector(0, 0, 1), Vector(1, 0, 0), Vector(0, 1, 0)
+    plane.frame = Matrix(0, 0, 1, 1, 0, 0, 0, 1, 0)
     for i, angle in enumerate(angles.tolist()):
         contacts[i].pair, contacts[i].arm = i, Vector(math.cos(angle), math.sin(angle), 0.0)
     contacts[40].pair, contacts[40].arm, contacts[40].gap = 40, Vector(0.1, 0.1, 0.0), -1.0

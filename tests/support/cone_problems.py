@@ -1,12 +1,15 @@
-"""One random problem of friction cones in a buffer of its own."""
+"""One random problem of friction cones in a block of its own."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from graspfx.cones.friction import RESTARTS, friction_force, modes_offset, problem_size
+from graspfx.compile.records import Table
+from graspfx.cones.friction import RESTARTS, friction_force, friction_force_square
+from graspfx.cones.problem import Answer, ConeContact, Gains, ModePart, Unknown, problem_size, set_up
 
 DEEP = 0.01  # size of random displacements [m]
 
@@ -27,7 +30,7 @@ def rigid_motions(rng: np.random.Generator, n: int, d: int) -> np.ndarray:
 
 
 class Problem:
-    """One problem in a buffer, with what an oracle needs to judge its answer."""
+    """One problem in a block, with what an oracle needs to judge its answer."""
 
     def __init__(
         self, rng: np.random.Generator, n: int, d: int, ratio: float, mu: float | np.ndarray, weights: object = 1.0
@@ -38,12 +41,22 @@ class Problem:
         self.mu = np.broadcast_to(np.asarray(mu, dtype=float), (n,))
         self.root = np.repeat(np.sqrt(np.broadcast_to(np.asarray(weights, dtype=float), (n,))), d)
         self.e = rng.normal(size=self.m) * DEEP
+        self.pose()
+
+    def pose(self) -> None:
+        """Put weights, coefficients, displacements and modes into a new block."""
         self.count = self.Q.shape[1]
-        self.S = np.zeros(problem_size(n, d, self.count, False))
-        self.S[:n] = self.root[::d] ** 2
-        self.S[n : 2 * n] = self.mu
-        self.S[3 * n : 3 * n + self.m] = self.e
-        self.S[modes_offset(0, n, d, self.count) :] = np.column_stack([np.ones(self.count), self.Q.T]).ravel()
+        self.block = np.zeros(problem_size(self.n))
+        self.cones = set_up(memoryview(self.block), 0, self.n)
+        self.cones.modes = self.count
+        contacts = self.cones.contacts
+        contacts.array(ConeContact.weight)[:] = self.root[:: self.d] ** 2
+        contacts.array(ConeContact.coefficient)[:] = self.mu
+        self.cones.unknowns.array(Unknown.share)[: self.count] = 1.0
+        for i in range(self.n):
+            for k in range(self.count):
+                contacts[i].modes.array(ModePart.motion)[k, : self.d] = self.Q[i * self.d : (i + 1) * self.d, k]
+        self.displacement[:] = self.e.reshape(self.n, self.d)
 
     @property
     def K(self) -> np.ndarray:
@@ -54,21 +67,46 @@ class Problem:
     def size(self) -> float:
         return max(self.external, self.internal) * float(np.abs(self.e).max())
 
-    def vector(self, k: int) -> np.ndarray:
-        return self.S[3 * self.n + k * self.m : 3 * self.n + (k + 1) * self.m]
+    def entries(self, field: Any) -> np.ndarray:
+        """A view of a field of all contacts, (n, d)."""
+        return self.cones.contacts.array(field)[:, : self.d]
+
+    @property
+    def displacement(self) -> np.ndarray:
+        return self.entries(ConeContact.displacement)
+
+    @property
+    def base_force(self) -> np.ndarray:
+        return self.entries(ConeContact.base_force)
 
     @property
     def force(self) -> np.ndarray:
-        return self.vector(2)
+        """A copy, (m,)."""
+        return self.entries(ConeContact.force).ravel()
 
     @property
     def slip(self) -> np.ndarray:
-        return self.vector(3)
+        """A copy, (m,)."""
+        return self.entries(ConeContact.slip).ravel()
+
+    @property
+    def status(self) -> np.ndarray:
+        return self.cones.contacts.array(ConeContact.status)
 
     @property
     def unknowns(self) -> np.ndarray:
-        return self.S[3 * self.n + 5 * self.m : 3 * self.n + 5 * self.m + self.count]
+        return self.cones.unknowns.array(Unknown.value)[: self.count]
 
-    def solve(self, coulomb: bool) -> tuple[int, float, int]:
-        S = memoryview(self.S)
-        return friction_force(S, 0, self.n, self.d, self.count, self.external, self.internal, coulomb, RESTARTS)
+    def solve(self, coulomb: bool) -> Answer:
+        return friction_force(self.cones, self.d, Gains(self.external, self.internal), coulomb, RESTARTS)
+
+    def solve_square(self, coulomb: bool, K: np.ndarray | None = None) -> tuple[int, np.ndarray]:
+        """The same problem with K as a square: the law of the answer and the force (m,)."""
+        square = set_up(memoryview(np.zeros(problem_size(self.n, self.m))), 0, self.n, self.m)
+        square.limited = self.cones.limited
+        for one, other in zip(square.contacts, self.cones.contacts, strict=True):
+            one.weight, one.coefficient, one.limit = 1.0, other.coefficient, other.limit
+            one.displacement, one.base_force = other.displacement, other.base_force
+        table = Table(memoryview((self.K if K is None else K).ravel()), 0, self.m)
+        answer = friction_force_square(square, self.d, table, True, coulomb, 0)
+        return answer.law, square.contacts.array(ConeContact.force)[:, : self.d].ravel()

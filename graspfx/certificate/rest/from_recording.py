@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from graspfx.certificate.rest.ground import Ground, bearers
 from graspfx.certificate.rest.place import Place, about, unforced
 from graspfx.certificate.rest.resting import Grip
-from graspfx.cones.cone import STICK
+from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording

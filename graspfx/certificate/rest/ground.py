@@ -68,7 +68,7 @@ def ground_under(scene: Scene, index: int, grip: Grip, *, lower: float = 0.0) ->
         contact = block.contacts[i]
         if contact.gap >= 0.0:
             continue
-        arm = contact.entries(PlaneContact.arm)
+        arm = contact.array(PlaneContact.arm)
         J = np.hstack([np.eye(3), -cross(arm)])[:d, grip.axes]
         share = contact.share * J.T @ J
         K += block.stiffness * share

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.certificate.rest.cone_edge import edge_directions, released
-from graspfx.cones.cone import SLIDE
+from graspfx.cones.problem import SLIDE
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import integrators as body

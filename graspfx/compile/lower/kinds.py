@@ -120,22 +120,20 @@ def variable(kind: Any, name: str) -> Lowered:
     return load(name)
 
 
-def number_kinds(kind: Any) -> Iterator[str]:
-    """List the kinds of the variables of a value, in their order; nothing for a buffer."""
+def labels_of(kind: Any) -> list[str]:
+    """Give what each of a parameter's variables is, in order: int, float or bool; nothing of a buffer."""
     kind, _ = optional(kind)
-    if kind in SCALARS:
-        yield kind.__name__
-    elif is_value(kind):
-        for part in parts_of(kind).values():
-            yield from number_kinds(part)
-    elif kind is Table:
-        yield from ("", "int", "int")
-    elif get_origin(kind) is Many:
-        yield from ("", "int", "int", "int")
-    elif kind is Floats or (isinstance(kind, type) and issubclass(kind, Record)):
-        yield from ("", "int")
-    else:
-        yield ""
+    if get_origin(kind) is tuple:
+        return [label for part in get_args(kind) for label in labels_of(part)]
+    if get_origin(kind) is Many:
+        return ["", "int", "int", "int"]
+    if kind is Table:
+        return ["", "int", "int"]
+    if kind is Floats or (isinstance(kind, type) and issubclass(kind, Record)):
+        return ["", "int"]
+    if is_value(kind):
+        return [label for part in parts_of(kind).values() for label in labels_of(part)]
+    return [kind.__name__ if kind in SCALARS else ""]
 
 
 def like(value: Lowered, name: str) -> Lowered:

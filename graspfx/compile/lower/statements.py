@@ -25,9 +25,9 @@ from graspfx.compile.lower.kinds import (
     Place,
     Span,
     expressions,
+    labels_of,
     like,
     load,
-    number_kinds,
     offsets,
     variable,
 )
@@ -38,7 +38,7 @@ class Body(Expressions):
     """One kernel while it is lowered."""
 
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
-        parameters: list[tuple[str, str]] = []
+        parameters: list[ast.arg] = []
         defaults: list[ast.expr] = []
         given = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
         for a in tree.args.args:
@@ -46,15 +46,17 @@ class Body(Expressions):
             frame.scope[a.arg] = value
             self.buffers += [value.buffer] if isinstance(value, Place | Span | Grid | Group) else []
             names = [part.id for part in expressions(value) if isinstance(part, ast.Name)]
-            parameters += zip(names, number_kinds(kinds[a.arg]), strict=True)
+            labels = labels_of(kinds[a.arg])
+            parameters += [
+                ast.arg(name, ast.Constant(label) if label else None) for name, label in zip(names, labels, strict=True)
+            ]
             if a.arg in given:
                 default = self.value(given[a.arg], frame)
                 if len(names) > 1 or not isinstance(default, ast.expr):
                     raise self.cannot(a, "has a default, which only a number can have")
                 defaults.append(default)
         body = self.block(tree.body, frame)
-        given_as = [ast.arg(name, ast.Constant(kind) if kind else None) for name, kind in parameters]
-        args = ast.arguments([], given_as, None, [], [], None, defaults)
+        args = ast.arguments([], parameters, None, [], [], None, defaults)
         node = ast.FunctionDef(name=tree.name, args=args, body=body, decorator_list=[], type_params=[])  # type: ignore[call-arg, unused-ignore] # type_params from Python 3.12 on
         return ast.fix_missing_locations(node)
 

@@ -162,7 +162,7 @@ class _Writer:
             for j, f in enumerate(held.fingers.tolist()):
                 found[f] = name, at.ROW + j * at.STRIDE
                 if held.grasped.limit is not None:
-                    self.limit_of[f] = name, at.device_limits(held.grasped.block) + j
+                    self.limit_of[f] = name, at.ROW + j * at.STRIDE + at.LIMIT
         return found
 
     def _latched(self, kind: int, index: int) -> str:
@@ -241,16 +241,16 @@ class _Writer:
         for mover in self.parts.movers:
             if isinstance(mover.body, NativeBody) and self.parts.objects[mover.objects[0]].grasped.implicit:
                 block, other = self._bodies_memory(mover)
-                yield f"{self.script.kernel(mover.body.predicting)}({block}, {at.BODY}, {other}, {T})"
+                yield f"{self.script.kernel(mover.body.predicting)}({block}, {at.BODY}, {other}, 0, {T})"
         for i, block in enumerate(self.blocks):
             number = next(number for number, mover in enumerate(self.parts.movers) if i in mover.objects)
             lost = under(f"code == {LOST}", [f"{self.own}[{STUCK + number}] = 1.0"])
-            lines = [f"code = {self.script.kernel(sample)}({block})"]
+            lines = [f"code = {self.script.kernel(sample)}({block}, 0)"]
             if self.parts.objects[i].grasped.limit is not None:  # what the object receives is what is displayed
                 lines = [
-                    f"code = {self.script.kernel(couple)}({block})",
-                    f"code = {self.script.kernel(limit)}({block}, code)",
-                    f"code = {self.script.kernel(conclude)}({block}, code)",
+                    f"code = {self.script.kernel(couple)}({block}, 0)",
+                    f"code = {self.script.kernel(limit)}({block}, 0, code)",
+                    f"code = {self.script.kernel(conclude)}({block}, 0, code)",
                 ]
             lines += under("code != 0", [self._latched(OBJECT_, i), *lost])
             if self.parts.observers:
@@ -264,7 +264,7 @@ class _Writer:
             first = (observer.met.ctypes.data - body.buffer.ctypes.data) // observer.met.itemsize
             _, floor = self._bodies_memory(self.parts.movers[mover])
             yield from copied(book, range(MET, MET + 6), floor, range(first, first + 6))
-        yield f"{self.script.kernel(watch)}({block}, {book}, {self.own}[{PERIOD}])"
+        yield f"{self.script.kernel(watch)}({block}, 0, {book}, 0, {self.own}[{PERIOD}])"
 
     def _bodies_memory(self, mover: Mover) -> tuple[str, str]:
         """The block that a native body is in, and its buffer beside it or the block again."""
@@ -300,7 +300,7 @@ class _Writer:
         return block, row + at.POSITION
 
     def _released(self) -> list[str]:
-        return [f"{self.script.kernel(let_go)}({block})" for block in self.blocks]
+        return [f"{self.script.kernel(let_go)}({block}, 0)" for block in self.blocks]
 
     # Display ------------------------------------------------------------------------------------------------------
 
@@ -364,7 +364,7 @@ class _Writer:
                 continue
             block, other = self._bodies_memory(mover)
             stuck = f"{self.own}[{STUCK + i}]"
-            step = f"{self.script.kernel(mover.body.stepping)}({block}, {at.BODY}, {other}, {self.own}[{PERIOD}])"
+            step = f"{self.script.kernel(mover.body.stepping)}({block}, {at.BODY}, {other}, 0, {self.own}[{PERIOD}])"
             failed = under("code != 0", [self._latched(MOVER, i), f"{stuck} = 1.0"])
             yield from under(f"{stuck} == 0.0", [f"code = {step}", *failed])
 

@@ -62,7 +62,7 @@ class Carried(BlockBody):
         super().__init__(state)
         d = self.dimensions
         own = BodyState(state)
-        free = np.append(own.entries(BodyState.free_translation), own.entries(BodyState.free_rotation)) != 0.0
+        free = np.append(own.array(BodyState.free_translation), own.array(BodyState.free_rotation)) != 0.0
         self.fixed = not free.any()
         self._turns = tuple(int(a) for a in range(3) if free[3 + a])
         self._start = (0.0, 0.0, 0.0, 1.0) if d == 2 else _numbers(own.motion, Motion.quaternion)
@@ -100,7 +100,7 @@ class Carried(BlockBody):
         part[:] = 0.0
         told = self._guest = GuestState(memoryview(part))
         told.by_spin = shaped  # the friction of PyBullet's contacts does not see a torque, but a velocity
-        told.entries(GuestState.free_translation)[:d] = free[:d]
+        told.array(GuestState.free_translation)[:d] = free[:d]
         told.free_rotation = Vector(*free[3:])
         told.turns, told.axis = len(self._turns), self._turns[0] if self._turns else 0
         told.moments, told.start = Vector(*moments), Quaternion(*self._start)
@@ -125,7 +125,7 @@ class Carried(BlockBody):
     @property
     def speed(self) -> float:
         """Of rotation, as it was read last [rad/s]."""
-        return float(np.linalg.norm(self._guest.entries(GuestState.spin)))
+        return float(np.linalg.norm(self._guest.array(GuestState.spin)))
 
     def _seen_moments(self) -> tuple[float, ...]:
         """The moments that PyBullet is given, so that the free rotations move as they should."""
@@ -320,7 +320,7 @@ def new_client() -> int:
 
 def _numbers(record: Record, field: Any) -> tuple[float, ...]:
     """Give the numbers of a field as PyBullet takes them."""
-    return tuple(record.entries(field).tolist())
+    return tuple(record.array(field).tolist())
 
 
 def pybullet() -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.records import numbers
 from graspfx.cones.cone import contact_frame
 from graspfx.errors import InputError
 from graspfx.objects import guest
@@ -17,6 +18,7 @@ from graspfx.objects.body import FloatArray
 from graspfx.objects.bullet.bullet import Carried, Carrier, new_client, pybullet
 from graspfx.objects.floor.floor import hull_points, plane_of
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
 # What PyBullet's contacts need to rest and to hold; found by measuring, see docs/explanation/worlds.md.
@@ -111,10 +113,8 @@ class BulletWorld(Carrier):
         normals = [plane_of(obstacle, place)[0] for place in places]
         boxes = [getattr(member.shape, "kind", None) == proxy.BOX for member in self._members]
         for normal, is_box in {(*n.tolist(), box): (n, box) for n, box in zip(normals, boxes, strict=True)}.values():
-            frame = np.zeros(9)
-            frame[:3] = normal
-            contact_frame(frame, 0, 3, 0)
-            n, first, second = frame.reshape(3, 3)
+            frame = contact_frame(Vector(*normal.tolist()), 3)
+            n, first, second = np.reshape(list(numbers(frame)), (3, 3))
             face, place = self._made("GEOM_PLANE", planeNormal=[0.0, 0.0, 1.0]), obstacle.position
             if is_box:
                 face, place = self._made("GEOM_BOX", halfExtents=[0.5 * SLAB] * 3), place - 0.5 * SLAB * n

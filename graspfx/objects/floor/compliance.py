@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Table
 from graspfx.objects.decay import coefficients
-from graspfx.objects.floor.planes import FloorState, direction
+from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.rotation import scaled, spin_of
 from graspfx.objects.state import EXACT, IMPLICIT, BodyState
 from graspfx.spatial import Vector, cross, orthogonalise, total
@@ -53,7 +53,7 @@ def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: T
         contact = floor.contacts[i]
         root = math.sqrt(contact.share)
         for a in range(d):
-            e = root * direction(floor.planes[contact.plane], a)
+            e = root * floor.planes[contact.plane].frame.row(a)
             shift = scaled(root_mobility * e, body.free_translation)
             turn = L.transposed_times(cross(contact.arm, e))
             k = 1 + i * d + a

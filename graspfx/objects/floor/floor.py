@@ -11,12 +11,13 @@ import numpy as np
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Many, size_for, size_of, start_of
 from graspfx.cones.cone import contact_frame
+from graspfx.cones.problem import choices, problem_size, set_up
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
 from graspfx.objects.floor import rest
 from graspfx.objects.floor.lowest import BALL, ELLIPSOID, NOTCH, RIM, lowest
-from graspfx.objects.floor.planes import SIDES, Feature, FloorState
+from graspfx.objects.floor.planes import MOST, SIDES, Feature, FloorState
 from graspfx.objects.state import BodyState
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
@@ -27,15 +28,14 @@ SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no 
 
 
 @kernel
-def advance(body: BodyState, beside: Any, T: float) -> int:
+def advance(body: BodyState, floor: FloorState, T: float) -> int:
     """Move the body on its planes by one sample; 1 if their forces did not settle, and then it has not moved."""
-    return 1 if rest.step_on_planes(body, FloorState(beside, 0), T) < 0 else 0
+    return 1 if rest.step_on_planes(body, floor, T) < 0 else 0
 
 
 @kernel
-def expect(body: BodyState, beside: Any, T: float) -> None:
+def expect(body: BodyState, floor: FloorState, T: float) -> None:
     """Predict the implicit integrator's motion without a wrench of the fingers, with the planes' last forces."""
-    floor = FloorState(beside, 0)
     at.predict(body, T)
     if floor.touching != 0:
         rest.predict_on_planes(body, floor, T)
@@ -57,7 +57,6 @@ class FloorBody(NativeBody):
 
     stepping = staticmethod(advance)
     predicting = staticmethod(expect)
-    structure = (start_of(FloorState, "plane_count"), start_of(FloorState, "feature_count"))
     buffer: FloatArray
 
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:
@@ -66,16 +65,18 @@ class FloorBody(NativeBody):
             raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", "use bullet")
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
-        self.buffer = np.zeros(size_for(FloorState, plane_count=len(planes), feature_count=len(points)))
+        sizes = {"plane_count": len(planes), "feature_count": len(points)}
+        room = problem_size(len(planes) * MOST + len(points))
+        self.buffer = np.zeros(size_for(FloorState, **sizes, problem_entries=room))
         floor = self._floor = FloorState(memoryview(self.buffer))
-        floor.plane_count, floor.feature_count = len(planes), len(points)
+        floor.plane_count, floor.feature_count, floor.problem_entries = len(planes), len(points), room
+        self.buffer[start_of(FloorState, "problem")] = problem = floor.problem_room.offset
+        set_up(self.buffer, problem, 0)
+        self.structure = (*(start_of(FloorState, name) for name in (*sizes, "problem")), *choices(problem))
         floor.stiffness, floor.friction, floor.reach = meeting.stiffness, meeting.friction, reach(points)
         floor.damping = 2.0 * math.sqrt(meeting.stiffness * self._body.mass)
         for plane, (normal, distance) in zip(floor.planes, planes, strict=True):
-            frame = np.zeros(9)
-            frame[:3] = normal
-            contact_frame(frame, 0, max(self.dimensions, 2), 0)
-            plane.normal, plane.tangent, plane.second_tangent = (Vector(*row) for row in frame.reshape(3, 3).tolist())
+            plane.frame = contact_frame(Vector(*normal.tolist()), max(self.dimensions, 2))
             plane.distance = distance
         first = floor.features.offset
         self.buffer[first : first + points.size] = points.ravel()
@@ -102,7 +103,7 @@ class FloorBody(NativeBody):
         Raises:
             GraspFXError: the contact forces did not settle.
         """
-        code = advance(self._body, self._floor.buffer, T)
+        code = advance(self._body, self._floor, T)
         if code:
             raise GraspFXError(self.fault_text(code))
 
@@ -116,7 +117,7 @@ class FloorBody(NativeBody):
             InputError: for another integrator than "implicit", whose step they would not describe.
         """
         super().free_motion(T)
-        expect(self._body, self._floor.buffer, T)
+        expect(self._body, self._floor, T)
 
 
 def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:

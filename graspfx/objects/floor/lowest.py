@@ -67,7 +67,7 @@ def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane
     contacts[chosen].pair = -1 - contacts[chosen].pair  # marked
     for side in range(SIDES):
         c, s = math.cos(2.0 * math.pi * side / SIDES), math.sin(2.0 * math.pi * side / SIDES)
-        outwards = c * plane.tangent + s * plane.second_tangent
+        outwards = c * plane.frame.second + s * plane.frame.third
         far = -math.inf
         for i in range(first, first + count):
             along = dot(contacts[i].arm, outwards)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from graspfx.compile.kernel import inline
-from graspfx.compile.records import Floats, Many, Record, Table, floats, many, table
+from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, table
+from graspfx.cones.problem import FrictionProblem
 from graspfx.objects.state import Motion
-from graspfx.spatial import Vector
+from graspfx.spatial import Matrix, Vector
 
 SIDES = 8  # fixed points of a rim, and directions in which a plane's contacts are chosen
 MOST = SIDES + 1  # contacts with one plane
 
 
 class FloorPlane(Record):
-    """A fixed plane: the unit normal towards the body, tangents, the distance from the origin along the normal."""
+    """A fixed plane."""
 
-    normal: Vector
-    tangent: Vector
-    second_tangent: Vector
-    distance: float  # [m]
+    frame: Matrix  # rows: the unit normal towards the body, then tangents
+    distance: float  # from the origin along the normal [m]
 
 
 class Feature(Record):
@@ -51,6 +49,8 @@ class FloorState(Record):
     damping: float  # b [N s/m]
     friction: float  # mu
     reach: float  # from the centre to the farthest point [m]
+    problem: Ref[FrictionProblem]  # of as many contacts as there can be
+    problem_entries: int
     touching: int  # contacts in the last sample
     associated: int  # samples in which no answer of Coulomb's law was found and the associated one stands
     force: Vector  # of the planes on the body in the last sample [N]
@@ -64,10 +64,4 @@ class FloorState(Record):
     memory: Table = table("plane_count * feature_count", "2")  # stretch of each pair's contact [m]
     contacts: Many[PlaneContact] = many("9 * plane_count + feature_count")  # before those of a plane are thinned out
     modes: Floats = floats("6 * (1 + 3 * (9 * plane_count + feature_count))")  # the columns of M^-1/2 G
-    problem: Floats = floats("(9 * plane_count + feature_count) * 36 + 90")  # of friction
-
-
-@inline
-def direction(plane: FloorPlane, a: int) -> Vector:
-    """Give the normal of a plane or one of its tangents."""
-    return plane.normal if a == 0 else (plane.tangent if a == 1 else plane.second_tangent)
+    problem_room: Floats = floats("problem_entries")

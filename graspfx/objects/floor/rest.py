@@ -19,12 +19,11 @@ import math
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Table
-from graspfx.cones.cone import FREE as APART
-from graspfx.cones.cone import modes_offset
 from graspfx.cones.friction import ASSOCIATED, UNRESOLVED, friction_force
+from graspfx.cones.problem import FREE, Gains
 from graspfx.objects.floor.compliance import contact_modes
 from graspfx.objects.floor.lowest import lowest, thin
-from graspfx.objects.floor.planes import FloorState, direction
+from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.integrators import predict, step
 from graspfx.objects.state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
 from graspfx.spatial import ZERO, Matrix, Vector, cross, dot, exponential, rotate
@@ -102,7 +101,7 @@ def meet(body: BodyState, floor: FloorState, T: float) -> int:
     count = 0
     touches = False
     for p, plane in enumerate(floor.planes):
-        n = plane.normal
+        n = plane.frame.first
         height = dot(n, motion.position) - plane.distance
         sink = dot(n, motion.velocity)
         if height + ahead * (sink - spin * floor.reach) > floor.reach + near:
@@ -127,7 +126,7 @@ def meet(body: BodyState, floor: FloorState, T: float) -> int:
         contact = contacts[i]
         velocity = point_velocity(motion, contact.arm)
         for a in range(1, body.dimensions):
-            contact.speed[a] = dot(direction(floor.planes[contact.plane], a), velocity)
+            contact.speed[a] = dot(floor.planes[contact.plane].frame.row(a), velocity)
     return count
 
 
@@ -139,47 +138,53 @@ def solve(body: BodyState, floor: FloorState, T: float, n: int) -> bool:
     gain = k * T + b
     modes = Table(floor.modes.buffer, floor.modes.offset, 1 + n * d)
     count, stiffest = contact_modes(body, floor, T, n, modes)
-    problem = floor.problem.offset
-    F = floor.problem
     least = 1.0 / (1.0 / gain + stiffest)
-    m = n * d
-    for i in range(n):
+    problem = floor.problem
+    problem.count = n
+    for i, cone in enumerate(problem.contacts):
         contact = floor.contacts[i]
-        F[i], F[n + i], F[2 * n + i] = contact.share, floor.friction, float(APART)
-        e = 3 * n + i * d
-        F[e] = -(k * contact.gap + b * contact.speed.x) / gain if contact.gap < 0.0 else -contact.gap / T
+        cone.weight, cone.coefficient, cone.status = contact.share, floor.friction, FREE
+        cone.displacement[0] = (
+            -(k * contact.gap + b * contact.speed.x) / gain if contact.gap < 0.0 else -contact.gap / T
+        )
         for a in range(1, d):
-            F[e + a] = -k * floor.memory[contact.pair, a - 1] / gain - contact.speed[a]
+            cone.displacement[a] = -k * floor.memory[contact.pair, a - 1] / gain - contact.speed[a]
         for a in range(d):
-            F[e + m + a] = 0.0
-    start = 3 * n + 5 * m
-    to = modes_offset(0, n, d, count)
+            cone.base_force[a] = 0.0
+    problem.modes = problem.started = count
     for j in range(count):
-        F[start + j] = floor.unknowns[j]
+        unknown = problem.unknowns[j]
+        unknown.value = floor.unknowns[j]
         kappa = 1.0 / (1.0 / gain + modes[j, 0])
-        F[to + j * (1 + m)] = (gain - kappa) / (gain - least) if gain > least else 1.0
-        for c in range(1, 1 + m):
-            F[to + j * (1 + m) + c] = modes[j, c]
-    law, _, _ = friction_force(floor.buffer, problem, n, d, count, least, gain, True, RESTARTS)
+        unknown.share = (gain - kappa) / (gain - least) if gain > least else 1.0
+        for i, cone in enumerate(problem.contacts):
+            for a in range(d):
+                cone.modes[j].motion[a] = modes[j, 1 + i * d + a]
+    law = friction_force(problem, d, Gains(least, gain), True, RESTARTS).law
     if law == UNRESOLVED:
         return False
     if law == ASSOCIATED:
         floor.associated += 1
     for j in range(6):
-        floor.unknowns[j] = F[start + j] if j < count else 0.0
+        floor.unknowns[j] = problem.unknowns[j].value if j < count else 0.0
+    take_forces(floor, d)
+    return True
+
+
+@kernel
+def take_forces(floor: FloorState, d: int) -> None:
+    """Add up the contacts' forces and their moments about the body's centre."""
     floor.force = floor.moment = ZERO
-    for i in range(n):
+    for i, cone in enumerate(floor.problem.contacts):
         contact = floor.contacts[i]
-        f = 3 * n + 2 * m + i * d
         force = ZERO
         for a in range(d):
-            force += F[f + a] * direction(floor.planes[contact.plane], a)
+            force += cone.force[a] * floor.planes[contact.plane].frame.row(a)
         floor.force += force
         floor.moment += cross(contact.arm, force)
-        contact.pressed = F[f] > 0.0
+        contact.pressed = cone.force.x > 0.0
         for a in range(1, d):
-            contact.slip[a] = F[f + m + a]
-    return True
+            contact.slip[a] = cone.slip[a]
 
 
 @kernel
@@ -191,7 +196,7 @@ def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
         if contact.pressed:
             velocity = point_velocity(body.motion, contact.arm)
             for a in range(1, body.dimensions):
-                u = dot(direction(floor.planes[contact.plane], a), velocity)
+                u = dot(floor.planes[contact.plane].frame.row(a), velocity)
                 contact.stretch[a] = floor.memory[contact.pair, a - 1] + T * (u - contact.slip[a])
     forget(floor)
     touching = 0

@@ -1,0 +1,32 @@
+"""Attached contacts: eq. (4) as it stands, no cone."""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import kernel
+from graspfx.coupling.assemble import coordinates_of, out_of_frame
+from graspfx.coupling.implicit import assemble_implicitly
+from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.state import GraspState
+
+
+@kernel
+def attached(grasp: GraspState) -> int:
+    """Compute bilateral forces, for the object's new state under the implicit integrator; give 0."""
+    apart = grasp.observed or grasp.limited
+    if apart:
+        attach(grasp, False)
+        keep_elastic(grasp)
+    if grasp.damped or not apart:
+        attach(grasp, grasp.damped)
+    return 0
+
+
+@kernel
+def attach(grasp: GraspState, damped: bool) -> None:
+    """Compute eq. (4) with or without its damping."""
+    if not grasp.implicit:
+        bilateral(grasp, True, damped)
+        return
+    assemble_implicitly(grasp, True, damped, False)
+    for i, finger in enumerate(grasp.fingers):
+        finger.local = out_of_frame(grasp, finger, coordinates_of(grasp, grasp.vector, i))

@@ -1,0 +1,96 @@
+"""Entries of a grasp's block by the names of fields: what never changes in a run, and what a recording asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.records import Record, entries_of, start_of
+from graspfx.cones.problem import choices
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.grasp.state import Freedom
+from graspfx.objects.state import BodyState, Motion
+from graspfx.surfaces.closed_form.proxy import MESH
+from graspfx.surfaces.triangles import tree
+
+Index = NDArray[np.intp]
+
+CHOICES = (
+    "count", "dimensions", "coordinates", "width", "unknowns", "components", "matrix_entries",
+    "equal", "dense", "damped", "singular", "attached", "stick", "fade", "at_contact", "implicit", "shape", "mixed",
+    "friction", "rays", "observed", "problem", "damping_problem", "gradual", "limited",
+    "stiffness_rule", "damping_rule", "axes_of_gains", "kep", "ked", "kip", "kid",
+)  # fmt: skip
+GAINS = ("external_stiffness", "external_damping", "internal_stiffness", "internal_damping")
+LACKING = ("coefficient", "patch", "radius")
+
+
+def structure_entries(grasp: GraspState) -> Index:
+    """List the entries that never change in a run and choose what is computed: counts, switches, offsets.
+
+    Values are not among them but for zeros that stay zero, gains, and what a finger lacks of friction, of a patch
+    and of a radius; and for weights of one that never fade.
+    """
+    S, fingers = grasp.buffer, grasp.fingers
+    fixed = entries_of(GraspState, *CHOICES)
+    fixed += entries_of(Freedom, "shifts", "turns", at=start_of(GraspState, "freedom"))
+    fixed += entries_of(
+        BodyState, "dimensions", "integrator", "free_translation", "free_rotation", at=start_of(GraspState, "body")
+    )
+    lacking = entries_of(GraspState, *GAINS)
+    for finger in fingers:
+        lacking += entries_of(FingerState, *LACKING, at=finger.offset)
+    fixed += [entry for entry in lacking if S[entry] == 0.0]
+    if not grasp.fade:
+        weights = [entry for finger in fingers for entry in entries_of(FingerState, "weight", at=finger.offset)]
+        fixed += [entry for entry in weights if S[entry] == 1.0]
+    if has_problems(grasp):
+        for problem in (grasp.problem, grasp.damping_problem):
+            fixed += [problem.offset, *choices(problem.offset)]  # the count too
+    if grasp.shape == MESH:
+        start = int(grasp.parameters.x)
+        fixed += entries_of(GraspState, "parameters")[:2]
+        fixed += [entry for finger in fingers for entry in entries_of(FingerState, "walk", at=finger.offset)]
+        fixed += range(start + tree.CLOSED, start + tree.RINGS + 1)
+    return np.array(sorted(fixed), dtype=np.intp)
+
+
+def has_problems(grasp: GraspState) -> bool:
+    """Tell whether friction problems stand in the block: else the second would stand where the first does."""
+    return grasp.problem.offset != grasp.damping_problem.offset
+
+
+def recorded_entries(grasp: GraspState) -> dict[str, Index]:
+    """Say which entries of the block hold what a recording asks for."""
+    d = grasp.dimensions
+    turns = {1: [], 2: [2], 3: [0, 1, 2]}[d]
+    motion = start_of(GraspState, "body") + start_of(BodyState, "motion")
+
+    def of(record: type[Record], name: str, at: int) -> Index:
+        return np.array(entries_of(record, name, at=at), dtype=np.intp)
+
+    def of_fingers(name: str) -> Index:
+        return np.array([entries_of(FingerState, name, at=finger.offset) for finger in grasp.fingers], dtype=np.intp)
+
+    body = start_of(GraspState, "body")
+    orientation = {1: of(Motion, "angle", motion)[:0], 2: of(Motion, "angle", motion)}
+    limits = {}
+    if grasp.limited:
+        limits = {"saturated": of_fingers("saturated")[:, 0], "law_force": of_fingers("law_force")[:, :d]}
+    return limits | {
+        "finger_position": of_fingers("position")[:, :d],
+        "finger_velocity": of_fingers("velocity")[:, :d],
+        "contact_position": of_fingers("contact_world")[:, :d],
+        "finger_force": of_fingers("force")[:, :d],
+        "finger_moment": of_fingers("moment"),
+        "touching": of_fingers("touching")[:, 0],
+        "status": of_fingers("status")[:, 0],
+        "gap": of_fingers("gap")[:, 0],
+        "position": of(Motion, "position", motion)[:d],
+        "velocity": of(Motion, "velocity", motion)[:d],
+        "orientation": orientation.get(d, of(Motion, "quaternion", motion)),
+        "angular_velocity": of(Motion, "angular_velocity", motion)[turns],
+        "law": of(GraspState, "law", 0),
+        "residual": of(GraspState, "residual", 0),
+        "wrench": np.concatenate([of(BodyState, "force", body)[:d], of(BodyState, "moment", body)[turns]]),
+    }

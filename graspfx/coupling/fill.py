@@ -1,0 +1,311 @@
+"""The block of a grasped object before its first sample: how long it is, and what stands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.compile.records import size_for, size_of, start_of
+from graspfx.cones.problem import MODES, problem_size, set_up
+from graspfx.coupling.fade import release_compliance
+from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
+from graspfx.coupling.rules import Rules
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.errors import InputError
+from graspfx.grasp.impedance import Coupling, per_finger
+from graspfx.grasp.rigid_modes import NO_ARM
+from graspfx.objects.integrators import IMPLICIT
+from graspfx.objects.state import BodyState
+from graspfx.surfaces.triangles import ball
+
+FloatArray = NDArray[np.float64]
+
+RULES = {"equal": ALONE, "literal": LITERAL, "symmetric": SYMMETRIC}
+AXES = {"object": OBJECT, "world": WORLD, "contact": CONTACT}
+BODY = start_of(GraspState, "body")
+EYE = np.eye(3).ravel()
+
+
+class Shape(Protocol):
+    """What the coupling needs of a shape: the number, the parameters and the data of its closest-point kernel."""
+
+    @property
+    def kind(self) -> int: ...
+
+    @property
+    def parameters(self) -> tuple[float, float, float]: ...
+
+    @property
+    def data(self) -> FloatArray | None: ...
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A coupling as `GraspedObject` is asked for it; its faults are raised here, before there is a block.
+
+    Attributes:
+        count: n.
+        dimensions: d.
+        law: the gains of eq. (4).
+        rules: how fingers touch.
+        shape: None only with attached contacts.
+        radius: of the balls that the fingertips are, (n,) [m].
+        limit: largest force of each finger, (n,) [N]; None for none at all.
+        body: the object's parameters and initial state.
+    """
+
+    count: int
+    dimensions: int
+    law: Coupling
+    rules: Rules
+    shape: Shape | None
+    radius: FloatArray
+    limit: FloatArray | None
+    body: FloatArray
+
+    def __post_init__(self) -> None:
+        rules, mu = self.rules, self.friction
+        if self.soft and self.dimensions != 3:
+            raise InputError(
+                "patch", rules.patch, "soft fingers in space only", "elsewhere a soft finger is a hard one"
+            )
+        if self.soft and self.matrices:
+            raise InputError("patch", rules.patch, "one number for each gain where fingers are soft")
+        if self.soft and not (rules.attached or rules.stick or mu[self.patch > 0.0].all()):
+            raise InputError("patch", rules.patch, "friction where a finger is soft", "without it there is no torsion")
+        if not 0.0 <= rules.damping_depth < np.inf:
+            raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
+        kep, kip = self.law.external.stiffness, self.law.internal.stiffness
+        if not (self.matrices or rules.attached or (kep and kip)):
+            raise InputError(
+                "stiffness", f"external {kep}, internal {kip} N/m", "both above zero",
+                "unilateral contact shares a push between them; attach the contacts to study a zero",
+            )  # fmt: skip
+        if self.soft and self.shape is None:
+            raise InputError("shape", None, "a shape", "soft fingers exert torsion about its normal")
+        if self.shape is None and not rules.attached:
+            raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
+
+    @property
+    def friction(self) -> FloatArray:
+        """The coefficients, (n,)."""
+        return np.broadcast_to(np.asarray(self.rules.friction, dtype=float), self.count)
+
+    @property
+    def patch(self) -> FloatArray:
+        """The lengths of the contact patches, (n,) [m]."""
+        return np.broadcast_to(np.asarray(self.rules.patch, dtype=float), self.count)
+
+    @property
+    def gains(self) -> list[float | FloatArray]:
+        """The gains kep, ked, kip and kid."""
+        return [gain for part in (self.law.external, self.law.internal) for gain in (part.stiffness, part.damping)]
+
+    @property
+    def matrices(self) -> bool:
+        """True if some gain is a matrix."""
+        return any(np.ndim(gain) for gain in self.gains)
+
+    @property
+    def soft(self) -> bool:
+        """True if some finger exerts torsion."""
+        return bool(np.any(self.patch))
+
+    @property
+    def slips(self) -> bool:
+        """True if some finger has a coefficient of friction."""
+        return bool(np.any(self.friction)) and not self.rules.attached
+
+    @property
+    def implicit(self) -> bool:
+        """True if forces and the object's displacement come from one system."""
+        return bool(BodyState(self.body).integrator == IMPLICIT)
+
+    @property
+    def damped(self) -> bool:
+        """True if some damping is not zero."""
+        return bool(np.any(self.gains[1]) or np.any(self.gains[3]))
+
+    @property
+    def gradual(self) -> bool:
+        """True if damping grows with depth."""
+        return self.rules.damping_depth > 0.0 and not self.rules.attached and self.damped
+
+    @property
+    def square(self) -> bool:
+        """True if the law is a matrix to its solvers."""
+        return self.matrices or self.implicit
+
+    @property
+    def rays(self) -> bool:
+        """True if cones are rays, so that six unknowns do; else there is principal pivoting without friction."""
+        return not (self.slips or self.rules.attached or self.rules.stick or self.square or self.law.equal)
+
+    @property
+    def problems(self) -> bool:
+        """True if forces come from friction problems: with a coefficient, along rays, in balls of limits."""
+        holds = self.rules.attached or (self.rules.stick and not self.slips)
+        balls = self.limit is not None and holds and not (self.square or self.law.equal)
+        return self.slips or self.rays or balls
+
+
+def new_block(grip: Grip, period: float) -> FloatArray:
+    """Build the block of a grasp: its state, its friction problems, its walks on a mesh and the mesh."""
+    n, d = grip.count, grip.dimensions
+    coordinates = 4 if grip.soft else d
+    free = np.concatenate([list_of(BodyState(grip.body).free_translation), list_of(BodyState(grip.body).free_rotation)])
+    squares = [per_finger(gain, n, d) for gain in grip.gains] if grip.matrices else []
+    sizes = {
+        "count": n,
+        "width": 4 if grip.soft else 3,
+        "coordinates": coordinates,
+        "unknowns": n * coordinates + (int((free != 0.0).sum()) if grip.implicit else 0),
+        "components": n * d if grip.matrices else 0,
+        "matrix_entries": sum(matrix.size for matrix in squares),
+    }
+    end = size_for(GraspState, **sizes)
+    room = n * coordinates if grip.square else MODES
+    problem = problem_size(n, room) if grip.problems else 0
+    data = None if grip.shape is None else grip.shape.data
+    walks = 0 if data is None else n * ball.STATE
+    block = np.zeros(end + 2 * problem + walks + (0 if data is None else data.size))
+    grasp = GraspState(block)
+    for name, size in sizes.items():
+        setattr(grasp, name, size)
+    grasp.dimensions, grasp.period = d, period
+    block[BODY : BODY + size_of(BodyState)] = grip.body
+    _fill_rules(grasp, grip)
+    _fill_freedom(grasp, free != 0.0)
+    _fill_gains(grasp, grip, squares)
+    _fill_fingers(grasp, grip)
+    for k, name in enumerate(("problem", "damping_problem")):
+        block[start_of(GraspState, name)] = end + k * problem
+        if grip.problems:
+            posed = set_up(block, end + k * problem, n, room)
+            posed.limited = grip.limit is not None and not grip.implicit
+            posed.compliant = grip.gradual and name == "damping_problem"
+    if grip.shape is not None:
+        grasp.shape = grip.shape.kind
+        block[_entries("parameters")] = grip.shape.parameters
+    if data is not None:
+        first = end + 2 * problem
+        block[_entries("parameters")][:] = 0.0
+        block[start_of(GraspState, "parameters")] = first + walks
+        block[start_of(GraspState, "parameters") + 1] = first
+        grasp.fingers.array(FingerState.walk)[:] = first + ball.STATE * np.arange(n)
+        block[first + walks :] = data
+    return block
+
+
+def _entries(name: str) -> slice:
+    first = start_of(GraspState, name)
+    return slice(first, first + 3)
+
+
+def list_of(value: object) -> list[float]:
+    """List the numbers of a vector."""
+    from graspfx.compile.records import numbers
+
+    return list(numbers(value))
+
+
+def _fill_rules(grasp: GraspState, grip: Grip) -> None:
+    rules = grip.rules
+    grasp.attached, grasp.stick, grasp.at_contact = rules.attached, rules.stick, rules.at_contact
+    grasp.friction, grasp.rays, grasp.implicit = grip.slips, grip.rays, grip.implicit
+    grasp.limited = grip.limit is not None
+    grasp.gradual, grasp.damping_depth = grip.gradual, rules.damping_depth
+    if rules.fade is not None and not rules.attached:
+        grasp.fade = True
+        grasp.fade_start, grasp.fade_end = rules.fade
+    grasp.arm_low, grasp.arm_high = rules.blend or (NO_ARM, NO_ARM)
+
+
+def _fill_freedom(grasp: GraspState, free: NDArray[np.bool_]) -> None:
+    d, freedom = grasp.dimensions, grasp.freedom
+    shifts, turns = int(free[:3].sum()), int(free[3:].sum())
+    freedom.shifts, freedom.turns = shifts, turns
+    for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
+        grasp.buffer[freedom.axes[k].offset : freedom.axes[k].offset + 3] = axis
+    # all or none of a kind is the same set of directions in any frame; the plane has one axis, which never turns
+    grasp.mixed = d > 1 and (shifts not in (0, d) or turns not in (0, 1 if d == 2 else 3))
+
+
+def _fill_gains(grasp: GraspState, grip: Grip, squares: Sequence[FloatArray]) -> None:
+    """Place kep, ked, kip and kid: numbers, or matrices for each finger or for all of them together."""
+    law, S = grip.law, grasp.buffer
+    grasp.equal, grasp.damped = law.equal, grip.damped
+    grasp.singular = any(_least(part.damping) == 0.0 for part in (law.external, law.internal))
+    if not squares:
+        kep, ked, kip, kid = (float(gain) for gain in grip.gains)
+        grasp.external_stiffness, grasp.external_damping = kep, ked
+        grasp.internal_stiffness, grasp.internal_damping = kip, kid
+        return
+    grasp.dense = True
+    o, first = grasp.matrices.offset, 0
+    for gain, matrix in zip((grasp.kep, grasp.ked, grasp.kip, grasp.kid), squares, strict=True):
+        gain.whole, gain.first = matrix.ndim == 2, first
+        S[o + first : o + first + matrix.size] = matrix.ravel()
+        first += matrix.size
+    grasp.stiffness_rule, grasp.damping_rule = RULES[law.rule("stiffness")], RULES[law.rule("damping")]
+    directed = any(np.ndim(gain) > 1 for gain in grip.gains)
+    grasp.axes_of_gains = AXES[grip.rules.axes] if grip.dimensions > 1 and directed else OBJECT
+    grasp.release = release_compliance(law, grip.count, grip.dimensions)
+    S[_entries("stiffest")] = [np.linalg.eigvalsh(squares[k]).max() for k in (2, 1, 3)]  # kip, ked, kid
+
+
+def _fill_fingers(grasp: GraspState, grip: Grip) -> None:
+    fingers = grasp.fingers
+    fingers.array(FingerState.share)[:] = 1.0 if grip.rules.share is None else grip.rules.share
+    fingers.array(FingerState.weight)[:] = fingers.array(FingerState.share)
+    fingers.array(FingerState.coefficient)[:] = grip.friction if grip.slips else 0.0
+    fingers.array(FingerState.patch)[:] = grip.patch
+    fingers.array(FingerState.face)[:] = -1.0
+    fingers.array(FingerState.frame)[:] = EYE
+    fingers.array(FingerState.anchor)[:] = list_of(grasp.body.motion.rotation)
+    fingers.array(FingerState.radius)[:] = grip.radius
+    fingers.array(FingerState.touching)[:] = grip.rules.attached
+    if grip.limit is not None:
+        fingers.array(FingerState.cut)[:] = np.inf
+        fingers.array(FingerState.limit)[:] = grip.limit
+
+
+def _least(gain: float | FloatArray) -> float:
+    """Give the least a gain does in any direction, zero to rounding as zero."""
+    values = np.linalg.eigvalsh(gain) if np.ndim(gain) > 1 else np.atleast_1d(gain)
+    return 0.0 if values.min() <= 1e-12 * values.max() else float(values.min())
+
+
+def body_array(fill_body: Callable[[FloatArray], None]) -> FloatArray:
+    """Give the object's parameters and initial state."""
+    state = np.zeros(size_of(BodyState))
+    fill_body(state)
+    return state
+
+
+def radii(value: ArrayLike, n: int) -> FloatArray:
+    """Give the radii of fingertips, (n,) [m].
+
+    Raises:
+        InputError: a radius that is no length.
+    """
+    lengths = np.asarray(value, dtype=float)
+    if lengths.shape not in ((), (n,)) or not (np.isfinite(lengths) & (lengths >= 0.0)).all():
+        raise InputError("radius", value, f"a finite length, zero or more, or {n} of them [m]")
+    return np.broadcast_to(lengths, (n,))
+
+
+def largest_forces(value: ArrayLike, n: int) -> FloatArray:
+    """Give the largest forces of fingers, (n,) [N].
+
+    Raises:
+        InputError: a limit that is no force.
+    """
+    limits = np.asarray(value, dtype=float)
+    if limits.shape not in ((), (n,)) or not (limits > 0.0).all():
+        raise InputError("limit", value, f"a force above zero, or {n} of them [N]", "inf where there is no limit")
+    return np.broadcast_to(limits, (n,))

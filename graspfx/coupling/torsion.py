@@ -1,0 +1,51 @@
+"""Torsion of soft fingers: rho theta about the normal, by which the object has turned since an anchor."""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import kernel
+from graspfx.coupling.state import FingerState, GraspState
+from graspfx.spatial import ZERO, cross, dot, with_torsion
+
+QUARTER = 2.0  # 4 cos^2 of half the angle, of a quarter turn
+
+
+@kernel
+def twist(grasp: GraspState, finger: FingerState) -> None:
+    """Compute a finger's torsion rho theta, its rate, and the direction a in which it acts on the object.
+
+    A fingertip does not turn: theta is minus the angle about the normal n of the object's rotation since its anchor, in
+    swing and twist: 2 atan2(v . n, w) of the quaternion (v, w). It changes by minus a . (turn), a = [w^2 n + w n x v +
+    (v . n) v] / (w^2 + (v . n)^2): torsion that acts along a is conservative; a = n as the paper's forces act at c.
+    """
+    if not finger.touching:
+        set_anchor(grasp, finger, finger.retained.t)
+    motion = grasp.motion
+    v = ZERO  # 4 w v of the quaternion
+    w = 1.0  # 4 w^2
+    for k in range(3):
+        v += cross(motion.rotation.row(k), finger.anchor.row(k))
+        w += dot(finger.anchor.row(k), motion.rotation.row(k))
+    n = finger.normal
+    along = dot(v, n)
+    theta = 2.0 * finger.patch * math.atan2(along, w)
+    finger.displacement = with_torsion(finger.displacement.vector, finger.torsion_at_anchor - theta)
+    axis = n
+    length = w * w + along * along
+    if not grasp.at_contact and length > 0.0:
+        axis = (w * w * n + w * cross(n, v) + along * v) / length
+    finger.twist_axis = axis
+    if grasp.damped:
+        rate = dot(axis, motion.rotation.transpose @ motion.angular_velocity)
+        finger.rate = with_torsion(finger.rate.vector, -finger.patch * rate)
+    if w < QUARTER:  # long before half a turn, where the angle would jump
+        set_anchor(grasp, finger, finger.displacement.t)
+
+
+@kernel
+def set_anchor(grasp: GraspState, finger: FingerState, torsion: float) -> None:
+    """Count the torsion of a finger from the object's rotation now, where it is `torsion` [m]."""
+    motion = grasp.motion
+    finger.anchor = motion.rotation
+    finger.torsion_at_anchor = torsion
