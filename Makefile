@@ -3,16 +3,20 @@
 
 VENV ?= .venv
 OUT ?= out
+WORKERS ?= auto
 PYTHON ?= $(shell for name in python3.11 python3 python3.12 python3.13; do \
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 UV := $(shell command -v uv 2>/dev/null)
 BIN := $(VENV)/bin
 INTERPRETER := $(BIN)/python
+PYTEST := env -u PYTHONDONTWRITEBYTECODE $(INTERPRETER) -m pytest
+TOGETHER := $(PYTEST) --numprocesses $(WORKERS) --dist worksteal --benchmark-disable
+UNASKED := alone or large or stress or faults
 RUN_READY := $(VENV)/.ready-to-run
 WORK_READY := $(VENV)/.ready-to-work
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test lint types contracts clean
+.PHONY: help demo pictures map fast test durations coverage lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -28,9 +32,26 @@ pictures: $(RUN_READY) ## draw every scene of the shelf anew, as docs/scenes.md 
 			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \
 				--overwrite --out "docs/pictures/scenes/$$name.png" </dev/null || exit 1; done
 
-test: $(WORK_READY) ## the tests, the documents' examples among them
+map: $(WORK_READY) ## draw the map of rooms from the code
+	$(INTERPRETER) -m tests.support.rooms > docs/development/map.md
+
+test: $(WORK_READY) ## the tests and every example in the documents
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'
-	$(INTERPRETER) -m pytest
+	$(PYTEST) -m alone tests/bench
+	$(TOGETHER) -m "not ($(UNASKED))"
+
+fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cases as take 0.4 s
+	$(TOGETHER) -m "not ($(UNASKED) or slow)"
+
+durations: $(WORK_READY) ## measure how long each test takes, on a quiet machine: what `make fast` chooses by
+	$(PYTEST) -p tests.support.slow
+
+coverage: $(WORK_READY) ## which lines the tests run, by file; kernels run as text of their own: docs/development/tests.md
+	@mkdir -p out/coverage
+	$(INTERPRETER) -m coverage erase
+	$(INTERPRETER) -m coverage run -m pytest --numprocesses $(WORKERS) --dist worksteal --benchmark-disable -m "not ($(UNASKED))"
+	$(INTERPRETER) -m coverage combine --quiet
+	$(INTERPRETER) -m coverage report | tee out/coverage/report.txt
 
 lint: $(WORK_READY) ## style and format
 	$(BIN)/ruff check .

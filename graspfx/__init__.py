@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from graspfx.certificate.certify import certify as certify
     from graspfx.certificate.verdict import Report as Report
     from graspfx.certificate.verdict import check as check
+    from graspfx.grasp.grasp import Grasp as Grasp
     from graspfx.grasp.impedance import Coupling as Coupling
     from graspfx.grasp.impedance import Impedance as Impedance
-    from graspfx.grasp.matrix import Grasp as Grasp
     from graspfx.grasp.matrix import grasp_matrix as grasp_matrix
     from graspfx.grasp.point_coupling import PointCoupling as PointCoupling
     from graspfx.grasp.split import Split as Split
@@ -34,7 +34,7 @@ _HOMES = {
     "Batch": "graspfx.batch.batch",
     "Certificates": "graspfx.certificate.certify",
     "Coupling": "graspfx.grasp.impedance",
-    "Grasp": "graspfx.grasp.matrix",
+    "Grasp": "graspfx.grasp.grasp",
     "Impedance": "graspfx.grasp.impedance",
     "PointCoupling": "graspfx.grasp.point_coupling",
     "Recording": "graspfx.loop.recording.record",
@@ -79,7 +79,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
 
 
 def __getattr__(name: str) -> object:
-    """A public name, from the module where it lives, loaded now that it is used."""
+    """Load a public name from the module where it lives, when it is first used."""
     if name not in _HOMES:
         raise AttributeError(f"module 'graspfx' has no attribute {name!r}")
     home = _HOMES[name]

@@ -32,12 +32,12 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    """Run one command; its exit code is one of those in `graspfx.commands.output.CODES`."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        chosen = parse(given)
-        with _plain_warnings(), granted(getattr(chosen, "trust", False)):
-            code: int = chosen.command(chosen)
+        options = parse(words)
+        with _plain_warnings(), granted(getattr(options, "trust", False)):
+            code: int = options.command(options)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -51,24 +51,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def parse(given: Sequence[str]) -> Namespace:
-    """The arguments of a command.
+def parse(words: Sequence[str]) -> Namespace:
+    """Parse the arguments of a command.
 
     Raises:
         UnknownNameError: no command or option has that name.
         SystemExit: --help, --version, or arguments that do not fit.
     """
-    word = next((word for word in given if not word.startswith("-")), None)
+    word = next((word for word in words if not word.startswith("-")), None)
     if word is not None and word not in COMMANDS:
         raise UnknownNameError("command", word, COMMANDS, "`graspfx --help` says what each does")
-    chosen, others = parser(given).parse_known_args(list(separate(given)))
+    options, others = parser(words).parse_known_args(list(separate(words)))
     if others:
-        _refuse(str(word), others, chosen.options)
-    return chosen
+        _refuse(str(word), others, options.options)
+    return options
 
 
-def parser(given: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
-    """Every command, and the arguments of those that are named in `given`: the others' modules are not loaded."""
+def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
+    """Build the parser of every command, with the arguments of those named in `words`: other modules are not loaded."""
     top = ArgumentParser(prog="graspfx", description="Haptic display of grasping.", epilog=CODES)
     top.formatter_class = RawDescriptionHelpFormatter
     top.add_argument("--version", action="version", version=f"graspfx {__version__}")
@@ -77,7 +77,7 @@ def parser(given: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
         sentence = f"{summary[0].upper()}{summary[1:]}."
         command = commands.add_parser(name, help=summary, description=sentence)
         command.formatter_class = RawDescriptionHelpFormatter
-        if name in given:
+        if name in words:
             module = import_module(f"graspfx.commands.{name}")
             module.add_arguments(command)
             command.epilog = f"example:\n{module.EXAMPLE}\n\n{CODES}"
@@ -94,7 +94,7 @@ def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoRet
 
 
 def program() -> int:
-    """`main`, for a process that ends with it."""
+    """Run `main` for a process that ends with it."""
     code = main()
     gc.freeze()  # at its end Python would look through all there is for cycles, twice: a tenth of a short run
     return code
@@ -102,13 +102,13 @@ def program() -> int:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """A warning is one line, said once."""
-    said: set[str] = set()
+    """Print a warning as one line, once."""
+    texts: set[str] = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
         text = " ".join(str(message).split())
-        if text not in said:
-            said.add(text)
+        if text not in texts:
+            texts.add(text)
             print(f"warning: {text}", file=sys.stderr)
 
     with warnings.catch_warnings():

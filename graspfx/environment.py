@@ -1,4 +1,4 @@
-"""What surrounds a process: paths, its processors, and whether its user trusts scene files.
+"""Environment of a process: paths, its processors, and whether its user trusts scene files.
 
 Paths are of the right type, and where the operating system has errors of its own, ours stand in their place. Scene
 files may name files outside of their folder if the user says so; a file never says it.
@@ -20,21 +20,21 @@ VARIABLE = "GRASPFX_TRUST"
 _granted: ContextVar[bool] = ContextVar("granted", default=False)
 
 
-def to_path(name: str, given: object, expected: str = "the path of a file", folder: Path | None = None) -> Path:
+def to_path(name: str, value: object, expected: str = "the path of a file", folder: Path | None = None) -> Path:
     """Return a path with `~` resolved; a relative one starts in `folder` (the current one if None).
 
     Args:
         name: the argument, as its caller wrote it.
-        given: a text or a path.
+        value: a text or a path.
         expected: for the error.
         folder: where relative paths start.
 
     Raises:
         InputError: neither a text nor a path, a NUL in it, or the home of a user who is not known.
     """
-    path = fspath(given) if isinstance(given, str | PathLike) else None
+    path = fspath(value) if isinstance(value, str | PathLike) else None
     if not isinstance(path, str):
-        raise InputError(name, given, expected)
+        raise InputError(name, value, expected)
     if "\0" in path:
         raise InputError(name, path, expected, "leave the NUL character out")
     try:
@@ -55,12 +55,12 @@ def resolved(name: str, path: Path) -> Path:
         raise InputError(name, str(path), "a path that leads somewhere", str(error)) from error
 
 
-def require_file(name: str, given: str, path: Path, expected: str = "the path of a file", do: str = "") -> None:
+def require_file(name: str, value: str, path: Path, expected: str = "the path of a file", do: str = "") -> None:
     """Require a regular file; a pipe, a socket or a device could keep its reader waiting for ever.
 
     Args:
         name: the argument, as its caller wrote it.
-        given: the path as it was written.
+        value: the path as it was written.
         path: where it leads.
         expected, do: for the error.
 
@@ -73,7 +73,7 @@ def require_file(name: str, given: str, path: Path, expected: str = "the path of
         why = "that is no regular file" if path.exists() else do or f"there is none at {path}"
     except OSError as error:  # such as a name of more than 255 letters
         why = error.strerror or str(error)
-    raise InputError(name, given, expected, why)
+    raise InputError(name, value, expected, why)
 
 
 def processors() -> int:

@@ -1,4 +1,4 @@
-"""What goes wrong and what to do about it: one base class, and errors that make their own message."""
+"""Errors: one base class, and errors that make their own message, which says what to do."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class InputError(GraspFXError, ValueError):
 
     def __init__(self, name: str, given: object, expected: str, do: str = "") -> None:
         self.name, self.given, self.expected, self.do = name, given, expected, do
-        text = f"{name}: given {shown(given)}, expected {expected}"
+        text = f"{name}: given {abbreviate(given)}, expected {expected}"
         super().__init__(f"{text}; {do}" if do else text)
 
 
@@ -35,7 +35,7 @@ class UnknownNameError(GraspFXError, LookupError):
 
     def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
-        text = f"unknown {kind} {shown(name)}"
+        text = f"unknown {kind} {abbreviate(name)}"
         close = closest(name, self.known) if len(name) <= LONGEST_KEY else None
         if close:
             text += f"; did you mean {close!r}?"
@@ -86,14 +86,14 @@ class SceneError(GraspFXError, ValueError):
         super().__init__("\n".join(lines))
 
 
-def closest(name: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
-    """The known name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only."""
-    found = get_close_matches(name, list(known), n=1, cutoff=likeness)
-    return found[0] if found else None
+def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
+    """Find the name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only."""
+    matches = get_close_matches(name, list(names), n=1, cutoff=likeness)
+    return matches[0] if matches else None
 
 
-def shown(value: object, limit: int = 60) -> str:
-    """A value as it stands in an error message: arrays by their shape, anything long cut short."""
+def abbreviate(value: object, limit: int = 60) -> str:
+    """Abbreviate a value for an error message: arrays by their shape, anything long cut short."""
     shape = getattr(value, "shape", None)
     if shape:
         return f"an array of shape {tuple(shape)}"

@@ -33,7 +33,7 @@ ROUNDING = 2.0**-53
 
 
 def expm1(A: FloatArray) -> FloatArray:
-    """e^A - I by scaling and squaring: F = r_13(A / 2^s) - I from the diagonal Pade approximant, then F <- 2 F + F^2.
+    """Compute e^A - I by scaling and squaring: F = r_13(A / 2^s) - I, diagonal Pade approximant, then F <- 2 F + F^2.
 
     The identity is left out so that a small change is known to its own digits, and is not rounded anew with every
     squaring. s is taken from norms of powers of A, so that a large nilpotent part (as of inputs held for a sample) does
@@ -72,7 +72,7 @@ def expm1(A: FloatArray) -> FloatArray:
 
 
 def _halvings(A: FloatArray) -> int:
-    """s such that r_13(A / 2^s) is e^(A / 2^s) to rounding: backward error below 2^-53."""
+    """Choose s such that r_13(A / 2^s) is e^(A / 2^s) to rounding: backward error below 2^-53."""
     A2 = A @ A
     A4 = A2 @ A2
     A6 = A4 @ A2
@@ -88,6 +88,6 @@ def _halvings(A: FloatArray) -> int:
 
 
 def _norm(A: FloatArray) -> float:
-    """The largest sum of a column; infinite for one that has overflowed."""
+    """Find the largest sum of a column; infinite for one that has overflowed."""
     norm = float(np.abs(A).sum(axis=0).max())
     return inf if norm != norm else norm

@@ -1,4 +1,4 @@
-"""What is installed: versions and entry points, without importlib.metadata where folders say it as well."""
+"""Installed distributions: versions and entry points, without importlib.metadata where folders say it as well."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Distribution(NamedTuple):
 
 
 class EntryPoint(NamedTuple):
-    """What a distribution announces under a name, and the distribution with its version."""
+    """An object that a distribution announces under a name, and the distribution with its version."""
 
     name: str
     module: str
@@ -31,13 +31,13 @@ class EntryPoint(NamedTuple):
 
 
 def distributions() -> tuple[Distribution, ...] | None:
-    """Every distribution in the order in which imports would find it; None where folders do not tell.
+    """List every distribution in the order in which imports would find it; None where folders do not tell.
 
     They do not where packages come from archives, or by other finders than Python's own.
     """
     if any(hasattr(finder, "find_distributions") and finder is not PathFinder for finder in sys.meta_path):
         return None
-    found = []
+    folders = []
     for place in sys.path:
         try:
             with os.scandir(place or ".") as entries:
@@ -46,20 +46,20 @@ def distributions() -> tuple[Distribution, ...] | None:
             return None
         except OSError:  # a place that is not there
             continue
-        found += [Distribution(*each) for each in sorted(own)]
-    return tuple(found)
+        folders += [Distribution(*each) for each in sorted(own)]
+    return tuple(folders)
 
 
 def entry_points(group: str) -> tuple[EntryPoint, ...]:
-    """The entry points of a group that all installed distributions announce."""
-    known = distributions()
-    return tuple(_announced(group)) if known is None else _read(known, group)
+    """List the entry points of a group that all installed distributions announce."""
+    all_ = distributions()
+    return tuple(_announced(group)) if all_ is None else _read(all_, group)
 
 
 @lru_cache(16)
-def _read(known: tuple[Distribution, ...], group: str) -> tuple[EntryPoint, ...]:
-    """Once for as long as what is installed stays."""
-    return tuple(_announced(group)) if any(_mentions(each.folder, group) for each in known) else ()
+def _read(all_: tuple[Distribution, ...], group: str) -> tuple[EntryPoint, ...]:
+    """Read entry points once for as long as the installed distributions stay."""
+    return tuple(_announced(group)) if any(_mentions(each.folder, group) for each in all_) else ()
 
 
 def _mentions(folder: str, group: str) -> bool:
@@ -81,17 +81,17 @@ def _announced(group: str) -> Iterator[EntryPoint]:
 
 
 def version(package: str) -> str | None:
-    """Of an installed distribution; None for one that is not."""
+    """Read the version of an installed distribution; None for one that is not installed."""
     start = f"{re.sub(r'[-_.]+', '_', package).lower()}-"
     for each in distributions() or ():
         name = Path(each.folder).name.lower()
         if name.startswith(start) and name.endswith(".dist-info"):
             try:
-                found = VERSION.search((Path(each.folder) / "METADATA").read_text(encoding="utf-8"))
+                match = VERSION.search((Path(each.folder) / "METADATA").read_text(encoding="utf-8"))
             except (OSError, UnicodeDecodeError):
                 break
-            if found:
-                return found[1]
+            if match:
+                return match[1]
     from importlib import metadata
 
     try:

@@ -13,8 +13,8 @@ LARGEST = 1e40  # in SI units; the squares and products that formulas take of it
 SMALLEST = 1e-60  # of what must be above zero; its inverse is still a number
 
 
-def real(name: str, given: object, expected: str = "", do: str = "") -> FloatArray:
-    """A float array, copied, of real numbers of any shape, NaN and infinity among them.
+def real(name: str, argument: object, expected: str = "", do: str = "") -> FloatArray:
+    """Copy real numbers of any shape, NaN and infinity among them, as a float array.
 
     Args:
         name: the argument, as its caller wrote it.
@@ -24,36 +24,36 @@ def real(name: str, given: object, expected: str = "", do: str = "") -> FloatArr
         InputError: what is not a rectangular array of real numbers.
     """
     try:
-        raw = np.asarray(given)
+        raw = np.asarray(argument)
         if raw.dtype.kind in "biufO":
             return np.array(raw, dtype=float)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise InputError(name, given, expected or "numbers in a rectangular array", do)
+    raise InputError(name, argument, expected or "numbers in a rectangular array", do)
 
 
-def finite(name: str, given: object, expected: str = "", do: str = "", *, largest: float = LARGEST) -> FloatArray:
-    """The same for numbers that are finite and within +-largest, which is infinite for directions of any length.
+def finite(name: str, argument: object, expected: str = "", do: str = "", *, largest: float = LARGEST) -> FloatArray:
+    """Copy finite numbers within +-largest, which is infinite for directions of any length, as a float array.
 
     Raises:
         InputError: as `real`, and what is not finite or too large.
     """
-    value = real(name, given, expected, do)
+    value = real(name, argument, expected, do)
     expected = expected or "finite values"
     if not np.isfinite(value).all():
-        raise InputError(name, given, expected, do or "find where the NaN or infinity comes from")
+        raise InputError(name, argument, expected, do or "find where the NaN or infinity comes from")
     if np.abs(value).max(initial=0.0) > largest:
-        raise InputError(name, given, expected, do or f"no more than {largest:g} in SI units: check the units")
+        raise InputError(name, argument, expected, do or f"no more than {largest:g} in SI units: check the units")
     return value
 
 
-def number(name: str, given: object, expected: str, do: str = "", *, zero: bool = True) -> float:
-    """One number of zero or more; of SMALLEST or more unless `zero`.
+def number(name: str, argument: object, expected: str, do: str = "", *, zero: bool = True) -> float:
+    """Check one number of zero or more; of SMALLEST or more unless `zero`.
 
     Raises:
         InputError: as `finite`, and a negative number, zero where that is refused, or more than one.
     """
-    value = finite(name, given, expected, do)
+    value = finite(name, argument, expected, do)
     if value.ndim or not (value >= 0.0 if zero else value >= SMALLEST):
-        raise InputError(name, given, expected, do)
+        raise InputError(name, argument, expected, do)
     return float(value)

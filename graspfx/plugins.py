@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from os import PathLike, fspath
 from pathlib import Path
 from types import ModuleType
-from typing import Literal
+from typing import Any, Literal
 
 from graspfx import installed
 from graspfx.environment import require_file, resolved, to_path
@@ -31,12 +31,20 @@ SUFFIXES: dict[Group, tuple[str, ...]] = {
 SINGULAR: dict[Group, str] = {"devices": "device", "hands": "hand", "scenes": "scene", "dynamics": "dynamics"}
 BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
     "hands": {},
-    "dynamics": {"native": "graspfx.objects.body", "bullet": "graspfx.objects.bullet.bullet"},
+    "dynamics": {"native": "graspfx.objects.native_dynamics", "bullet": "graspfx.objects.bullet"},
+}
+
+# What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
+UPWARD = {
+    "Recording.beside": "graspfx.certificate.comparison.beside",
+    "Scene.faults": "graspfx.build.checks.faults.find_faults",
+    "Scene.linearise": "graspfx.certificate.linearise.linearise",
+    "Scene.reach_faults": "graspfx.build.resolve.reach_faults",
 }
 
 
 class PluginError(GraspFXError):
-    """What a plug-in's own code raised, with the line of its file; the exception itself is the cause."""
+    """An exception of a plug-in's own code, with the line of its file; the exception itself is the cause."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +57,12 @@ class Plugin:
 
 
 def names(group: Group) -> dict[str, str]:
-    """Every name of a group with where it comes from; imports none of them."""
-    return {name: " and ".join(plugin.origin for plugin in found) for name, found in sorted(_table(group).items())}
+    """List every name of a group with where it comes from; imports none of them."""
+    return {name: " and ".join(plugin.origin for plugin in plugins) for name, plugins in sorted(_table(group).items())}
 
 
 def find(group: Group, name: str | PathLike[str], folder: Path | None = None) -> Path:
-    """The file behind a name or a path; a relative path starts in `folder` (the current one if None).
+    """Find the file behind a name or a path; a relative path starts in `folder` (the current one if None).
 
     Raises UnknownNameError for a name that nothing answers to, InputError for a path without a file and for a name
     that two plug-ins claim.
@@ -64,7 +72,7 @@ def find(group: Group, name: str | PathLike[str], folder: Path | None = None) ->
 
 
 def source_of(group: Group, name: str) -> Path | None:
-    """The file behind a name of `names`, if there is one that can be found without an import of anything."""
+    """Find the file behind a name of `names`, if there is one that can be found without an import of anything."""
     plugin, *_ = _table(group)[name]
     if plugin.path is not None:
         return plugin.path
@@ -78,12 +86,12 @@ def source_of(group: Group, name: str) -> Path | None:
 
 
 def load(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """The module behind a name or a path, imported; errors as for `find`, and whatever the module raises."""
+    """Import the module behind a name or a path; errors are those of `find`, and whatever the module raises."""
     return _loaded(group, _plugin(group, name, folder))
 
 
 def load_blaming(group: Group, name: str | PathLike[str], folder: Path | None = None) -> ModuleType:
-    """As `load`, but what the module raises comes as a PluginError that says where."""
+    """Import like `load`, but turn what the module raises into a PluginError that says where."""
     plugin = _plugin(group, name, folder)
     with blaming(plugin.path or Path(plugin.module)):
         return _loaded(group, plugin)
@@ -97,13 +105,20 @@ def _loaded(group: Group, plugin: Plugin) -> ModuleType:
     return _imported_file(plugin.path)
 
 
+def upward(name: str) -> Callable[..., Any]:
+    """Load the function of a room above that `UPWARD` names."""
+    module, _, function = UPWARD[name].rpartition(".")
+    function_: Callable[..., Any] = getattr(import_module(module), function)
+    return function_
+
+
 def is_file_name(text: str) -> bool:
-    """Whether a text names a file by its path, and not a plug-in by its name."""
+    """Tell whether a text names a file by its path, and not a plug-in by its name."""
     return text.endswith((".py", ".toml"))
 
 
 def shelf(group: Group) -> Path:
-    """The folder of the drivers or scenes that come with GraspFX: in the package, or beside it in a checkout."""
+    """Find the folder of the drivers or scenes that come with GraspFX: in the package, or beside it in a checkout."""
     package = Path(__file__).parent
     inside = package / group
     return inside if inside.is_dir() else package.parent / group
@@ -111,7 +126,7 @@ def shelf(group: Group) -> Path:
 
 @contextmanager
 def blaming(path: Path) -> Iterator[None]:
-    """Whatever the code in a file raises within, our own errors apart, becomes a PluginError that says where.
+    """Turn whatever the code in a file raises, GraspFX's own errors apart, into a PluginError that says where.
 
     Another's code may raise anything: this is the one place that catches it all.
     """
@@ -120,12 +135,12 @@ def blaming(path: Path) -> Iterator[None]:
     except GraspFXError:
         raise
     except Exception as error:
-        said = error.msg if isinstance(error, SyntaxError) else error
-        raise blamed(path, error, f"{type(error).__name__}: {said}") from error
+        text = error.msg if isinstance(error, SyntaxError) else error
+        raise blamed(path, error, f"{type(error).__name__}: {text}") from error
 
 
 def blamed(path: Path, error: Exception, text: str) -> PluginError:
-    """The error that puts a text before the line of the file that raised `error`, or called what did."""
+    """Write a text before the line of the file that raised `error`, or called what did, as an error."""
     line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
     trace = error.__traceback__
     while trace is not None:
@@ -137,7 +152,7 @@ def blamed(path: Path, error: Exception, text: str) -> PluginError:
 
 
 def shown_path(path: Path) -> str:
-    """Relative to the current folder when it lies inside, as a terminal can follow it."""
+    """Write a path relative to the current folder when it lies inside, as a terminal can follow it."""
     here = Path.cwd()
     return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
 
@@ -174,26 +189,26 @@ def _file_hint(group: Group, text: str, folder: Path) -> str:
     return f"a file is named with its {SUFFIXES[group][0]}"
 
 
-_kept: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)
+_tables: ContextVar[dict[Group, dict[str, list[Plugin]]] | None] = ContextVar("kept", default=None)
 
 
 @contextmanager
 def unchanged() -> Iterator[None]:
-    """Within, what is installed and what is on the shelves is looked up once: for who builds a scene many times."""
-    token = _kept.set({})
+    """Look up installed packages and shelves once within: for callers that build a scene many times."""
+    token = _tables.set({})
     try:
         yield
     finally:
-        _kept.reset(token)
+        _tables.reset(token)
 
 
 def _table(group: Group) -> dict[str, list[Plugin]]:
-    kept = _kept.get()
-    if kept is None:
+    tables = _tables.get()
+    if tables is None:
         return _read_table(group)
-    if group not in kept:
-        kept[group] = _read_table(group)
-    return kept[group]
+    if group not in tables:
+        tables[group] = _read_table(group)
+    return tables[group]
 
 
 def _read_table(group: Group) -> dict[str, list[Plugin]]:
@@ -225,7 +240,7 @@ def _entry_points(group: Group) -> Iterator[tuple[str, Plugin]]:
 
 
 def _module_file(group: Group, plugin: Plugin) -> Path:
-    """The file of a module; for scenes `package.name` may also stand for package/name.toml."""
+    """Find the file of a module; for scenes `package.name` may also stand for package/name.toml."""
     parent, _, stem = plugin.module.rpartition(".")
     spec = find_spec(plugin.module)
     if spec is not None and spec.origin is not None:
@@ -239,7 +254,7 @@ def _module_file(group: Group, plugin: Plugin) -> Path:
 
 
 def _imported_file(path: Path) -> ModuleType:
-    """The module in a file; the same module each time, as long as the file stays the same."""
+    """Import the module in a file; the same module each time, as long as the file stays the same."""
     stamp = path.stat()
     key = sha256(f"{path} {stamp.st_mtime_ns} {stamp.st_size}".encode()).hexdigest()[:12]
     name = f"graspfx_file_{path.stem.replace('-', '_')}_{key}"

@@ -12,7 +12,7 @@ KIP, HAND = 800.0, 300.0  # of the coupling and of a finger's hand [N/m]
 
 
 def prism(sides: int, radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings, and the middle of each end.
+    """Build vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings, and each end's middle.
 
     Corners lie on the radius; the first side, between corners 0 and 1, looks along x.
     """
@@ -43,7 +43,7 @@ def scene(
     density: float = 600.0,
     friction: float = 0.6,
 ) -> gx.Scene:
-    """Fingers start in the squeeze, pinch/KIP deep, and lift the prism by 30 mm.
+    """Lift the prism by 30 mm; fingers start in the squeeze, pinch/KIP deep.
 
     Args:
         sides: three or more.
@@ -64,7 +64,7 @@ def scene(
     start = (radius * np.cos(np.pi / sides) - pinch / KIP) * outward
     rest = start - pinch / HAND * outward
     lift = {"kind": "reach", "displacement": [0.0, 0.0, 0.03], "begin": 0.5, "duration": 0.6}
-    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+    device = {"name": "simulated", "mass": 0.1, "damping": 0.5}
     hand = {"stiffness": HAND, "damping": 6.0, "motion": lift}
     return gx.Scene(
         title=f"A prism of {sides} sides in {fingers} fingers",

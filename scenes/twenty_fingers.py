@@ -14,7 +14,7 @@ GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad]
 
 
 def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, friction: float = 0.6) -> gx.Scene:
-    """The fingers start on the surface, on the rays of a Fibonacci spiral from the middle, and close along its normals.
+    """Close fingers along the normals, from the surface, on the rays of a Fibonacci spiral from the middle.
 
     The directions: z_i = 1 - (2 i + 1)/n, turned about z by i times the golden angle.
 
@@ -33,7 +33,7 @@ def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, fricti
     directions = np.stack([around * np.cos(GOLDEN_ANGLE * i), around * np.sin(GOLDEN_ANGLE * i), z], axis=1)
     cosines = directions @ (vertices / np.linalg.norm(vertices, axis=1, keepdims=True)).T
     starts = vertices[cosines.argmax(axis=1)] + radius * directions
-    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}  # [kg], [N s/m]
+    device = {"name": "simulated", "mass": 0.1, "damping": 0.5}  # [kg], [N s/m]
     return gx.Scene(
         title=f"{fingers} fingers on a bumpy mesh of 20480 triangles",
         dimensions=3,

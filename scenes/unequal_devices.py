@@ -12,7 +12,7 @@ KIP = 400.0  # [N/m]
 
 
 def scene(metric: str = "mass", pinch: float = 0.4) -> gx.Scene:
-    """Each device's friction, and its hand's stiffness and damping, are as its mass: that is what decouples the modes.
+    """Scale each device's damping, and its hand's stiffness and damping, with its mass: that decouples the modes.
 
     The fingers start at rest in the squeeze, finger i pinch/(kip M_i) deep and its hand's spring pinch/k_i deeper; M_i
     is the device's mass over their mean, or 1 without the metric. The puck does not turn, as the paper's cube does not:
@@ -51,7 +51,7 @@ def scene(metric: str = "mass", pinch: float = 0.4) -> gx.Scene:
             {
                 "name": name,
                 "start": start[i].tolist(),
-                "device": {"name": "simulated", "mass": m, "friction": 4.0 * m},
+                "device": {"name": "simulated", "mass": m, "damping": 4.0 * m},
                 "hand": {"stiffness": k[i], "damping": 40.0 * m, "rest": rest[i].tolist(), "motion": wave},
             }
             for i, (name, m) in enumerate(zip(("light", "middle", "heavy"), MASSES, strict=True))

@@ -8,16 +8,34 @@ from functools import partial
 from shutil import rmtree
 from tempfile import mkdtemp
 
+import pytest
 from hypothesis import settings
 
-from graspfx.loop.tick import engine
+from tests.support import slow
+
+# Before numpy is loaded: two BLAS threads that share a busy core wait for one another, ten times as long as one takes.
+for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 os.environ.setdefault("MPLBACKEND", "agg")
-os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")
-atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
+if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the cache of the process that starts them
+    os.environ["GRASPFX_CACHE"] = mkdtemp(prefix="graspfx-tests-")
+    atexit.register(rmtree, os.environ["GRASPFX_CACHE"], ignore_errors=True)
 
 settings.register_profile("graspfx", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("graspfx")
 
-engine.Compiled = partial(engine.Compiled, quick=True)  # type: ignore[misc] # in a tenth of the time, to the same bits
-engine.ENGINES["compiled"] = engine.Compiled
+
+@pytest.fixture(autouse=True)
+def programs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile the loop as for users; where a test is marked `quick` in a tenth of the time, to the same bits."""
+    if request.node.get_closest_marker("quick"):
+        from graspfx.loop.tick import engine
+
+        monkeypatch.setitem(engine.ENGINES, "compiled", partial(engine.Compiled, quick=True))
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the cases that `make fast` leaves out."""
+    slow.mark(items)

@@ -1,33 +1,29 @@
-"""Simulated point devices: masses with friction, read through encoders, with output delay and force limit."""
+"""Simulated point devices: masses with viscous damping, read through encoders, with output delay and force limit."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.compile.records import size_for, start_of
-from graspfx.devices.simulated import point_sample as sample
-from graspfx.devices.simulated.point_sample import PointDeviceState
-from graspfx.devices.simulated.points import PointPlant
-from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Device, DevicePorts, Features
-from graspfx.loop.velocity import WINDOW, VelocityEstimate, VelocityEstimator, size
+from graspfx.devices.simulated.point_device import PointDevice
+from graspfx.errors import InputError
+from graspfx.loop.device import former_settings
+from graspfx.loop.velocity import WINDOW
 from graspfx.numeric import LARGEST, SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
-Index = NDArray[np.intp]
+
+__all__ = ["PointDevice", "connect"]
 
 MOST = 1_000_000  # fingers, or samples of delay
 
 
+@former_settings(friction="damping")
 def connect(
     *,
     mass: float,
     dimensions: int,
-    friction: float = 0.0,
+    damping: float = 0.0,
     fingers: int = 1,
     resolution: float = 0.0,
     velocity_window: int = WINDOW,
@@ -40,7 +36,7 @@ def connect(
     Args:
         mass: m of each fingertip [kg].
         dimensions: d.
-        friction: b [N s/m].
+        damping: viscous, b [N s/m].
         fingers: k, the channels of this one device.
         resolution: of its encoders [m]: positions are read to the nearest multiple of it; 0 reads them as they are.
         velocity_window: the longest window of the velocity estimate [samples] (`graspfx.loop.velocity`).
@@ -50,7 +46,7 @@ def connect(
     """
     return PointDevice(
         mass=_number("mass", mass, "a finite mass above zero [kg]", zero=False),
-        friction=_number("friction", friction, "a finite friction of zero or more [N s/m]"),
+        damping=_number("damping", damping, "a finite damping of zero or more [N s/m]"),
         fingers=_count("fingers", fingers, 1),
         dimensions=_count("dimensions", dimensions, 1, 3),
         resolution=_number("resolution", resolution, "a finite length of zero or more [m]"),
@@ -61,177 +57,6 @@ def connect(
         else _number("force_limit", force_limit, "a finite force above zero [N], or none", zero=False),
         workspace=None if workspace is None else _corners(workspace, dimensions),
     )
-
-
-class PointDevice:
-    """A device of `connect`: its plant moves it, and it reads the plant through its sensors.
-
-    What is done each sample are the kernels `reading` and `writing`, on the block `state`.
-    """
-
-    reading = staticmethod(sample.read)
-    writing = staticmethod(sample.write)
-    stopping = staticmethod(sample.stop)
-
-    def __init__(
-        self,
-        *,
-        mass: float,
-        friction: float,
-        fingers: int,
-        dimensions: int,
-        resolution: float,
-        velocity_window: int,
-        delay: int,
-        force_limit: float | None,
-        workspace: tuple[FloatArray, FloatArray] | None,
-    ) -> None:
-        self.mass, self.friction, self.resolution = mass, friction, resolution
-        self._window = velocity_window if resolution else 1
-        k, d = self._shape = fingers, dimensions
-        entries, each = k * d, size(self._window)
-        self.state: FloatArray = np.zeros(
-            size_for(PointDeviceState, fingers=k, dimensions=d, delay=delay, estimate_size=each)
-        )
-        self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
-        block = PointDeviceState(self.state)
-        block.fingers, block.dimensions, block.delay, block.estimate_size = k, d, delay, each
-        block.rounded, block.bounded, block.limited = resolution > 0.0, workspace is not None, force_limit is not None
-        block.resolution, block.limit = resolution, force_limit or 0.0
-        self._corners = self.state[block.low.offset : block.sensed.offset].reshape(2, d)
-        if workspace is not None:
-            self._corners[...] = workspace
-        self._estimates = block.estimates
-        lengths = [start_of(VelocityEstimate, "length") + estimate.offset for estimate in block.estimates]
-        self.structure: Index = np.array([*sample.STRUCTURE, *lengths])
-        self.ports = DevicePorts(
-            sensed=block.sensed.offset,
-            position=block.position.offset,
-            velocity=block.velocity.offset,
-            command=block.command.offset,
-            effort=block.effort.offset,
-        )
-        self.sensed: Index = np.zeros(0, dtype=np.intp)
-        arrays = [self.state[at : at + entries].reshape(self._shape) for at in self.ports]
-        self._sensed, self._position, self._velocity, self._command, self._effort = arrays
-        self._features = Features(
-            fingers=fingers,
-            dimensions=dimensions,
-            workspace=workspace,
-            peak_force=force_limit,
-            mass=mass,
-            friction=friction,
-            resolution=resolution or None,
-            delay=delay,
-        )
-        self._plant: PointPlant | None = None
-        self._true: FloatArray = np.zeros(self._shape)
-        self._estimator: VelocityEstimator | None = None  # while the device is open
-        self._seen = (-1, 0.0)  # placement and time of the plant when it was read last
-        self._fault = 0  # of the last reading
-
-    @property
-    def features(self) -> Features:
-        return self._features
-
-    @property
-    def effort(self) -> FloatArray:
-        """The force (k, d) [N] that acts on the fingertips until the next write; not to be written to."""
-        return self._effort
-
-    @staticmethod
-    def plant(devices: Sequence[Device]) -> PointPlant:
-        """The plant that moves all fingertips of these devices, in their order, and which they read from now on."""
-        points = [device for device in devices if isinstance(device, PointDevice)]
-        if not points or len(points) < len(devices):
-            raise InputError(
-                "devices", [type(device).__name__ for device in devices], "one or more `simulated` devices"
-            )
-        dimensions = {device.features.dimensions for device in points}
-        if len(dimensions) > 1:
-            raise InputError("devices", sorted(dimensions), "devices of the same number of dimensions")
-        each = [device for device in points for _ in range(device.features.fingers)]
-        plant = PointPlant([device.mass for device in each], [device.friction for device in each], dimensions.pop())
-        start = 0
-        for device in points:
-            stop = start + device.features.fingers
-            device._plant, device._true, device._seen = plant, plant.position[start:stop], (-1, 0.0)
-            d = device.features.dimensions
-            device.sensed = plant.ports.position + np.arange(start * d, stop * d)
-            start = stop
-        return plant
-
-    def open(self, period: float) -> None:
-        memory = self.state[self._estimates.offset :]
-        self._estimator = VelocityEstimator(period, self._shape, 0.5 * self.resolution, self._window, memory)
-        self._seen = (-1, 0.0)
-        self.stop()
-
-    def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Positions (k, d) [m], velocities (k, d) [m/s], time [s]; within one tick of the plant always the same."""
-        estimator, plant = self._opened(), self._plant
-        if plant is None:
-            raise DeviceError("nothing moves this simulated device; make its plant with PointDevice.plant([device])")
-        now = plant.placed, plant.time
-        if now != self._seen:
-            if now[0] != self._seen[0]:
-                estimator.reset()
-            self._seen = now
-            self._sensed[...] = self._true
-            self._fault = self.reading(self._S, 0)
-        if self._fault:
-            raise DeviceError(self.fault_text(self._fault))
-        return self._position, self._velocity, plant.time
-
-    def write(self, forces: FloatArray) -> None:
-        """Hold forces (k, d) [N] on the fingertips `delay` samples from now, shortened to the force limit.
-
-        Any that is not finite stops the device (no force on any finger, nothing left in the delay) and raises
-        DeviceError.
-        """
-        self._opened()
-        if np.shape(forces) != self._shape:
-            raise InputError("forces", forces, f"an array of shape {self._shape}")
-        self._command[...] = forces
-        code = self.writing(self._S, 0)
-        if code:
-            raise DeviceError(self.fault_text(code))
-
-    def stop(self) -> None:
-        self.stopping(self._S, 0)
-
-    def fault_text(self, code: int) -> str:
-        """What a number that a kernel gave means, with the figures in the block."""
-        i, kind = divmod(code - 1, sample.KINDS)
-        finger, at = f"finger {i} of a simulated device", _point(self._position[i])
-        if kind + 1 == sample.ENDLESS_FORCE:
-            return f"the force on {finger} is {_point(self._command[i])} N; zero is displayed"
-        if kind + 1 == sample.DIVERGED:
-            return f"{finger} is at {at} m; its motion has diverged"
-        corners = self._corners
-        return (
-            f"{finger} is at {at} m, outside its workspace from {_point(corners[0])} to {_point(corners[1])} m; widen "
-            "`workspace`, or start or move the finger nearer to its middle"
-        )
-
-    def close(self) -> None:
-        self.stop()
-        self._estimator = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
-    def _opened(self) -> VelocityEstimator:
-        if self._estimator is None:
-            raise DeviceError("this simulated device is not open; call open(period) first")
-        return self._estimator
-
-
-def _point(components: FloatArray) -> str:
-    return "(" + ", ".join(f"{x:.6g}" for x in components) + ")"
 
 
 def _number(name: str, value: float, expected: str, *, zero: bool = True) -> float:

@@ -91,16 +91,16 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     Args:
         mass: (n,) [kg].
-        friction: (n,) [N s/m].
+        damping: (n,) [N s/m].
         dimensions: d.
     """
 
     kernel = staticmethod(advance)
 
-    def __init__(self, mass: Sequence[float], friction: Sequence[float], dimensions: int) -> None:
+    def __init__(self, mass: Sequence[float], damping: Sequence[float], dimensions: int) -> None:
         super().__init__(PointPlantState, len(mass), dimensions)
         self._block = PointPlantState(self.state)
-        self._mass, self._friction = np.array(mass, dtype=float), np.array(friction, dtype=float)
+        self._mass, self._damping = np.array(mass, dtype=float), np.array(damping, dtype=float)
         self._made_for: tuple[bytes, bytes, float] | None = None
 
     @property
@@ -121,7 +121,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         if these == self._made_for:
             return
         d, block = self.position.shape[1], self._block
-        m, b = self._mass, self._friction
+        m, b = self._mass, self._damping
         groups, members, matrices = block.groups, block.members.offset, block.matrices.offset
         count = listed = end = 0
         known: dict[tuple[bytes, ...], int] = {}

@@ -11,14 +11,14 @@ The paper (section IV.1) gives the links, 128 mm, and 5 ms sampling; everything 
 | centres of mass from the link's joint | 0.064 and 0.070 m (the thimble makes link 2 heavier at its tip) |
 | drive | both motors at the base, the second one's belt turns link 2; gear 15 |
 | rotors | 5.8e-6 and 9.5e-6 kg m^2 (a coreless motor of 60 W; the second with the belt's pulleys) |
-| friction at the joints | 3.28e-3 N m s/rad each |
+| viscous damping at the joints | 3.28e-3 N m s/rad each |
 | encoders | 1000 lines, 4000 counts a revolution of the motor: 60 000 of the joint, 13 um at the tip |
 | torque of a motor | at most 0.06 N m: 7 N at the tip |
 
 Two arms that hold the 50 mm cube between them, fingers at (-0.025, 0) and (0.025, 0), stand at base (-0.04, -0.18)
 with the elbow to the left and at (0.04, -0.18) with the elbow to the right. There an arm's effective mass is 0.150 kg
-along x and 0.149 along y, with 0.0003 between, and its effective friction 0.201 and 0.199 N s/m. While its finger
-waves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the friction within 0.169 ... 0.246 N s/m in every
+along x and 0.149 along y, with 0.0003 between, and its effective damping 0.201 and 0.199 N s/m. While its finger
+waves over -0.09 ... 0.04 m the mass stays within 0.130 ... 0.178 kg, the damping within 0.169 ... 0.246 N s/m in every
 direction, and the condition number of the Jacobian below 1.21.
 """
 
@@ -35,6 +35,7 @@ from graspfx.devices.two_link.arm import Arm, Drive, Elbow, Mechanics, Pair
 from graspfx.devices.two_link.board import Board, Wiring
 from graspfx.devices.two_link.simulated_arm import SimulatedTwoLink
 from graspfx.errors import InputError
+from graspfx.loop.device import former_settings
 from graspfx.loop.velocity import WINDOW
 from graspfx.numeric import SMALLEST, finite
 
@@ -46,13 +47,14 @@ PRESET: MappingProxyType[str, Pair] = MappingProxyType(
         "link_inertias": (8.2e-5, 7.5e-5),  # [kg m^2]
         "link_centres": (0.064, 0.070),  # [m]
         "rotor_inertias": (5.8e-6, 9.5e-6),  # [kg m^2]
-        "joint_friction": (3.28e-3, 3.28e-3),  # [N m s/rad]
+        "joint_damping": (3.28e-3, 3.28e-3),  # [N m s/rad]
     }
 )
 
 LONGEST = 1_000_000  # delay or window of velocity [samples]
 
 
+@former_settings(joint_friction="joint_damping")
 def connect(
     *,
     base: Sequence[float] = (0.0, 0.0),
@@ -62,7 +64,7 @@ def connect(
     link_inertias: Sequence[float] | None = None,
     link_centres: Sequence[float] | None = None,
     rotor_inertias: Sequence[float] | None = None,
-    joint_friction: float | Sequence[float] | None = None,
+    joint_damping: float | Sequence[float] | None = None,
     drive: Drive = "base",
     counts: float | Sequence[float] = 4000,
     gear: float | Sequence[float] = 15.0,
@@ -75,8 +77,8 @@ def connect(
 ) -> TwoLink | SimulatedTwoLink:
     """One arm, one finger: simulated with the preset of this module, or behind `board`.
 
-    A number stands for both joints alike. The mechanical settings (masses to friction) left out are the preset's for a
-    simulated arm and unknown for a real one: its mass and friction are told only when all five are given.
+    A number stands for both joints alike. The mechanical settings (masses to damping) left out are the preset's for a
+    simulated arm and unknown for a real one: its mass and damping are told only when all five are given.
 
     Args:
         base: the first joint's place [m].
@@ -86,7 +88,7 @@ def connect(
         link_inertias: about each link's centre of mass [kg m^2].
         link_centres: from the joint where a link begins to its centre of mass [m].
         rotor_inertias: of the motors, before the gear [kg m^2].
-        joint_friction: viscous, after the gear [N m s/rad].
+        joint_damping: viscous, after the gear [N m s/rad].
         drive: "base" if both motors stand at the base and the second one turns link 2 through a belt or parallelogram;
             "elbow" if it sits at the elbow.
         counts: of an encoder for one revolution of its motor, all edges.
@@ -111,7 +113,7 @@ def connect(
         "link_inertias": link_inertias,
         "link_centres": link_centres,
         "rotor_inertias": rotor_inertias,
-        "joint_friction": joint_friction,
+        "joint_damping": joint_damping,
     }
     known = {name: _pair(name, value, least=0.0) for name, value in given.items() if value is not None}
     window, late = _whole("velocity_window", velocity_window, 1), _whole("delay", delay, 0)
@@ -131,7 +133,7 @@ def _mechanics(arm: Arm, wiring: Wiring, known: dict[str, Pair]) -> Mechanics:
         inertias=known["link_inertias"],
         centres=known["link_centres"],
         reflected=(rotors[0] * gear[0] ** 2, rotors[1] * gear[1] ** 2),
-        friction=known["joint_friction"],
+        damping=known["joint_damping"],
     )
 
 

@@ -57,9 +57,9 @@ class TwoLinkArm(ABC):
 
     @property
     def features(self) -> Features:
-        """Mass, friction, resolution and peak force are those at the right-angled elbow, wherever the arm points.
+        """Mass, damping, resolution and peak force are those at the right-angled elbow, wherever the arm points.
 
-        Mass and friction are the geometric means of their principal values there; the peak force is the one that the
+        Mass and damping are the geometric means of their principal values there; the peak force is the one that the
         motors reach in every direction, the resolution the longest step of the tip for one count. The workspace is the
         box around the arm's reach.
         """
@@ -97,10 +97,10 @@ class TwoLinkArm(ABC):
         return mass
 
     def effective_friction(self, position: Sequence[float]) -> FloatArray:
-        """J^-T D J^-1, (2, 2) [N s/m], with the finger at a position [m]; needs the joints' friction."""
+        """J^-T D J^-1, (2, 2) [N s/m], with the finger at a position [m]; needs the joints' damping."""
         x, y = position
-        friction: FloatArray = self._known().effective_friction(*self.arm.angles(x, y))
-        return friction
+        damping: FloatArray = self._known().effective_friction(*self.arm.angles(x, y))
+        return damping
 
     def open(self, period: float) -> None:
         memory = self.state[self._block.estimates.offset :]
@@ -141,7 +141,7 @@ class TwoLinkArm(ABC):
     def _known(self) -> Mechanics:
         if self.mechanics is None:
             raise InputError(
-                "mechanics", None, "a device that knows its masses and friction", "give all five settings to connect"
+                "mechanics", None, "a device that knows its masses and damping", "give all five settings to connect"
             )
         return self.mechanics
 

@@ -179,7 +179,7 @@ class Mechanics:
         inertias: of the links about their centres of mass [kg m^2].
         centres: from the joint at which a link begins to its centre of mass, along the link [m].
         reflected: inertias of the rotors, gear^2 J, at the joints [kg m^2].
-        friction: viscous, at the joints [N m s/rad].
+        damping: viscous, at the joints [N m s/rad].
     """
 
     arm: Arm
@@ -187,7 +187,7 @@ class Mechanics:
     inertias: Pair
     centres: Pair
     reflected: Pair
-    friction: Pair
+    damping: Pair
 
     def __post_init__(self) -> None:
         i1, i2, m, r, *_ = self.constants
@@ -206,7 +206,7 @@ class Mechanics:
         i1 = self.inertias[0] + self.masses[0] * self.centres[0] ** 2 + self.masses[1] * l1**2
         i2 = self.inertias[1] + self.masses[1] * self.centres[1] ** 2
         r1, r, r2 = self._by_direction(self.reflected)
-        return (i1 + r1, i2 + r2, self.masses[1] * l1 * self.centres[1], r, *self._by_direction(self.friction))
+        return (i1 + r1, i2 + r2, self.masses[1] * l1 * self.centres[1], r, *self._by_direction(self.damping))
 
     def _by_direction(self, joint: Pair) -> tuple[float, float, float]:
         """A'diag(joint) A with q = A a: entries 11, 12, 22."""
@@ -220,7 +220,7 @@ class Mechanics:
         mixed = m * math.cos(a2 - a1) + r
         return np.array([[i1, mixed], [mixed, i2]])
 
-    def friction_matrix(self) -> FloatArray:
+    def damping_matrix(self) -> FloatArray:
         """D, (2, 2) [N m s/rad]."""
         *_, d1, d, d2 = self.constants
         return np.array([[d1, d], [d, d2]])
@@ -231,7 +231,7 @@ class Mechanics:
 
     def effective_friction(self, a1: float, a2: float) -> FloatArray:
         """J^-T D J^-1, (2, 2) [N s/m]."""
-        return self._at_tip(self.friction_matrix(), a1, a2)
+        return self._at_tip(self.damping_matrix(), a1, a2)
 
     def _at_tip(self, A: FloatArray, a1: float, a2: float) -> FloatArray:
         to_joints = np.linalg.inv(self.arm.jacobian(a1, a2))

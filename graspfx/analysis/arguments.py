@@ -15,50 +15,52 @@ FloatArray = NDArray[np.float64]
 LONGEST = 1000  # samples of delay: polynomials and matrices grow with them
 
 
-def number(name: str, given: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
-    """A finite number of zero or more; above zero unless `zero`; of any sign if `negative`."""
-    value = numbers(name, given, unit, zero=zero, negative=negative)
+def number(name: str, argument: float, unit: str, *, zero: bool = True, negative: bool = False) -> float:
+    """Check a finite number of zero or more; above zero unless `zero`; of any sign if `negative`."""
+    value = numbers(name, argument, unit, zero=zero, negative=negative)
     if value.ndim:
-        raise InputError(name, given, f"one number [{unit}]", "arrays go to `limit_map`")
+        raise InputError(name, argument, f"one number [{unit}]", "arrays go to `limit_map`")
     return float(value)
 
 
-def numbers(name: str, given: ArrayLike, unit: str, *, zero: bool = True, negative: bool = False) -> FloatArray:
-    """The same for an array of any shape."""
-    what = "finite numbers" if negative else "finite numbers, zero or above" if zero else "finite numbers above zero"
-    value = finite(name, given, f"{what} [{unit}]")
+def numbers(name: str, argument: ArrayLike, unit: str, *, zero: bool = True, negative: bool = False) -> FloatArray:
+    """Check an array of finite numbers, each as `number` would."""
+    expected = (
+        "finite numbers" if negative else "finite numbers, zero or above" if zero else "finite numbers above zero"
+    )
+    value = finite(name, argument, f"{expected} [{unit}]")
     low = value < 0.0 if zero else value < SMALLEST
     if not negative and low.any():
-        raise InputError(name, given, f"{what} [{unit}]")
+        raise InputError(name, argument, f"{expected} [{unit}]")
     return value
 
 
-def count(name: str, given: float, least: int = 0) -> int:
-    """A whole number."""
-    value = numbers(name, given, "1", negative=True)
-    if value.ndim or value % 1.0 or value < least or isinstance(given, bool):
-        raise InputError(name, given, f"a whole number, {least} or more")
+def count(name: str, argument: float, least: int = 0) -> int:
+    """Check a whole number."""
+    value = numbers(name, argument, "1", negative=True)
+    if value.ndim or value % 1.0 or value < least or isinstance(argument, bool):
+        raise InputError(name, argument, f"a whole number, {least} or more")
     return int(value)
 
 
-def one_of(kind: str, given: str, known: Iterable[str]) -> str:
-    """A known name."""
-    if str(given) not in known:
-        raise UnknownNameError(kind, str(given), known)
-    return given
+def one_of(kind: str, name: str, names: Iterable[str]) -> str:
+    """Check that a name is one of the known ones."""
+    if str(name) not in names:
+        raise UnknownNameError(kind, str(name), names)
+    return name
 
 
-def samples(name: str, given: float) -> int:
-    """A delay."""
-    lag = count(name, given)
+def samples(name: str, argument: float) -> int:
+    """Check a delay, a whole number of samples."""
+    lag = count(name, argument)
     if lag > LONGEST:
-        raise InputError(name, given, f"a whole number of samples, {LONGEST} at most", "take a longer period")
+        raise InputError(name, argument, f"a whole number of samples, {LONGEST} at most", "take a longer period")
     return lag
 
 
-def lag_of_object(given: int, integrator: str) -> int:
-    """Samples by which the object's force is late; none where it is solved together with the object's new state."""
-    lag = samples("object_delay", given)
+def lag_of_object(object_delay: int, integrator: str) -> int:
+    """Check how many samples late the object's force is; none where it is solved together with the new state."""
+    lag = samples("object_delay", object_delay)
     if lag and integrator == "implicit":
         raise InputError("object_delay", lag, "0 with the implicit integrator, whose force acts at once on the object")
     return lag

@@ -23,7 +23,7 @@ def wall(
     damping: Numbers,
     delay: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """D and N of f = k x + B (x_k - x_(k-1))/T, displayed `delay` samples late; ascending powers of s = z - 1.
+    """Give D and N of f = k x + B (x_k - x_(k-1))/T, displayed `delay` samples late; ascending powers of s = z - 1.
 
     z^L [den + z^-delay (k + B (1 - 1/z)/T) num], the device num/den under zero-order hold.
     """
@@ -49,7 +49,7 @@ def external(
     delay: int,
     object_delay: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """D and N of one device and one object through f = k (x - x_o) + B ((x_k - x_(k-1))/T - v_o).
+    """Give D and N of one device and one object through f = k (x - x_o) + B ((x_k - x_(k-1))/T - v_o).
 
     The object's velocity is its state; "implicit" takes its position and velocity at the end of the sample. A motion of
     both together that no force opposes (no spring) is a root z = 1 of D and N: it is put at z = 0, out of the way.
@@ -75,7 +75,7 @@ def external(
 
 
 def constant(value: Numbers) -> FloatArray:
-    """Numbers as polynomials of degree zero, so that they broadcast against coefficients of others."""
+    """Write numbers as polynomials of degree zero, so that they broadcast against coefficients of others."""
     return np.asarray(value, dtype=float)[None]
 
 
@@ -85,12 +85,12 @@ def _check(name: str, delay: int) -> None:
 
 
 def pad(N: FloatArray, D: FloatArray) -> FloatArray:
-    """N with as many coefficients as D, on the same axes."""
+    """Pad N to as many coefficients as D, on the same axes."""
     return plus(N, np.zeros_like(D))
 
 
 def without_drift(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Every common root at z = 1 moved to z = 0; they are exact zeros here, s being a factor of both."""
+    """Move every common root at z = 1 to z = 0; they are exact zeros here, s being a factor of both."""
     while True:
         common = (D[0] == 0.0) & (N[0] == 0.0)
         if not common.any():

@@ -20,7 +20,7 @@ WIDTH = 1e-9  # intervals narrower than this part of their upper end are roundin
 
 @cache
 def to_half_plane(n: int) -> FloatArray:
-    """Maps coefficients in s of degree n to those in w, z = (1 + w)/(1 - w): s^k -> (2 w)^k (1 - w)^(n - k)."""
+    """Map coefficients in s of degree n to those in w, z = (1 + w)/(1 - w): s^k -> (2 w)^k (1 - w)^(n - k)."""
     W = np.zeros((n + 1, n + 1))
     for k in range(n + 1):
         row = np.ones(1)
@@ -31,7 +31,7 @@ def to_half_plane(n: int) -> FloatArray:
 
 
 def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); not finite is none.
+    """Find gains k and half-tangents y = tan^2(theta/2) with D + k N = 0 at exp(j theta), (c, ...); not finite is none.
 
     On |z| = 1, w = j sqrt(y) and y = (1 - cos theta)/(1 + cos theta): Im(N conj D)/sin theta is a polynomial in cos
     theta, here in y, which keeps its digits near z = 1, where slow loops live. The last two are z = 1 and z = -1.
@@ -52,13 +52,13 @@ def critical_gains(D: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def in_half_plane(D: FloatArray) -> FloatArray:
-    """Coefficients in w = (z - 1)/(z + 1) of (1 - w)^n D."""
+    """Give the coefficients in w = (z - 1)/(z + 1) of (1 - w)^n D."""
     W = to_half_plane(len(D) - 1)
     return np.stack([sum((w * d for w, d in zip(row, D, strict=True) if w), np.zeros(D.shape[1:])) for row in W.T])
 
 
 def _alternating(a: FloatArray) -> FloatArray:
-    """Coefficients in y = -w^2."""
+    """Give the coefficients in y = -w^2."""
     value = a.copy()
     value[1::2] *= -1.0
     return value
@@ -72,13 +72,13 @@ def _value(a: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def positive_roots(h: FloatArray) -> FloatArray:
-    """Positive real roots (n, ...) of polynomials with ascending coefficients (n + 1, ...), NaN for the others."""
+    """Find the positive real roots (n, ...) of polynomials, ascending coefficients (n + 1, ...), NaN for others."""
     n = len(h) - 1
     flat = h.reshape(n + 1, -1)
-    found = np.full((n, flat.shape[1]), np.nan)
+    roots_ = np.full((n, flat.shape[1]), np.nan)
     size = np.abs(flat)
-    kept = size > TRIM * size.max(axis=0, initial=0.0)
-    degree = np.where(kept.any(axis=0), n - np.argmax(kept[::-1], axis=0), 0)
+    significant = size > TRIM * size.max(axis=0, initial=0.0)
+    degree = np.where(significant.any(axis=0), n - np.argmax(significant[::-1], axis=0), 0)
     for d in range(1, n + 1):
         points = degree == d
         if not points.any():
@@ -86,8 +86,8 @@ def positive_roots(h: FloatArray) -> FloatArray:
         monic = flat[:d, points] / flat[d, points]
         roots = _cubic(monic) if d == 3 else _eigenvalues(monic)
         y = np.where(np.abs(roots.imag) <= REAL * np.abs(roots), roots.real, np.nan)
-        found[:d, points] = _polished(monic, np.where(y > 0.0, y, np.nan))
-    return found.reshape(n, *h.shape[1:])
+        roots_[:d, points] = _polished(monic, np.where(y > 0.0, y, np.nan))
+    return roots_.reshape(n, *h.shape[1:])
 
 
 def _eigenvalues(monic: FloatArray) -> NDArray[np.complex128]:
@@ -99,7 +99,7 @@ def _eigenvalues(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
-    """The three roots by Cardano's formula, first guesses for `_polished`."""
+    """Estimate three roots by Cardano's formula, as first guesses for `_polished`."""
     c, b, a = monic
     shift = a / 3.0
     p, q = b / 3.0 - shift * shift, shift * shift * shift + 0.5 * (c - shift * b)
@@ -119,7 +119,7 @@ def _cubic(monic: FloatArray) -> NDArray[np.complex128]:
 
 
 def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
-    """Newton's steps on positive roots, kept where they lower |h|: what cancelled in a closed form is made good."""
+    """Apply Newton's steps to positive roots where they lower |h|: they restore what cancelled in a closed form."""
     h = np.concatenate([monic, np.ones((1, monic.shape[1]))])
     slope: FloatArray = h[1:] * np.arange(1.0, len(h))[:, None]
     with np.errstate(all="ignore"):
@@ -133,12 +133,12 @@ def _polished(monic: FloatArray, y: FloatArray, steps: int = 3) -> FloatArray:
 
 
 def is_stable(D: FloatArray, N: FloatArray, k: FloatArray | float) -> NDArray[np.bool_]:
-    """Whether every root of D + k N lies inside the unit circle: Jury's test as Routh's array in w; k (...)."""
+    """Tell whether every root of D + k N lies inside the unit circle: Jury's test as Routh's array in w; k (...)."""
     return is_hurwitz(in_half_plane(plus(D, k * N)))
 
 
 def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
-    """Whether every root of the polynomials with ascending coefficients (n + 1, ...) has a negative real part."""
+    """Tell whether every root of polynomials with ascending coefficients (n + 1, ...) has a negative real part."""
     rows = list(a[::-1] * np.sign(a[-1]))
     ok: NDArray[np.bool_] = np.logical_and.reduce([row > 0.0 for row in rows])
     above, row = rows[::2], rows[1::2]
@@ -152,7 +152,7 @@ def is_hurwitz(a: FloatArray) -> NDArray[np.bool_]:
 
 
 def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Bounds of the intervals from 0 to inf, half-tangents there, (c + 2, ...), and which are stable, (c + 1, ...).
+    """Bound the intervals from 0 to inf: half-tangents there, (c + 2, ...), and which are stable, (c + 1, ...).
 
     Args:
         D, N: as in `critical_gains`.
@@ -174,7 +174,7 @@ def edges(D: FloatArray, N: FloatArray, unit: FloatArray | float) -> tuple[Float
 
 
 def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """The end of the stable gains that begin at zero, and its half-tangent; 0 where there are none."""
+    """Find the end of the stable gains that begin at zero, and its half-tangent; 0 where there are none."""
     limit, where = np.zeros(k.shape[1:]), np.zeros(k.shape[1:])
     going = np.ones(k.shape[1:], dtype=bool)
     for low, high, at, ok in zip(k[:-1], k[1:], y[1:], stable, strict=True):
@@ -184,7 +184,7 @@ def first_loss(k: FloatArray, y: FloatArray, stable: NDArray[np.bool_]) -> tuple
 
 
 def is_thin(low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-    """Whether two bounds above zero are the same up to rounding."""
+    """Tell whether two bounds above zero are the same up to rounding."""
     bounded = np.isfinite(high)
     return bounded & (
         np.where(bounded, high - np.where(bounded, low, 0.0), 1.0) <= WIDTH * np.where(bounded, high, 1.0)

@@ -15,8 +15,8 @@ WIDE = 0.5  # poles further apart than this per sample: their difference does no
 STIFF = 0.5  # k T^2/m above which 1 - cos does not cancel
 
 
-def held(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
-    """R and Q of x'' + p x' + kappa x = u: x after T from x' = 1, and from rest under u = 1 held.
+def force_response(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray]:
+    """Compute R and Q of x'' + p x' + kappa x = u: x after T from x' = 1, and from rest under u = 1 held.
 
         x+ = (1 - kappa Q) x + R x' + Q u,   x'+ = -kappa R x + (1 - kappa Q - p R) x' + R u
 
@@ -49,14 +49,14 @@ def held(p: Numbers, kappa: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray
 
 
 def mean_exponential(x: FloatArray) -> FloatArray:
-    """(exp(x) - 1)/x, the mean of exp over [0, x]."""
+    """Compute (exp(x) - 1)/x, the mean of exp over [0, x]."""
     zero = x == 0.0
     value: FloatArray = np.where(zero, 1.0, np.expm1(x) / np.where(zero, 1.0, x))
     return value
 
 
 def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.bool_]) -> FloatArray:
-    """Q by its power series in T, where p T < 1.5 and kappa T^2 < 0.5."""
+    """Sum Q's power series in T, where p T < 1.5 and kappa T^2 < 0.5."""
     x, y = np.where(where, p * T, 0.0), np.where(where, kappa * T * T, 0.0)
     before, term = np.zeros_like(x), np.ones_like(x)  # t^j terms of x(t)/T
     Q = 0.5 * term
@@ -67,17 +67,17 @@ def _series(p: FloatArray, kappa: FloatArray, T: FloatArray, where: NDArray[np.b
 
 
 def device(mass: Numbers, friction: Numbers, spring: Numbers, period: Numbers) -> tuple[FloatArray, FloatArray]:
-    """Position per force held over the sample: numerator (2, ...) and denominator (3, ...) in ascending powers of s."""
+    """Give position per force held over the sample: numerator (2, ...), denominator (3, ...), ascending powers of s."""
     m = np.asarray(mass, float)
     p, kappa = friction / m, spring / m
-    R, Q = held(p, kappa, period)
+    R, Q = force_response(p, kappa, period)
     low = Q * (kappa * Q + p * R) + R * R  # the numerator at z = 1, times m
     numerator = stack(low / m, Q / m)
     return numerator, stack(kappa * low, 2.0 * kappa * Q + p * R, 1.0)
 
 
 def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(p, q, 1 - r, s) of x+ = x + p v + q u, v+ = r v + s u, for v' = u - rate v with u held over T.
+    """Compute (p, q, 1 - r, s) of x+ = x + p v + q u, v+ = r v + s u, for v' = u - rate v with u held over T.
 
     "bullet" is semi-implicit in position and exact in velocity (`objects.bullet.bullet`).
     """
@@ -89,7 +89,7 @@ def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray,
     if integrator == "implicit":
         r = 1.0 / (1.0 + T * a)
         return T * r, T * T * r, T * a * r, T * r
-    R, Q = held(a, np.zeros_like(a), T)
+    R, Q = force_response(a, np.zeros_like(a), T)
     if integrator == "bullet":
         return T * (1.0 - a * R), T * R, a * R, R
     return R, Q, a * R, R
@@ -98,7 +98,7 @@ def object_step(integrator: str, rate: Numbers, T: Numbers) -> tuple[FloatArray,
 def thing(
     mass: Numbers, viscosity: Numbers, integrator: str, period: Numbers
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """An object's position and velocity per force and their common denominator, in ascending powers of s.
+    """Give an object's position and velocity per force and their common denominator, in ascending powers of s.
 
     Under "implicit" both are those at the end of the sample, which its force is computed from.
     """
@@ -111,7 +111,7 @@ def thing(
 
 
 def stack(*coefficients: FloatArray | float) -> FloatArray:
-    """Coefficients on a first axis, the others those of the points."""
+    """Stack coefficients on a first axis; the other axes are those of the points."""
     return np.stack(np.broadcast_arrays(*coefficients)).astype(float, copy=False)
 
 
@@ -120,7 +120,7 @@ S = np.array([0.0, 1.0])
 
 
 def times(*factors: FloatArray) -> FloatArray:
-    """The product of polynomials, coefficients on the first axis, the other axes broadcast."""
+    """Multiply polynomials, coefficients on the first axis, the other axes broadcast."""
     product = factors[0]
     for factor in factors[1:]:
         shape = np.broadcast_shapes(product.shape[1:], factor.shape[1:])
@@ -133,7 +133,7 @@ def times(*factors: FloatArray) -> FloatArray:
 
 
 def plus(*terms: FloatArray) -> FloatArray:
-    """The sum of polynomials of any degrees."""
+    """Add polynomials of any degrees."""
     shape = np.broadcast_shapes(*(term.shape[1:] for term in terms))
     total = np.zeros((max(map(len, terms)), *shape))
     for term in terms:
@@ -143,7 +143,7 @@ def plus(*terms: FloatArray) -> FloatArray:
 
 
 def power(n: int) -> FloatArray:
-    """z^n."""
+    """Write z^n as a polynomial."""
     value = np.ones(1)
     for _ in range(n):
         value = np.convolve(value, ONE_PLUS)

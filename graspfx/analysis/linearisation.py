@@ -98,10 +98,10 @@ class Linearisation:
         ground: tuple[ArrayLike, ArrayLike] | None = None,
         G_contact: ArrayLike | None = None,
     ) -> None:
-        given = numbers("G", G, "1, m", negative=True)
-        if given.ndim != 2 or not given.shape[1]:
-            raise InputError("G", given, "a matrix (r, m), a row for every free coordinate of the object")
-        r, m = given.shape
+        matrix = numbers("G", G, "1, m", negative=True)
+        if matrix.ndim != 2 or not matrix.shape[1]:
+            raise InputError("G", matrix, "a matrix (r, m), a row for every free coordinate of the object")
+        r, m = matrix.shape
         kind = one_of("integrator", integrator, INTEGRATORS)
         whole = np.array([samples("delay", d) for d in numbers("delay", delay, "1").ravel().tolist()], dtype=np.int64)
         if whole.shape not in ((1,), (m,)):
@@ -110,7 +110,7 @@ class Linearisation:
             period=number("period", period, "s", zero=False),
             mass=_row("mass", mass, m, "kg", zero=False),
             friction=_row("friction", friction, m, "N s/m"),
-            G=given,
+            G=matrix,
             inertia=_positive("inertia", _square("inertia", inertia, r, "kg")),
             viscosity=_square("viscosity", viscosity, r, "N s/m"),
             stiffness=_square("stiffness", stiffness, m, "N/m"),
@@ -121,7 +121,7 @@ class Linearisation:
             object_delay=lag_of_object(object_delay, kind),
             integrator=kind,
             preload=None if preload is None else _shaped("preload", preload, (m + r, m + r), "N/m"),
-            G_displacement=given
+            G_displacement=matrix
             if G_displacement is None
             else _shaped("G_displacement", G_displacement, (r, m), "1, m"),
             rate=one_of("rate", rate, ("difference", "state")),
@@ -139,41 +139,41 @@ class Linearisation:
         return self.G.shape[1], self.G.shape[0]
 
     def with_changes(self, **changes: Any) -> Linearisation:
-        """The same with some arguments changed."""
+        """Copy the linearisation with some arguments changed."""
         names = self.__dataclass_fields__
         return Linearisation(**({name: getattr(self, name) for name in names} | changes))
 
 
 @runtime_checkable
 class Linearisable(Protocol):
-    """What a scene is to the analysis."""
+    """A scene, as the analysis sees it."""
 
     def linearise(self) -> Linearisation: ...
 
 
-def _ground(given: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:
+def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:
     if integrator == "bullet":
-        raise InputError("ground", given, "None for the integrator bullet", "its contacts are no springs")
-    stiffness, damping = given
+        raise InputError("ground", parts, "None for the integrator bullet", "its contacts are no springs")
+    stiffness, damping = parts
     return _square("ground stiffness", stiffness, r, "N/m"), _square("ground damping", damping, r, "N s/m")
 
 
-def _row(name: str, given: ArrayLike, m: int, unit: str, *, zero: bool = True) -> FloatArray:
-    value = numbers(name, given, unit, zero=zero)
+def _row(name: str, entries: ArrayLike, m: int, unit: str, *, zero: bool = True) -> FloatArray:
+    value = numbers(name, entries, unit, zero=zero)
     if value.shape not in ((), (m,)):
         raise InputError(name, value, f"one number [{unit}], or {m}")
     return np.array(np.broadcast_to(value, (m,)))
 
 
-def _square(name: str, given: ArrayLike, size: int, unit: str) -> FloatArray:
-    value = numbers(name, given, unit, negative=True)
+def _square(name: str, matrix: ArrayLike, size: int, unit: str) -> FloatArray:
+    value = numbers(name, matrix, unit, negative=True)
     if value.ndim < 2 and value.shape in ((), (size,)):
         return np.diag(np.broadcast_to(value, (size,)))
     return _shaped(name, value, (size, size), unit)
 
 
-def _shaped(name: str, given: ArrayLike, shape: tuple[int, int], unit: str) -> FloatArray:
-    value = numbers(name, given, unit, negative=True)
+def _shaped(name: str, matrix: ArrayLike, shape: tuple[int, int], unit: str) -> FloatArray:
+    value = numbers(name, matrix, unit, negative=True)
     if value.shape != shape:
         raise InputError(name, value, f"a matrix {shape} [{unit}]")
     return value

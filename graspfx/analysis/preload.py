@@ -1,4 +1,4 @@
-"""What the forces of a grasp at rest add to its stiffness."""
+"""Stiffness from preload: the part that the forces of a grasp at rest add."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def preloaded(
     free: ArrayLike | None = None,
     reaction: str = "fingertip",
 ) -> Preload:
-    """The geometry of hard fingers that press with forces f_0 when the object begins to move by (u, theta).
+    """Linearise the geometry of hard fingers that press with forces f_0 when the object begins to move by (u, theta).
 
     With K constant in the object's frame, y = p - x_o the fingertip from the object's centre and e = R'(p - x_o) - c,
 
@@ -56,11 +56,11 @@ def preloaded(
     if c.ndim != 2 or c.shape[1] not in ROWS:
         raise InputError("contacts", c, "points (n, d), d = 1, 2 or 3 [m]")
     n, d = c.shape
-    e, f = (numbers(name, given, unit, negative=True) for name, given, unit in (
+    e, f = (numbers(name, vector, unit, negative=True) for name, vector, unit in (
         ("displacement", displacement, "m"), ("force", force, "N")))  # fmt: skip
-    for name, given in (("displacement", e), ("force", f)):
-        if given.shape != c.shape:
-            raise InputError(name, given, f"an array {c.shape}, as the contacts")
+    for name, vector in (("displacement", e), ("force", f)):
+        if vector.shape != c.shape:
+            raise InputError(name, vector, f"an array {c.shape}, as the contacts")
     o = np.zeros(d) if centre is None else numbers("centre", centre, "m", negative=True)
     if o.shape != (d,):
         raise InputError("centre", o, f"a point of {d} coordinates")
@@ -88,14 +88,14 @@ def preloaded(
         else:
             N[turn, turn] += cross(np.cross(arm[i], force_0[i]))
     columns = (3 * np.arange(n)[:, None] + np.arange(d)).ravel()
-    kept = np.concatenate([columns, 3 * n + rows[moves]])
-    wrench, seen = (
+    selection = np.concatenate([columns, 3 * n + rows[moves]])
+    wrench, geometry = (
         np.vstack([np.tile(np.eye(3), n), np.hstack([cross(y) for y in arms])])[np.ix_(rows[moves], columns)]
         for arms in (tip if at_tip else arm, tip)
     )
-    return Preload(wrench, seen, N[np.ix_(kept, kept)])
+    return Preload(wrench, geometry, N[np.ix_(selection, selection)])
 
 
 def cross(a: FloatArray) -> FloatArray:
-    """[a] with [a] b = a x b."""
+    """Write [a] with [a] b = a x b."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 def pushing(
     linear: Linearisation, fingers: ArrayLike, *, released: ArrayLike | None = None
 ) -> Iterator[tuple[tuple[int, ...], Linearisation]]:
-    """Every set of fingers that may touch without the others, and the loop that it closes with the whole object.
+    """List every set of fingers that may touch without the others, and the loop that it closes with the whole object.
 
     Fingers that do not touch carry no force: K becomes K_aa - K_ab K_bb^+ K_ba of the touching coordinates a, D the
     same. For two fingers on a line that is 2 kep kip/(kep + kip) (Kawai and Yoshikawa, eq. 26). The released devices,
@@ -33,18 +33,18 @@ def pushing(
         `released` changes it.
     """
     m, _ = linear.coordinates
-    which = np.asarray(fingers)
+    pushers = np.asarray(fingers)
     loose = np.zeros(m, dtype=bool) if released is None else np.asarray(released, dtype=bool)
-    if which.shape != (m,) or loose.shape != (m,):
+    if pushers.shape != (m,) or loose.shape != (m,):
         raise InputError("fingers", fingers, f"{m} numbers of fingers, and `released` a mask as long")
-    names = sorted(set(which.tolist()))
+    names = sorted(set(pushers.tolist()))
     for size in range(1, len(names) + bool(loose.any())):
         for touching in combinations(names, size):
-            yield touching, kept(linear, np.isin(which, touching) & ~loose)
+            yield touching, without_freedoms(linear, np.isin(pushers, touching) & ~loose)
 
 
-def kept(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
-    """The loop of the device coordinates `a` (m,), a mask, the others without force; no preload."""
+def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
+    """Restrict the loop to the device coordinates `a` (m,), a mask, the others without force; no preload."""
     block = np.ix_(a, a)
     return linear.with_changes(
         mass=linear.mass[a],
@@ -61,7 +61,7 @@ def kept(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
     )
 
 
-def condensed(K: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
-    """K_aa - K_ab K_bb^+ K_ba, a the coordinates kept and b those without force."""
-    a, b = kept, ~kept
+def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
+    """Compute K_aa - K_ab K_bb^+ K_ba, a the remaining coordinates and b those without force."""
+    a, b = without_freedoms, ~without_freedoms
     return K[np.ix_(a, a)] - K[np.ix_(a, b)] @ np.linalg.pinv(K[np.ix_(b, b)]) @ K[np.ix_(b, a)]

@@ -44,7 +44,7 @@ QUICK = Effort(rounds=7, batch=500_000, most=100_000_000, least=1, singles=200)
 
 @dataclass(frozen=True)
 class Row:
-    """What is reported of one method in one case.
+    """A line of the report: one method in one case.
 
     Attributes:
         time_us: of one operation, the best round's [us]: what others on the machine disturbed least; None if not timed.
@@ -69,7 +69,7 @@ class Row:
 
 
 def measure(case: Case, effort: Effort) -> list[Row]:
-    """A row per method, in the case's order; what is wrong or missing is not timed."""
+    """Measure a row per method, in the case's order; what is wrong or missing is not timed."""
     checked, single = [], {}
     for i, method in enumerate(case.methods):
         if method.once:
@@ -77,23 +77,23 @@ def measure(case: Case, effort: Effort) -> list[Row]:
                 single[i] = [1e-3 * clocked(method.call, 1) / method.calls]
         checked.append(check(case, method))
     right = [i for i, row in enumerate(checked) if row.state == TIMED]
-    several = [i for i in right if i not in single]
+    repeated = [i for i in right if i not in single]
     times = {i: single[i] for i in right if i in single}
-    times |= zip(several, interleaved([case.methods[i] for i in several], effort), strict=True)
-    for i, taken in times.items():
-        checked[i] = _timed(checked[i], taken, case.methods[i].singly)
+    times |= zip(repeated, interleaved([case.methods[i] for i in repeated], effort), strict=True)
+    for i, seconds in times.items():
+        checked[i] = _timed(checked[i], seconds, case.methods[i].singly)
     return with_ratios(checked, case.reference)
 
 
 def with_ratios(rows: Sequence[Row], reference: str) -> list[Row]:
-    """The rows of one case with their times over that of the method of reference, else of the quickest."""
+    """Divide the times of one case by that of the method of reference, else by that of the quickest."""
     times = {row.method: row.time_us for row in rows if row.time_us is not None}
     one = times.get(reference) if reference else min(times.values(), default=None)
     return [row if row.time_us is None or not one else replace(row, ratio=row.time_us / one) for row in rows]
 
 
 def check(case: Case, method: Method) -> Row:
-    """The row of a method before it is timed: its error, and whether that is within its bound."""
+    """Write the row of a method before it is timed: its error, and whether that is within its bound."""
     bound = case.bound if method.bound is None else method.bound
     try:
         error = float(method.error() if callable(method.error) else method.error)
@@ -109,8 +109,8 @@ def check(case: Case, method: Method) -> Row:
 
 
 def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
-    """Times of one operation [us] of each method, round by round; every round starts with another method."""
-    taken: list[list[float]] = [[] for _ in methods]
+    """Time one operation [us] of each method, round by round; every round starts with another method."""
+    seconds: list[list[float]] = [[] for _ in methods]
     rounds, spent = [0] * len(methods), [0] * len(methods)
     with collector_off():
         numbers = [0 if m.singly else _repetitions(m.call, effort.batch) for m in methods]
@@ -121,15 +121,15 @@ def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
                     continue
                 each = numbers[i] or 1
                 times = [clocked(methods[i].call, each) for _ in range(1 if numbers[i] else effort.singles)]
-                taken[i] += [1e-3 * ns / (each * methods[i].calls) for ns in times]
+                seconds[i] += [1e-3 * ns / (each * methods[i].calls) for ns in times]
                 rounds[i] += 1
                 spent[i] += sum(times)
             gc.collect()
-    return taken
+    return seconds
 
 
 def clocked(call: Callable[[], object], number: int) -> int:
-    """Time of so many calls [ns]."""
+    """Time so many calls [ns]."""
     times = repeat(None, number)
     start = perf_counter_ns()
     for _ in times:
@@ -139,7 +139,7 @@ def clocked(call: Callable[[], object], number: int) -> int:
 
 @contextmanager
 def collector_off() -> Iterator[None]:
-    """No garbage is collected within: it would be found in one method's time and made by another.
+    """Switch the garbage collector off: garbage of one method would be collected in another's time.
 
     What is there before is set aside, so that to collect between rounds is quick.
     """
@@ -156,7 +156,7 @@ def collector_off() -> Iterator[None]:
 
 
 def _repetitions(call: Callable[[], object], batch: int) -> int:
-    """Calls that take at least `batch` [ns]; the first ones, which are slower, are not counted."""
+    """Count the calls that take at least `batch` [ns]; the first ones, which are slower, are not counted."""
     call()
     number = 1
     while (ns := clocked(call, number)) < batch:
@@ -164,8 +164,8 @@ def _repetitions(call: Callable[[], object], batch: int) -> int:
     return number
 
 
-def _timed(row: Row, taken: Sequence[float], singly: bool) -> Row:
-    ordered = sorted(taken)
+def _timed(row: Row, seconds: Sequence[float], singly: bool) -> Row:
+    ordered = sorted(seconds)
     last = len(ordered) - 1
     spread = {name: ordered[math.ceil(share * last)] for name, share in QUANTILES.items()}
     return replace(row, time_us=ordered[0], median_us=median(ordered), quantiles=spread if singly else None)
@@ -173,5 +173,5 @@ def _timed(row: Row, taken: Sequence[float], singly: bool) -> Row:
 
 def _row(case: Case, method: Method, error: float | None, state: str, note: str) -> Row:
     notes = "; ".join(text for text in (method.note, note) if text)
-    shown = error if case.unit else None
-    return Row(case.benchmark, case.name, method.name, None, shown, notes, case.unit, state=state)
+    shown_error = error if case.unit else None
+    return Row(case.benchmark, case.name, method.name, None, shown_error, notes, case.unit, state=state)

@@ -11,22 +11,22 @@ from graspfx.bench.measure import FULL, MISSING, QUICK, Row, measure
 from graspfx.errors import MissingPackageError, UnknownNameError
 
 BENCHMARKS = {
-    "eq4": "graspfx.bench.eq4",
-    "projection": "graspfx.bench.cone_projection",
-    "contact": "graspfx.bench.mesh_fingers",
-    "bodies": "graspfx.bench.rigid_bodies",
-    "ticks": "graspfx.bench.ticks",
-    "runs": "graspfx.bench.runs",
-    "skips": "graspfx.bench.skips",
-    "batches": "graspfx.bench.batches",
-    "maps": "graspfx.bench.limit_maps",
-    "startup": "graspfx.bench.startup",
-    "jitter": "graspfx.bench.jitter",
+    "eq4": "graspfx.bench.cases.eq4",
+    "projection": "graspfx.bench.cases.cone_projection",
+    "contact": "graspfx.bench.cases.mesh_fingers",
+    "bodies": "graspfx.bench.cases.rigid_bodies",
+    "ticks": "graspfx.bench.cases.ticks",
+    "runs": "graspfx.bench.cases.runs",
+    "skips": "graspfx.bench.cases.skips",
+    "batches": "graspfx.bench.cases.batches",
+    "maps": "graspfx.bench.cases.limit_maps",
+    "startup": "graspfx.bench.cases.startup",
+    "jitter": "graspfx.bench.cases.jitter",
 }
 
 
-def chosen(names: Sequence[str]) -> list[str]:
-    """The names, all there are if none is given, in the order of the report; an unknown one is an error."""
+def select(names: Sequence[str]) -> list[str]:
+    """Select names, all there are if none is given, in the order of the report; an unknown one is an error."""
     for name in names:
         if name not in BENCHMARKS:
             raise UnknownNameError("benchmark", name, BENCHMARKS)
@@ -38,7 +38,7 @@ def benchmark(name: str) -> Benchmark:
 
 
 def rows(name: str, quick: bool) -> Iterator[Row]:
-    """Runs a benchmark, case by case; without the package that its oracle needs, one row says so."""
+    """Run a benchmark, case by case; without the package that its oracle needs, one row says so."""
     module = benchmark(name)
     try:
         for case in module.cases(quick):

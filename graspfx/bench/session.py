@@ -7,14 +7,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from graspfx.bench import speeds
 from graspfx.bench.calibration import calibrate
 from graspfx.bench.measure import Row
-from graspfx.bench.page import NAME as PAGE
-from graspfx.bench.page import PICTURES, error_text, page, ratio_text, time_text
-from graspfx.bench.pareto import by_case, front
-from graspfx.bench.registry import benchmark, chosen, rows
-from graspfx.bench.report import NAME, Report, load, stamp
+from graspfx.bench.registry import benchmark, rows, select
+from graspfx.bench.report import speeds
+from graspfx.bench.report.page import NAME as PAGE
+from graspfx.bench.report.page import PICTURES, error_text, page, ratio_text, time_text
+from graspfx.bench.report.pareto import by_case, front
+from graspfx.bench.report.report import NAME, Report, load, stamp
 from graspfx.errors import InputError
 
 
@@ -29,21 +29,21 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None,
         if quick:
             raise InputError("--readme", str(readme), "a full measurement", "leave out --quick")
         speeds.require_place(readme)
-    wanted = chosen(names or (speeds.BENCHMARKS if readme is not None and out is None else ()))
-    kept = Report.load(out / NAME) if out is not None and (out / NAME).is_file() else Report()
-    if readme is not None and not set(speeds.BENCHMARKS) <= {*wanted, *kept.stamps}:
-        lacking = [name for name in speeds.BENCHMARKS if name not in {*wanted, *kept.stamps}]
+    selection = select(names or (speeds.BENCHMARKS if readme is not None and out is None else ()))
+    merged = Report.load(out / NAME) if out is not None and (out / NAME).is_file() else Report()
+    if readme is not None and not set(speeds.BENCHMARKS) <= {*selection, *merged.stamps}:
+        lacking = [name for name in speeds.BENCHMARKS if name not in {*selection, *merged.stamps}]
         raise InputError("--readme", str(readme), f"all benchmarks that it shows, also {', '.join(lacking)}")
     report = Report()
-    for name in wanted:
+    for name in selection:
         run(name, report, quick, quiet=as_json)
         if out is not None:  # at once: nothing is lost where a later one is ended
-            kept.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
-            write(kept.ordered(chosen([])), out, drawn=[name])
+            merged.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
+            write(merged.ordered(select([])), out, drawn=[name])
     if as_json:
         print(json.dumps(report.to_json(), indent=1, allow_nan=False))
     if out is not None:
-        report = kept.ordered(chosen([]))
+        report = merged.ordered(select([]))
         print(f"wrote {out / NAME}, {out / PAGE} and the pictures in {out / PICTURES}", file=sys.stderr)
     if readme is not None:
         speeds.write(report, readme)
@@ -51,29 +51,29 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None,
 
 
 def files(names: Sequence[str], out: Path) -> list[Path]:
-    """Files that a report on benchmarks, on all if none is named, may write into a folder."""
-    return [out / NAME, out / PAGE, *(_picture(out, name) for name in chosen(names))]
+    """List the files that a report on benchmarks, on all if none is named, may write into a folder."""
+    return [out / NAME, out / PAGE, *(_picture(out, name) for name in select(names))]
 
 
 def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
-    """One benchmark into the report; each case is printed when it is done, unless `quiet`."""
+    """Run one benchmark into the report; each case is printed when it is done, unless `quiet`."""
     module = benchmark(name)
     before, load_before = calibrate(), load()
-    found: list[Row] = []
+    lines: list[Row] = []
     for row in rows(name, quick):
-        if not quiet and found and row.case != found[-1].case:
-            show(name, [each for each in found if each.case == found[-1].case])
-        found.append(row)
-    if not quiet and found:
-        show(name, [each for each in found if each.case == found[-1].case])
+        if not quiet and lines and row.case != lines[-1].case:
+            show(name, [each for each in lines if each.case == lines[-1].case])
+        lines.append(row)
+    if not quiet and lines:
+        show(name, [each for each in lines if each.case == lines[-1].case])
     command = f"graspfx bench {name}{' --quick' if quick else ''}"
     report.add(
-        name, found, stamp(module.TITLE, module.LIMITS, command, quick, (load_before, load()), before, calibrate())
+        name, lines, stamp(module.TITLE, module.LIMITS, command, quick, (load_before, load()), before, calibrate())
     )
 
 
 def show(name: str, rows: Sequence[Row]) -> None:
-    """One case as text, the quickest first; an asterisk marks the Pareto front."""
+    """Show one case as text, the quickest first; an asterisk marks the Pareto front."""
     [(case, ordered)] = by_case(rows).items()
     best = front(ordered)
     unit = next((row.unit for row in ordered if row.unit), "")
@@ -88,17 +88,17 @@ def show(name: str, rows: Sequence[Row]) -> None:
 
 
 def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
-    """The report as JSON, its page, and the figures of the benchmarks `drawn`."""
-    from graspfx.bench.figures import figure
+    """Write the report as JSON, its page, and the figures of the benchmarks `drawn`."""
+    from graspfx.bench.report.figures import figure
     from graspfx.loop.recording.places import make_folder
 
     make_folder(folder)
     report.save(folder / NAME)
     (folder / PAGE).write_text(page(report), encoding="utf-8")
     for name in drawn:
-        found = [row for row in report.rows if row.benchmark == name]
-        if any(row.time_us is not None for row in found):
-            figure(found, report.stamps[name].title, _picture(folder, name))
+        lines = [row for row in report.rows if row.benchmark == name]
+        if any(row.time_us is not None for row in lines):
+            figure(lines, report.stamps[name].title, _picture(folder, name))
 
 
 def _picture(folder: Path, name: str) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,12 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.meshes import scene_mesh
+from graspfx.build.meshes import SceneMesh, scene_mesh
 from graspfx.errors import InputError
 from graspfx.objects.body import fill_body
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Object, Obstacle, SceneTable
+    from graspfx.scene.tables.part_tables import Object, Obstacle
+    from graspfx.scene.tables.scene_table import SceneTable
     from graspfx.surfaces.closed_form.shape import Shape
     from graspfx.surfaces.triangles.mesh import Mesh
 
@@ -34,19 +36,37 @@ SHAPES = {  # by kind, the classes of graspfx.surfaces.closed_form.shape, which 
 }
 
 
-def make_shape(table: Object | Obstacle, folder: Path | None) -> Shape | Mesh | None:
-    """The shape that a table describes, in the body's frame; `folder` is where the path of a mesh starts.
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """The shape of an object or obstacle.
+
+    Attributes:
+        primitive: the shape in closed form, in the body's frame; None for a mesh, and for an object without a shape.
+        mesh: the mesh with its mass properties; None for every other shape.
+    """
+
+    primitive: Shape | None = None
+    mesh: SceneMesh | None = None
+
+    @property
+    def shape(self) -> Shape | Mesh | None:
+        """The shape in the body's frame."""
+        return self.primitive if self.mesh is None else self.mesh.mesh
+
+
+def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
+    """Make the shape that a table describes; `folder` is where the path of a mesh starts.
 
     Raises:
         InputError: naming the key of the shape's table that cannot be.
-        MissingPackageError: what reads a mesh's file is not installed.
+        MissingPackageError: the package that reads a mesh's file is not installed.
     """
-    found = scene_mesh(table, folder)
-    return found.mesh if found is not None else _primitive(table)
+    mesh = scene_mesh(table, folder)
+    return Solid(None if mesh is not None else _primitive(table), mesh)
 
 
 def _primitive(table: Object | Obstacle) -> Shape | None:
-    """A shape in closed form: its table's keys are what it takes."""
+    """Make a shape in closed form: its table's keys are its parameters."""
     if table.shape is None or table.shape.kind not in SHAPES:
         return None
     from graspfx.surfaces.closed_form import shape
@@ -55,64 +75,65 @@ def _primitive(table: Object | Obstacle) -> Shape | None:
     return make(**{name: getattr(table.shape, name) for name in signature(make).parameters})
 
 
-def mass(table: Object, folder: Path | None) -> float:
-    """As the table gives it, or its density times the volume of its shape [kg].
+def mass(table: Object, solid: Solid) -> float:
+    """Give the mass of the table, or its density times the volume of its shape [kg].
 
     Raises:
         InputError: neither a mass nor a density with a volume.
     """
     if table.mass is not None:
         return table.mass
-    solid = scene_mesh(table, folder) or _primitive(table)
-    if table.density is None or solid is None:
+    body = solid.mesh or solid.primitive
+    if table.density is None or body is None:
         raise InputError("mass", None, "the object's mass [kg]")
-    return table.density * solid.volume()
+    return table.density * body.volume()
 
 
-def inertia(scene: SceneTable, table: Object, folder: Path | None) -> Inertia | None:
-    """Moments about the centre as the table gives them, else those of the solid shape [kg m^2]; None for neither."""
+def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
+    """Give the table's moments about the centre, else those of the solid shape [kg m^2]; None for neither."""
     if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
-    found = scene_mesh(table, folder)
-    if found is not None:
-        return found.moments(mass(table, folder))
-    shape = _primitive(table)
+    if solid.mesh is not None:
+        return solid.mesh.moments(mass(table, solid))
+    shape = solid.primitive
     if shape is None or shape.endless:
         return None
-    moments: list[float] = shape.inertia(mass(table, folder), scene.dimensions).tolist()
+    moments: list[float] = shape.inertia(mass(table, solid), scene.dimensions).tolist()
     return tuple(moments)
 
 
-def place(
-    table: Object | Obstacle, folder: Path | None
-) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
-    """Where the frame of the shape that `make_shape` gives is at first: position [m] and orientation."""
+def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | None, float | tuple[float, ...] | None]:
+    """Give the frame of a shape at first: position [m] and orientation."""
     position, orientation = table.position, table.orientation
-    found = scene_mesh(table, folder)
-    if found is not None and not isinstance(orientation, float):
-        return found.body_pose(position, orientation)
+    if solid.mesh is not None and not isinstance(orientation, float):
+        return solid.mesh.body_pose(position, orientation)
     return position, orientation
 
 
-def fill(scene: SceneTable, table: Object, state: FloatArray, folder: Path | None) -> None:
-    """Writes parameters and first state into a body's block.
+def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, predicts: bool = True) -> None:
+    """Write parameters and first state into a body's block.
 
     A table's pose is that of the frame in which its shape is described; the body of a mesh is at its centre of mass,
     with its principal axes.
 
+    Args:
+        predicts: whether the implicit integrator is one; else it stands in the block as the semi-implicit one, whose
+            forces are functions of the pose.
+
     Raises:
         InputError: naming the key that cannot be.
     """
-    position, orientation = place(table, folder)
+    position, orientation = place(table, solid)
+    integrator = table.integrator if predicts or table.integrator != "implicit" else "semi-implicit"
     fill_body(
         state,
         dimensions=scene.dimensions,
-        mass=mass(table, folder),
-        inertia=inertia(scene, table, folder),
+        mass=mass(table, solid),
+        inertia=inertia(scene, table, solid),
         viscosity=table.viscosity,
         rotational_viscosity=table.rotational_viscosity or 0.0,
         # others have an integrator of their own; only the native implicit one is asked for its free motion
-        integrator=table.integrator if table.dynamics == "native" else "semi-implicit",
+        integrator=integrator if table.dynamics == "native" else "semi-implicit",
         free=scene.free(table),
         gravity=scene.gravity,
         position=position,

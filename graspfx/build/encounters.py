@@ -1,61 +1,63 @@
-"""What of a scene meets what: objects, obstacles and one another, and how the plan says it."""
+"""Encounters of a scene: which objects and obstacles meet, and how the plan says it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx.build import bodies
+from graspfx.build.stock import Stock
 from graspfx.objects.surroundings import Obstacle, placed
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Object, SceneTable
+    from graspfx.scene.tables.part_tables import Object
+    from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
 def moves(scene: SceneTable, thing: Object) -> bool:
-    """Whether any freedom of an object is free."""
+    """Tell whether any freedom of an object is free."""
     return any(scene.free(thing))
 
 
 def collide(scene: SceneTable) -> bool:
-    """Whether objects that share a world meet one another."""
+    """Tell whether objects that share a world meet one another."""
     return scene.world.collide if scene.world.collide is not None else scene.dimensions == 3
 
 
 def groups(scene: SceneTable) -> list[list[int]]:
-    """The objects that are moved together, by number: natively each alone, otherwise those of a world."""
-    found: list[list[int]] = []
+    """List the objects that are moved together, by number: natively each alone, otherwise those of a world."""
+    groups_: list[list[int]] = []
     for i, thing in enumerate(scene.object):
-        mates = [group for group in found if scene.object[group[0]].dynamics == thing.dynamics != "native"]
+        mates = [group for group in groups_ if scene.object[group[0]].dynamics == thing.dynamics != "native"]
         if mates and (scene.obstacle or collide(scene)):
             mates[0].append(i)
         else:
-            found.append([i])
-    return found
+            groups_.append([i])
+    return groups_
 
 
 def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
-    """Whether the objects of a group meet anything: an obstacle, or one another."""
+    """Tell whether the objects of a group meet anything: an obstacle, or one another."""
     things = [scene.object[i] for i in group]
     if scene.obstacle:
         return any(thing.shape is not None and moves(scene, thing) for thing in things)
     return len(group) > 1
 
 
-def obstacles(scene: SceneTable, folder: Path | None) -> list[Obstacle]:
-    """The scene's obstacles in their places."""
+def obstacles(scene: SceneTable, stock: Stock) -> list[Obstacle]:
+    """Put the scene's obstacles in their places."""
+    solids = [stock.solid(("obstacle", i), table) for i, table in enumerate(scene.obstacle)]
     return [
-        placed(table.name, bodies.make_shape(table, folder), scene.dimensions, *bodies.place(table, folder))
-        for table in scene.obstacle
+        placed(table.name, solid.shape, scene.dimensions, *bodies.place(table, solid))
+        for table, solid in zip(scene.obstacle, solids, strict=True)
     ]
 
 
 def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
-    """Whether an object meets anything, and what and how."""
+    """Tell whether an object meets anything, and what and how."""
     if thing.shape is None:
         return False, "it has no shape: it meets nothing"
     if not moves(scene, thing) and thing.dynamics == "native":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.wiring import Wire, table_at, wires
+from graspfx.build.wiring import Wire, table_at
 from graspfx.errors import InputError
 from graspfx.loop.device import LimitedDevice, fused
 
@@ -27,18 +27,13 @@ def force_limits(fingers: int, wired: Sequence[Wire]) -> FloatArray | None:
     """
     limits = np.full(fingers, np.inf)
     for wire in wired:
-        limits[wire.fingers[wire.fingers >= 0]] = peak_force(wire)
+        limits[wire.used] = peak_force(wire)
     return limits if np.isfinite(limits).any() or any(changes(wire) for wire in wired) else None
-
-
-def has_limits(scene: Scene) -> bool:
-    """Tell whether some device of a scene tells a largest force."""
-    return force_limits(len(scene.finger), wires(scene, scene.source.folder)) is not None
 
 
 def peak_force(wire: Wire) -> float:
     """Give the largest force of a device [N], infinite where it tells none."""
-    peak = wire.device.features.peak_force
+    peak = wire.features.peak_force
     if peak is None:
         return math.inf
     if isinstance(peak, bool) or not peak > 0.0:
@@ -61,7 +56,7 @@ def may_hide(wire: Wire) -> bool:
 
 def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
     """List the devices that tell a largest force, with it and whose they are."""
-    return "; ".join(_told(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
+    return "; ".join(_limit_of(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
 
 
 def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
@@ -69,13 +64,13 @@ def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
     return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired if may_hide(wire))
 
 
-def _told(scene: Scene, wire: Wire) -> str:
+def _limit_of(scene: Scene, wire: Wire) -> str:
     peak = peak_force(wire)
-    what = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
-    what += " as it tells in every sample" if changes(wire) else ""
-    first = next(int(f) for f in wire.fingers if f >= 0)
-    return f"{_fingers(scene, wire)} {what} ({table_at(scene, first)[1].name})"
+    text = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
+    text += " as it tells in every sample" if changes(wire) else ""
+    first = int(wire.used[0])
+    return f"{_fingers(scene, wire)} {text} ({table_at(scene, first)[1].name})"
 
 
 def _fingers(scene: Scene, wire: Wire) -> str:
-    return ", ".join(scene.finger_names[f] for f in wire.fingers if f >= 0)
+    return ", ".join(scene.finger_names[f] for f in wire.used)

@@ -1,4 +1,4 @@
-"""What moves the fingers of a scene, as matrices: masses and frictions of devices, springs and dampers of hands."""
+"""Mechanics of a scene's fingers, as matrices: masses and dampings of devices, springs and dampers of hands."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.still_hands import Held
-from graspfx.build.wiring import wires
+from graspfx.build.resolve import Parts
+from graspfx.build.still_hands import StillHand
 from graspfx.errors import InputError
 from graspfx.loop.device import Features
 from graspfx.scene.model import Scene
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 @runtime_checkable
 class Postured(Protocol):
-    """A device whose mass and friction depend on where its finger is, as those of an arm do."""
+    """A device whose mass and damping depend on where its finger is, as those of an arm do."""
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray: ...
 
@@ -29,7 +29,7 @@ class Postured(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """Of n fingers in d dimensions, where they are.
+    """Matrices of n fingers in d dimensions, where they are.
 
     Attributes:
         mass, friction: (n, d, d) [kg], [N s/m].
@@ -46,56 +46,47 @@ class Mechanics:
     assumed: tuple[str, ...]
 
 
-def device_masses(scene: Scene) -> FloatArray:
-    """Of the device at each fingertip, as its features tell it, (n,) [kg]: what the mass metric weighs with."""
-    masses = np.zeros(len(scene.finger))
-    for wire in wires(scene, scene.source.folder):
-        used = wire.fingers[wire.fingers >= 0]
-        masses[used] = _told(scene, used, wire.device.features).mass
-    return masses
-
-
-def mechanics(scene: Scene, position: FloatArray, hands: Sequence[Held]) -> Mechanics:
-    """Devices with their fingers at positions (n, d) [m], and hands.
+def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) -> Mechanics:
+    """Give the mechanics of devices with their fingers at positions (n, d) [m], and of hands.
 
     Raises:
-        InputError: a device that does not tell its mass or friction, by its finger.
+        InputError: a device that does not tell its mass or damping, by its finger.
     """
     n, d = position.shape
     mass, friction = np.zeros((n, d, d)), np.zeros((n, d, d))
     delay = np.zeros(n, dtype=np.int64)
     assumed: set[str] = set()
-    for wire in wires(scene, scene.source.folder):
-        used = wire.fingers[wire.fingers >= 0]
-        told = _told(scene, used, wire.device.features)
-        if told.delay is None:
+    for wire in parts.wires:
+        used = wire.used
+        mechanics_of = _device_mechanics(parts.scene, used, wire.features)
+        if mechanics_of.delay is None:
             assumed.add("no output delay, where devices tell none")
-        if told.resolution:
+        if mechanics_of.resolution:
             assumed.add("encoders too fine to be felt")
         for i in used:
-            delay[i] = told.delay or 0
+            delay[i] = mechanics_of.delay or 0
             if isinstance(wire.device, Postured):
                 mass[i] = wire.device.effective_mass(position[i].tolist())
                 friction[i] = wire.device.effective_friction(position[i].tolist())
             else:
-                mass[i], friction[i] = told.mass * np.eye(d), told.friction * np.eye(d)
+                mass[i], friction[i] = mechanics_of.mass * np.eye(d), mechanics_of.friction * np.eye(d)
     K, B = np.zeros((n, d, n, d)), np.zeros((n, d, n, d))
-    for held in hands:
-        for total, part in ((K, held.hand.stiffness), (B, held.hand.damping)):
+    for still in hands:
+        for total, part in ((K, still.hand.stiffness), (B, still.hand.damping)):
             for a in range(d):
-                total[np.ix_(held.fingers, [a], held.fingers, [a])] = part[a][:, None, :, None]
+                total[np.ix_(still.fingers, [a], still.fingers, [a])] = part[a][:, None, :, None]
     return Mechanics(mass, friction, K.reshape(n * d, n * d), B.reshape(n * d, n * d), delay, tuple(sorted(assumed)))
 
 
 @dataclass(frozen=True)
-class _Told:
+class _DeviceMechanics:
     mass: float
     friction: float
     delay: int | None
     resolution: float | None
 
 
-def _told(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _Told:
+def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _DeviceMechanics:
     lacking = [name for name in ("mass", "friction") if getattr(features, name) is None]
     if features.mass is None or features.friction is None:
         names = ", ".join(scene.finger_names[i] for i in fingers)
@@ -105,4 +96,4 @@ def _told(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _Told:
             f"one that tells its {' and '.join(lacking)}",
             "a limit of stability needs both; give the driver the settings that its features are made of",
         )
-    return _Told(features.mass, features.friction, features.delay, features.resolution)
+    return _DeviceMechanics(features.mass, features.friction, features.delay, features.resolution)

@@ -12,26 +12,25 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.build import encounters
-from graspfx.build.bodies import make_shape
-from graspfx.loop.parts import Mover
+from graspfx.loop.parts import BodyGroup
 from graspfx.objects.surroundings import Meeting, Member
 
 if TYPE_CHECKING:
-    from graspfx.scene.model import Scene
+    from graspfx.build.resolve import Parts
 
 FloatArray = NDArray[np.float64]
 
 
-def make_movers(scene: Scene, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[Mover]:
-    """What moves the objects whose blocks are given; closed with the stack.
+def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
+    """Make what moves the objects whose blocks these are; closed with the stack.
 
     Raises:
         PluginError: what code of another raises when it makes a body.
     """
-    world, folder = scene.world, scene.source.folder
+    scene, world = parts.scene, parts.scene.world
     meeting = Meeting(world.friction, world.restitution, world.stiffness, encounters.collide(scene))
     for group in encounters.groups(scene):
-        module = plugins.load_blaming("dynamics", scene.object[group[0]].dynamics, folder)
+        module = plugins.load_blaming("dynamics", scene.object[group[0]].dynamics, parts.folder)
         file = Path(module.__file__ or module.__name__)
         make_world = getattr(module, "create_world", None)
         if make_world is None or not encounters.in_world(scene, group):
@@ -39,14 +38,13 @@ def make_movers(scene: Scene, states: Sequence[FloatArray], stack: ExitStack) ->
                 with plugins.blaming(file):
                     body = module.create(states[i])
                 stack.callback(getattr(body, "close", _nothing))
-                yield Mover(body, [i])
+                yield BodyGroup(body, [i])
             continue
-        members = [Member(states[i], make_shape(scene.object[i], folder)) for i in group]
-        obstacles = encounters.obstacles(scene, folder)
+        members = [Member(states[i], parts.objects[i].solid.shape) for i in group]
         with plugins.blaming(file):
-            body = make_world(members, obstacles, meeting)
+            body = make_world(members, parts.obstacles, meeting)
         stack.callback(getattr(body, "close", _nothing))
-        yield Mover(body, group)
+        yield BodyGroup(body, group)
 
 
 def _nothing() -> None:

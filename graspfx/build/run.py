@@ -12,10 +12,9 @@ from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from graspfx import plugins
 from graspfx.build.build import build, make_layout
-from graspfx.build.force_limits import has_limits
-from graspfx.build.meshes import frames
-from graspfx.certificate.comparison import beside
+from graspfx.build.resolve import Parts, resolve
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.recording.header import Header, machine, now, versions
@@ -62,13 +61,14 @@ def run(
         raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
     if out is not None:
         to_path("out", out, "the path of a folder")
-    warn_of_axes(scene)
-    size = 8 * make_layout(scene, simulated=True, limits=has_limits(scene)).width  # bytes of a tick
+    parts = resolve(scene)
+    warn_of_axes(parts)
+    size = 8 * make_layout(parts).width  # bytes of a tick
     ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
     with build(scene) as servo:
-        header = header_of(scene)
+        header = header_of(parts)
         sinks: list[Sink] = []
         if out is not None:
             from graspfx.loop.recording.sink import FileSink
@@ -80,23 +80,24 @@ def run(
         with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()
             servo.run(ticks, recorder, stop)
-            took, done = perf_counter() - began, servo.ticks == ticks
+            took, complete = perf_counter() - began, servo.ticks == ticks
             recording = recorder.finish(
-                took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
+                took if complete else None, complete=complete, engine=servo.engine.name, **servo.coupling
             )
     finished = recording if out is None else Recording.load(file)
-    finished.beside = beside(scene)
+    finished.beside = plugins.upward("Recording.beside")(scene)
     return finished
 
 
-def warn_of_axes(scene: Scene) -> None:
+def warn_of_axes(parts: Parts) -> None:
     """Warn of gains that are matrices in axes in which they create energy on a turning object."""
+    scene = parts.scene
     if scene.coupling.axes == "object" and scene.coupling.reaction == "fingertip":
         return
     from graspfx.build.axes import axes_notes
     from graspfx.grasp.impedance import ActiveCouplingWarning
 
-    for text in axes_notes(scene):
+    for text in axes_notes(parts):
         warnings.warn(text, ActiveCouplingWarning, stacklevel=3)
 
 
@@ -108,7 +109,7 @@ def _ticks(scene: Scene, duration: float | None, size: int) -> int:
 
 
 def ticks_of(duration: float, period: float) -> int:
-    """Whole periods in a time.
+    """Count the whole periods in a time.
 
     Raises:
         InputError: a time that is none, or shorter than a period.
@@ -121,7 +122,7 @@ def ticks_of(duration: float, period: float) -> int:
 
 
 def require_memory(ticks: float, size: int) -> None:
-    """Raises InputError where so many ticks of so many bytes have no room in memory."""
+    """Raise InputError where so many ticks of so many bytes have no room in memory."""
     _require_room(ticks, size, "this machine's memory", _memory())
 
 
@@ -137,17 +138,16 @@ def _require_room(ticks: float, size: int, where: str, limit: float) -> None:
 
 
 def _memory() -> float:
-    """Bytes in this machine; where it does not say, those that it could address."""
+    """Count the bytes in this machine; where it does not say, those that it could address."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return float(sys.maxsize)
 
 
-def header_of(scene: Scene) -> Header:
-    """What a run's recording says of the scene, the time and the machine."""
-    source = scene.source
-    meshes = frames(scene.object, source.folder)
+def header_of(parts: Parts) -> Header:
+    """Say for a run's recording what the scene, the time and the machine are."""
+    scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,
         scene=source.path.stem.replace("_", "-") if source.path is not None else source.name,

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.holdings import Holding, hold, holdings
 from graspfx.loop.plant import Hand
 from graspfx.scene.tables.reading import listed
 
 if TYPE_CHECKING:
-    from graspfx.scene.model import Scene
+    from graspfx.build.hand_parts import HandPart
+    from graspfx.build.resolve import Parts
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class StillHand:
     """A hand without its motion and turns: the fingers that it holds, and when it is closed most [s]."""
 
     hand: Hand
@@ -28,53 +28,40 @@ class Held:
     closed: float
 
 
-def still_hands(scene: Scene, start: FloatArray, inward: FloatArray) -> Iterator[Held]:
-    """The hands of a scene as they would close if they neither moved nor turned."""
-    for holding in holdings(scene):
-        yield _still(scene, holding, start, inward)
+def still_hands(parts: Parts, inward: FloatArray) -> Iterator[StillHand]:
+    """Make the hands of a scene as they would close if they neither moved nor turned."""
+    for hand in parts.hands:
+        yield StillHand(hand.still().hold(parts.start, inward), hand.fingers, _closing_time(hand))
 
 
-def most_forces(scene: Scene, start: FloatArray, inward: FloatArray, contacts: FloatArray) -> FloatArray:
-    """The forces with which hands squeeze at most, K (r - p), (n,) [N].
+def most_forces(parts: Parts, inward: FloatArray, contacts: FloatArray) -> FloatArray:
+    """Give the forces with which hands squeeze at most, K (r - p), (n,) [N].
 
     r is where a hand closes to, and p the finger's start, or its contact if it starts inside of the object: a finger
     that is squeezed in is nearer to r.
 
     Args:
-        start: of the fingers (n, d) [m].
-        inward: unit normals of their contacts (n, d).
+        parts: of the scene.
+        inward: unit normals of the fingers' contacts (n, d).
         contacts: contact points (n, d) [m].
     """
+    start = parts.start
     inside = ((start - contacts) * inward).sum(axis=1) > 0.0
     p = np.where(inside[:, None], contacts, start)
     force = np.zeros_like(start)
-    for held in still_hands(scene, start, inward):
-        away = held.hand.target(held.closed)[0] - p[held.fingers]
+    for still in still_hands(parts, inward):
+        away = still.hand.target(still.closed)[0] - p[still.fingers]
         for a in range(start.shape[1]):
-            force[held.fingers, a] = held.hand.stiffness[a] @ away[:, a]
+            force[still.fingers, a] = still.hand.stiffness[a] @ away[:, a]
     return np.asarray(np.linalg.norm(force, axis=1))
 
 
-class StillTable:
-    """A hand's table without its motion and its turn."""
-
-    motion = ()
-    turn = None
-
-    def __init__(self, table: Any) -> None:
-        self._table = table
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._table, name)
-
-
-def _still(scene: Scene, holding: Holding, start: FloatArray, inward: FloatArray) -> Held:
-    table, closed = holding.table, 0.0
-    if table is not None and table.form != "made":
-        if isinstance(table.squeeze, int | float):
-            closed = table.squeeze_ramp
-        else:
-            most = max(listed(table.squeeze), key=lambda step: step.to)
-            closed = most.begin + most.duration if most.to > 0.0 else 0.0  # they begin with none
-        holding = replace(holding, table=cast(Any, StillTable(table)))
-    return Held(hold(scene, scene.source.folder, holding, start, inward), holding.fingers, closed)
+def _closing_time(hand: HandPart) -> float:
+    """Give when a hand is closed most [s]."""
+    table = hand.holding.table
+    if table is None or table.form == "made":
+        return 0.0
+    if isinstance(table.squeeze, int | float):
+        return table.squeeze_ramp
+    most = max(listed(table.squeeze), key=lambda step: step.to)
+    return float(most.begin + most.duration) if most.to > 0.0 else 0.0  # hands begin with none

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from inspect import signature
@@ -14,16 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.errors import DeviceError, shown
-from graspfx.loop.device import Device, SimulatedDevice
+from graspfx.errors import DeviceError, abbreviate
+from graspfx.loop.device import Device, Features, SimulatedDevice
 
 if TYPE_CHECKING:
-    from graspfx.scene.tables.scene_table import Device as DeviceTable
-    from graspfx.scene.tables.scene_table import Finger, SceneTable
+    from graspfx.build.stock import Stock
+    from graspfx.scene.tables.part_tables import Device as DeviceTable
+    from graspfx.scene.tables.part_tables import Finger
+    from graspfx.scene.tables.scene_table import SceneTable
 
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 Connected = Mapping[Location, Device]
 
 AUTOMATIC = "dimensions"  # given to a driver that takes it, from the scene's own key
@@ -31,15 +33,28 @@ AUTOMATIC = "dimensions"  # given to a driver that takes it, from the scene's ow
 
 @dataclass(frozen=True)
 class Wire:
-    """A connected device, where its table stands, and the finger of each of its channels (-1: none)."""
+    """A connected device and what it tells of itself before it is opened.
+
+    Attributes:
+        at: where its table stands.
+        device: not opened.
+        fingers: the finger of each of its channels, -1 for none.
+        features: as the device tells them.
+    """
 
     at: Location
     device: Device
     fingers: NDArray[np.intp]
+    features: Features
+
+    @property
+    def used(self) -> NDArray[np.intp]:
+        """The fingers of its channels that have one."""
+        return self.fingers[self.fingers >= 0]
 
 
 def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
-    """A driver's device with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
+    """Connect a driver with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
     settings = table.settings
     if AUTOMATIC in signature(driver.connect).parameters:
         settings.setdefault(AUTOMATIC, dimensions)
@@ -48,31 +63,43 @@ def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
 
 
 def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
-    """The table of finger i's device, and where it stands."""
-    named = scene.finger[i].device
-    if not isinstance(named, str):
-        return ("finger", i, "device"), named
-    k, table = next((k, each) for k, each in enumerate(scene.device) if each.label == named)
+    """Find the table of finger i's device, and where it stands."""
+    device = scene.finger[i].device
+    if not isinstance(device, str):
+        return ("finger", i, "device"), device
+    k, table = next((k, each) for k, each in enumerate(scene.device) if each.label == device)
     return ("device", k), table
 
 
-def wires(scene: SceneTable, folder: Path | None) -> list[Wire]:
-    """Every device of a scene without faults, connected once, in the order of the first finger that names it."""
+def wires(scene: SceneTable, stock: Stock) -> tuple[Wire, ...]:
+    """Give every device of a scene without faults, in the order of the first finger that names it.
+
+    Those that are not in the stock yet are connected, and stay there.
+    """
+    return tuple(_wires(scene, stock.folder, stock.devices))
+
+
+def wires_anew(scene: SceneTable, folder: Path | None) -> tuple[Wire, ...]:
+    """Connect every device of a scene once more: two runs share none."""
+    return tuple(_wires(scene, folder, {}))
+
+
+def _wires(scene: SceneTable, folder: Path | None, devices: dict[Location, Device]) -> Iterator[Wire]:
     channels: dict[Location, dict[int, int]] = {}
     tables: dict[Location, DeviceTable] = {}
     for i, finger in enumerate(scene.finger):
         at, tables[at] = table_at(scene, i)
         channels.setdefault(at, {})[finger.channel] = i
-    found = []
     for at, table in tables.items():
-        device = connect(plugins.load("devices", table.name, folder), table, scene.dimensions)
-        fingers = [channels[at].get(c, -1) for c in range(device.features.fingers)]
-        found.append(Wire(at, device, np.array(fingers)))
-    return found
+        if at not in devices:
+            devices[at] = connect(plugins.load("devices", table.name, folder), table, scene.dimensions)
+        features = devices[at].features
+        fingers = [channels[at].get(c, -1) for c in range(features.fingers)]
+        yield Wire(at, devices[at], np.array(fingers), features)
 
 
-def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Found]:
-    """Faults between the fingers and the devices that could be connected."""
+def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
+    """Find faults between the fingers and the devices that could be connected."""
     from graspfx.scene.tables.fields import NotValid
 
     channels: dict[Location, list[int]] = {at: [] for at in connected}
@@ -88,19 +115,19 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Found]:
                     has = "1 finger" if k == 1 else f"{k} fingers"
                     text = f"expected less than {k}: {table.name!r} has {has}; given {finger.channel}"
                     yield ("finger", i, "channel"), text
-                yield from _held(("finger", i, "hand"), finger, device, kinds)
+                yield from _hand_faults(("finger", i, "hand"), finger, device, kinds)
     for at, device in connected.items():
         k, used = device.features.fingers, channels[at]
         if device.features.dimensions != scene.dimensions:
-            given = device.features.dimensions
-            yield (*at, "name"), f"expected a device of {scene.dimensions} dimensions; this one has {given}"
+            actual = device.features.dimensions
+            yield (*at, "name"), f"expected a device of {scene.dimensions} dimensions; this one has {actual}"
         free = sorted(set(range(k)) - set(used))
         sound = used and max(used) < k and len(set(used)) == len(used)  # else that is the fault
         if free and sound and isinstance(device, SimulatedDevice):
             yield at, f"no finger has its channel {free[0]}: a simulated device needs one for each of its channels"
 
 
-def _held(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) -> Iterator[Found]:
+def _hand_faults(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) -> Iterator[Finding]:
     if finger.hand is None:
         return
     if not isinstance(device, SimulatedDevice):
@@ -112,31 +139,38 @@ def _held(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) 
             yield at, f"a hand holds devices of one kind; {finger.hand!r} would hold {names}"
 
 
-def placing_faults(scene: SceneTable, folder: Path | None) -> list[Found]:
-    """Fingers of simulated devices, in a scene without other faults, that cannot be put where they start.
+def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Finding]:
+    """Find the fingers of simulated devices, in a scene without other faults, that cannot be put where they start.
 
     Not looked for when a scene is loaded: to place a plant may take the packages that move it.
+
+    Args:
+        start: of all fingers of the scene (n, d) [m].
+        wired: devices that are nobody else's: each is given a plant.
     """
-    start = np.array([finger.start for finger in scene.finger], dtype=float)
-    found: list[Found] = []
-    for wire in wires(scene, folder):
+    faults: list[Finding] = []
+    for wire in wired:
         if not isinstance(wire.device, SimulatedDevice):
             continue
         try:
             type(wire.device).plant([wire.device]).place(start[wire.fingers])
         except DeviceError as error:
-            found.append((("finger", int(wire.fingers[0]), "start"), str(error)))
+            faults.append((("finger", int(wire.fingers[0]), "start"), str(error)))
         else:
-            found += _outside(wire, start)
-    return found
+            faults += outside_faults(wire, start)
+    return faults
 
 
-def _outside(wire: Wire, start: FloatArray) -> Iterator[Found]:
-    workspace = wire.device.features.workspace
-    if workspace is None:
+def outside_faults(wire: Wire, start: FloatArray) -> Iterator[Finding]:
+    """Find the fingers of a simulated device that start outside its workspace."""
+    workspace = wire.features.workspace
+    if workspace is None or not isinstance(wire.device, SimulatedDevice):
         return
     lower, upper = workspace
     for i in wire.fingers.tolist():
         if not ((lower <= start[i]) & (start[i] <= upper)).all():
-            corners = f"{shown(lower.tolist())} to {shown(upper.tolist())} m"
-            yield ("finger", i, "start"), f"outside the device's workspace, {corners}; given {shown(start[i].tolist())}"
+            corners = f"{abbreviate(lower.tolist())} to {abbreviate(upper.tolist())} m"
+            yield (
+                ("finger", i, "start"),
+                f"outside the device's workspace, {corners}; given {abbreviate(start[i].tolist())}",
+            )

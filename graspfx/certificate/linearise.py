@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
 from graspfx.analysis.series import in_series
-from graspfx.build.build import grasped_object, make_law, set_fade
-from graspfx.build.mechanics import Mechanics, device_masses, mechanics
+from graspfx.build.fading import set_fade
+from graspfx.build.mechanics import Mechanics, mechanics
+from graspfx.build.object_parts import ObjectPart
+from graspfx.build.resolve import Parts, resolve
 from graspfx.build.still_hands import still_hands
 from graspfx.certificate.rest.cone_edge import EDGE, edge_directions
 from graspfx.certificate.rest.from_recording import recorded, set_pose
@@ -23,9 +25,9 @@ from graspfx.certificate.scaled_gains import ScaledGains, block_diagonal, force_
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.matrix import Grasp
+from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.split import Split
-from graspfx.loop.parts import Held
+from graspfx.loop.parts import GraspedPart
 from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
 from graspfx.scene.model import Scene
@@ -79,7 +81,7 @@ class Linearised:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _Share:
     """One object's share of the matrices, in world axes, and where its fingers are."""
 
     name: str
@@ -110,7 +112,7 @@ class _Part:
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
 ) -> Linearised:  # fmt: skip
-    """The scene's small motions about its grasp at rest.
+    """Linearise the scene's small motions about its grasp at rest.
 
     "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
     coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
@@ -124,7 +126,7 @@ def linearise(
         recording: of the scene, for "recorded".
 
     Raises:
-        InputError: a device that does not tell its mass or friction; objects with different integrators together.
+        InputError: a device that does not tell its mass or damping; objects with different integrators together.
         UnknownNameError: no such object.
     """
     if at not in WHERE:
@@ -133,57 +135,53 @@ def linearise(
     if object is not None and object not in names:
         raise UnknownNameError("object", object, names)
     touched = sorted(set(scene.finger_objects))
-    chosen = touched if object is None else [names.index(object)]
-    parts = [_part(scene, index, at, recording) for index in chosen]
-    kinds = sorted({part.integrator for part in parts})
+    selection = touched if object is None else [names.index(object)]
+    parts = resolve(scene)
+    shares = [_share(parts, index, at, recording) for index in selection]
+    kinds = sorted({share.integrator for share in shares})
     if len(kinds) > 1:
         raise InputError("object", kinds, "one integrator", f"linearise the objects one by one: {', '.join(names)}")
-    return _joined(scene, parts)
+    return _joined(parts, shares)
 
 
-def _part(scene: Scene, index: int, where: str, recording: Recording | None) -> _Part:
-    table = scene.object[index]
+def _share(parts: Parts, index: int, where: str, recording: Recording | None) -> _Share:
+    scene, part, start = parts.scene, parts.objects[index], parts.start
     # forces as functions of the pose: under "implicit" those of the predicted one, which is for the analysis to insert
-    plain = table.model_copy(update={"integrator": "semi-implicit"}) if table.integrator == "implicit" else table
-    posed = scene.model_copy(update={"object": tuple(plain if t is table else t for t in scene.object)})
-    masses = device_masses(scene) if scene.coupling.metric == "mass" else None
-    grasped, fingers = grasped_object(posed, index, masses)
+    grasped, fingers = part.grasped(predicts=False), part.fingers
     state = grasped.body_state
     state[body.VELOCITY : body.VELOCITY + 3] = state[body.ANGULAR_VELOCITY : body.ANGULAR_VELOCITY + 3] = 0.0
-    start = np.array([finger.start for finger in scene.finger], dtype=float)
     grasped.meet(start[fingers])
-    grip = Grip(grasped, np.array(scene.free(table)))
+    grip = Grip(grasped, np.array(scene.free(part.table)))
     inward = np.zeros_like(start)
     inward[fingers] = grasped.inward()
-    set_fade(scene, [Held(table.name, grasped, fingers)], start, inward)
+    set_fade(parts, [GraspedPart(part.name, grasped, fingers)], inward)
     initial = grasped.block.copy()
     place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
         if recording is None:
             raise InputError("recording", None, "a recording of the scene, for the rest that it ends with")
-        set_pose(grip, recording, table.name)
-        ground = ground_under(scene, index, grip)
+        set_pose(grip, recording, part.name)
+        ground = ground_under(parts, index, grip)
         place = recorded(scene, index, grip, fingers, recording, ground)
     elif where != "start":
-        standing = ground_under(scene, index, grip, lower=LOW)
-        place = {"squeezed": squeezed, "provisional": provisional}[where](scene, index, grip, fingers)
+        standing = ground_under(parts, index, grip, lower=LOW)
+        place = {"squeezed": squeezed, "provisional": provisional}[where](parts, index, grip, fingers)
     if place.stiffness is None:
         grasped.block[:] = initial
         grasped.finger_position[:] = start[fingers]
         ground = None
-    return _matrices(scene, index, grip, fingers, place, ground, standing)
+    return _matrices(scene, part, grip, place, ground, standing)
 
 
 def _matrices(
     scene: Scene,
-    index: int,
+    part: ObjectPart,
     grip: Grip,
-    fingers: NDArray[np.intp],
     place: Place,
     ground: Ground | None,
     standing: Ground | None,
-) -> _Part:
-    table, d, g = scene.object[index], scene.dimensions, grip.grasped
+) -> _Share:
+    table, fingers, d, g = part.table, part.fingers, scene.dimensions, grip.grasped
     J, assumed, state = place.stiffness, place.assumed, g.body_state
     n, m, r, rules = grip.n, grip.m, grip.r, scene.coupling
     R = state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
@@ -202,14 +200,14 @@ def _matrices(
         assumed.append("contacts stick")
     if rules.contact != "attached":
         assumed.append("no finger lets go")
-    law = make_law(scene, fingers, index)
+    law = part.law
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
     gains = ScaledGains(law, split, n, normals)
     compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
-    D = gains.held(in_series(law.damping(split), compliance))
+    D = gains.release_tangents(in_series(law.damping(split), compliance))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
     if J is None:
@@ -238,7 +236,7 @@ def _matrices(
         extra = (grip.turning_damping() - G @ D @ G_e.T)[np.ix_(turning, turning)]
         viscosity[np.ix_(turning, turning)] += extra
         assumed.append("the damping of torsion counts as the object's own viscosity")
-    return _Part(
+    return _Share(
         name=table.name,
         fingers=fingers,
         position=g.finger_position.copy(),
@@ -266,13 +264,13 @@ def _matrices(
 
 
 def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
-    """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
     frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
     return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
-    """G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
+    """Form G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
     d = grip.d
     wide = np.zeros((grip.n, 3))
     wide[:, :d] = arms
@@ -287,97 +285,96 @@ def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
     return np.asarray(full[np.ix_(grip.axes, grip.axes)])
 
 
-def _joined(scene: Scene, parts: Sequence[_Part]) -> Linearised:
-    """The matrices of all parts in one, along the principal axes of the devices' masses."""
-    d = scene.dimensions
-    start = np.array([finger.start for finger in scene.finger], dtype=float)
-    position = start.copy()
-    inward = np.zeros_like(start)
-    for part in parts:
-        position[part.fingers] = part.position
+def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
+    """Join the matrices of all shares into one, along the principal axes of the devices' masses."""
+    d = parts.scene.dimensions
+    position = parts.start.copy()
+    inward = np.zeros_like(position)
+    for share in shares:
+        position[share.fingers] = share.position
     # only stiffness and damping of the hands are asked for here, which do not depend on where they close to
-    moved: Mechanics = mechanics(scene, position, list(still_hands(scene, start, inward)))
-    fingers = np.concatenate([part.fingers for part in parts])
+    mechanics_: Mechanics = mechanics(parts, position, list(still_hands(parts, inward)))
+    fingers = np.concatenate([share.fingers for share in shares])
     columns = (fingers[:, None] * d + np.arange(d)).ravel()
     V = np.zeros((len(columns), len(columns)))
     mass = np.zeros(len(columns))
     friction = np.zeros_like(V)
     for i, finger in enumerate(fingers):
         x = slice(i * d, i * d + d)
-        A = moved.mass[finger]
+        A = mechanics_.mass[finger]
         mass[x], V[x, x] = (np.diag(A), np.eye(d)) if not (A - np.diag(np.diag(A))).any() else np.linalg.eigh(A)
-        friction[x, x] = V[x, x].T @ moved.friction[finger] @ V[x, x]
+        friction[x, x] = V[x, x].T @ mechanics_.friction[finger] @ V[x, x]
     apart = friction - np.diag(np.diag(friction))
 
     def turned(blocks: Sequence[FloatArray]) -> FloatArray:
         return V.T @ block_diagonal(blocks) @ V
 
     def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
-        return turned([part.gains(shifts, turns, internal) for part in parts])
+        return turned([share.gains(shifts, turns, internal) for share in shares])
 
     def conventional(k: float) -> FloatArray:
-        return turned([part.gains.alone(k) for part in parts])
+        return turned([share.gains.alone(k) for share in shares])
 
-    G, G_e = (block_diagonal([getattr(part, name) for part in parts]) @ V for name in ("G", "G_e"))
+    G, G_e = (block_diagonal([getattr(share, name) for share in shares]) @ V for name in ("G", "G_e"))
     linear = Linearisation(
-        period=scene.period,
+        period=parts.scene.period,
         mass=mass,
         friction=np.diag(friction),
         G=G,
-        inertia=block_diagonal([part.inertia for part in parts]),
-        viscosity=block_diagonal([part.viscosity for part in parts]),
+        inertia=block_diagonal([share.inertia for share in shares]),
+        viscosity=block_diagonal([share.viscosity for share in shares]),
         stiffness=stiffness(1.0, 1.0, 1.0),
-        damping=turned([part.damping for part in parts]),
-        hand_stiffness=V.T @ moved.stiffness[np.ix_(columns, columns)] @ V,
-        hand_damping=V.T @ moved.damping[np.ix_(columns, columns)] @ V + apart,
-        delay=np.repeat(moved.delay[fingers], d),
-        integrator=parts[0].integrator,
-        preload=_preload(parts, V),
+        damping=turned([share.damping for share in shares]),
+        hand_stiffness=V.T @ mechanics_.stiffness[np.ix_(columns, columns)] @ V,
+        hand_damping=V.T @ mechanics_.damping[np.ix_(columns, columns)] @ V + apart,
+        delay=np.repeat(mechanics_.delay[fingers], d),
+        integrator=shares[0].integrator,
+        preload=_preload(shares, V),
         G_displacement=G_e,
-        ground=_ground(parts),
-        G_contact=block_diagonal([part.G_c for part in parts]) @ V if parts[0].integrator == "implicit" else None,
+        ground=_ground(shares),
+        G_contact=block_diagonal([share.G_c for share in shares]) @ V if shares[0].integrator == "implicit" else None,
     )
-    assumed = dict.fromkeys([*(text for part in parts for text in part.assumed), *moved.assumed])
+    assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *mechanics_.assumed])
     return Linearised(
         linear=linear,
-        objects=tuple(part.name for part in parts),
+        objects=tuple(share.name for share in shares),
         fingers=tuple(fingers.tolist()),
         finger_of_column=np.repeat(fingers, d),
-        contacts=np.concatenate([part.contacts for part in parts]),
-        at=tuple(part.where for part in parts),
+        contacts=np.concatenate([share.contacts for share in shares]),
+        at=tuple(share.where for share in shares),
         assumed=tuple(assumed),
-        splits=tuple(part.split for part in parts),
-        margins=np.concatenate([part.margins for part in parts]),
-        edge=tuple(int(i) for part in parts for i in part.edge),
-        slip=(V.T @ block_diagonal([p.slip[0] for p in parts]), V.T @ block_diagonal([p.slip[1] for p in parts])),
-        standing=tuple(part.standing for part in parts),
-        fade=tuple(part.fade for part in parts),
+        splits=tuple(share.split for share in shares),
+        margins=np.concatenate([share.margins for share in shares]),
+        edge=tuple(int(i) for share in shares for i in share.edge),
+        slip=(V.T @ block_diagonal([p.slip[0] for p in shares]), V.T @ block_diagonal([p.slip[1] for p in shares])),
+        standing=tuple(share.standing for share in shares),
+        fade=tuple(share.fade for share in shares),
         stiffness=stiffness,
         conventional=conventional,
-        compliance=np.concatenate([part.compliance for part in parts]),
+        compliance=np.concatenate([share.compliance for share in shares]),
     )
 
 
-def _preload(parts: Sequence[_Part], V: FloatArray) -> FloatArray | None:
-    if not any(part.N.any() for part in parts):
+def _preload(shares: Sequence[_Share], V: FloatArray) -> FloatArray | None:
+    if not any(share.N.any() for share in shares):
         return None
-    m, r = len(V), sum(len(part.G) for part in parts)
+    m, r = len(V), sum(len(share.G) for share in shares)
     N = np.zeros((m + r, m + r))
     x = q = 0
-    for part in parts:
-        rows = np.r_[x : x + part.G.shape[1], m + q : m + q + len(part.G)]
-        N[np.ix_(rows, rows)] = part.N
-        x, q = x + part.G.shape[1], q + len(part.G)
+    for share in shares:
+        rows = np.r_[x : x + share.G.shape[1], m + q : m + q + len(share.G)]
+        N[np.ix_(rows, rows)] = share.N
+        x, q = x + share.G.shape[1], q + len(share.G)
     N[:m] = V.T @ N[:m]
     N[:, :m] = N[:, :m] @ V
     return N
 
 
-def _ground(parts: Sequence[_Part]) -> tuple[FloatArray, FloatArray] | None:
-    if all(part.ground is None for part in parts):
+def _ground(shares: Sequence[_Share]) -> tuple[FloatArray, FloatArray] | None:
+    if all(share.ground is None for share in shares):
         return None
-    none = [np.zeros((len(part.G), len(part.G))) for part in parts]
-    grounds = [part.ground for part in parts]
+    none = [np.zeros((len(share.G), len(share.G))) for share in shares]
+    grounds = [share.ground for share in shares]
     return (
         block_diagonal([zero if g is None else g.stiffness for zero, g in zip(none, grounds, strict=True)]),
         block_diagonal([zero if g is None else g.damping for zero, g in zip(none, grounds, strict=True)]),

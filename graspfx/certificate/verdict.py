@@ -61,7 +61,7 @@ class Report:
         return text
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, with units in the names of keys; no limit is None."""
+        """Write plain data for JSON, with units in the names of keys; no limit is None."""
         return {
             "scene": self.scene,
             "ok": self.ok,
@@ -73,8 +73,8 @@ class Report:
         }
 
     def lines(self) -> Iterator[str]:
-        """Verdict, limits, notes and plan as lines of text."""
-        from graspfx.certificate.certificate import lines
+        """Write verdict, limits, notes and plan as lines of text."""
+        from graspfx.certificate.certificate_lines import lines
 
         yield self.verdict
         for certificate in self.certificates:
@@ -117,43 +117,45 @@ def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | Non
 
 
 def report(scene: Scene) -> Report:
-    """The report on a scene that is valid.
+    """Report on a scene that is valid.
 
     Raises:
         SceneError: a finger that starts out of its device's reach.
     """
     from graspfx.build.axes import axes_notes
-    from graspfx.certificate.certificate import certificates
+    from graspfx.build.resolve import resolve
+    from graspfx.certificate.certificates import certificates
     from graspfx.certificate.notes.blend import blend_notes
     from graspfx.certificate.notes.doubts import doubts
     from graspfx.certificate.plan import plan
     from graspfx.certificate.prospect import engine_plan
 
-    scene.require_reach()
+    parts = resolve(scene)
+    program = engine_plan(scene)  # places the fingers, as a run does
     why, answers = "", []
     try:
         answers = sorted(certificates(scene), key=_room)
         why = "" if answers else "no finger touches an object"
     except GraspFXError as error:
         why = " ".join(str(error).split())
-    notes = (*doubts(scene), *axes_notes(scene), *blend_notes(scene))
-    return Report(scene.source.name, (), tuple(answers), why, notes, (*plan(scene), *engine_plan(scene)))
+    notes = (*doubts(parts), *axes_notes(parts), *blend_notes(parts))
+    return Report(scene.source.name, (), tuple(answers), why, notes, (*plan(scene), *program))
 
 
 def _room(certificate: Certificate) -> tuple[bool, float]:
-    """What is not stable first, then by the least margin."""
+    """Order unstable certificates first, then by the least margin."""
     least = _least(certificate)
     return certificate.stable, math.inf if least is None else least.margin
 
 
 def _least(certificate: Certificate) -> Limit | None:
-    """The mode with the least margin of the whole grasp, the most special of equal ones."""
+    """Find the mode with the least margin of the whole grasp, the most special of equal ones."""
     rows = [row for row in certificate.limits if not row.mode.startswith(PUSHING)]
     return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
 
 
 def _sentence(certificate: Certificate) -> str:
-    """A certificate in one line."""
+    """Write a certificate in one line."""
     least, stable = _least(certificate), certificate.stable
     radius = f"spectral radius {certificate.spectral_radius:.6f}"
     text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"

@@ -46,7 +46,7 @@ def separate(words: Sequence[str]) -> Iterator[str]:
 
 
 def override(text: str) -> tuple[str, Any]:
-    """KEY=VALUE as a key and a value: TOML where it reads as TOML, else the text itself."""
+    """Parse KEY=VALUE: the value is TOML where it reads as TOML, else the text itself."""
     import tomllib
 
     from graspfx.scene.budget import excess

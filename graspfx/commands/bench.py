@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import DONE
+from graspfx.commands.output import SUCCESS
 
 EXAMPLE = """  graspfx bench eq4 ticks --quick"""
 
@@ -19,13 +19,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_destination(parser, "DIR", "folder of benchmarks.json, its page and pictures, which --overwrite updates")
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.bench.threads import one_blas_thread
 
     with one_blas_thread():  # before numpy is loaded
         from graspfx.bench.session import bench, files
 
-        if chosen.out is not None:
-            require_room(chosen, files(chosen.names, chosen.out))
-        bench(chosen.names, quick=chosen.quick, as_json=chosen.json, out=chosen.out, readme=chosen.readme)
-    return DONE
+        if options.out is not None:
+            require_room(options, files(options.names, options.out))
+        bench(options.names, quick=options.quick, as_json=options.json, out=options.out, readme=options.readme)
+    return SUCCESS

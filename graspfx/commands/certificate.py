@@ -11,13 +11,14 @@ if TYPE_CHECKING:
 
 
 def certify(scene: Scene) -> None:
-    """Prints the certificate, or why there is none."""
-    from graspfx.certificate.certificate import certificates, lines
+    """Print the certificate, or why there is none."""
+    from graspfx.certificate.certificate_lines import lines
+    from graspfx.certificate.certificates import certificates
 
     try:
-        found = certificates(scene)
+        certificates_ = certificates(scene)
     except GraspFXError as error:
         print(f"stability is not judged: {' '.join(str(error).split())}")
         return
-    for certificate in found:
+    for certificate in certificates_:
         print(*lines(certificate), sep="\n")

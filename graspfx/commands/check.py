@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_scene
-from graspfx.commands.output import DONE, REFUSED, print_json
+from graspfx.commands.output import REFUSED, SUCCESS, print_json
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
 
 EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60"""
 
@@ -13,19 +17,39 @@ EXAMPLE = """  graspfx check paper-spring --set coupling.external.stiffness=60""
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--brief", action="store_true", help="print the verdict alone, one line")
+    parser.add_argument(
+        "--tick", action="store_true", help="print the program of one tick, with names, and the source of each part"
+    )
     parser.add_argument("--json", action="store_true", help="print the report as JSON, and nothing else")
     parser.add_argument(
         "--strict", action="store_true", help="end with 1 unless the verdict is that the scene is stable"
     )
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.certificate.verdict import report
     from graspfx.scene.load import load
 
-    answer = report(load(chosen.scene, dict(chosen.overrides)))
-    if chosen.json:
+    scene = load(options.scene, dict(options.overrides))
+    if options.tick:
+        lines = _tick(scene)
+        if options.json:
+            print_json({"tick": lines})
+        else:
+            print(*lines, sep="\n")
+        return SUCCESS
+    answer = report(scene)
+    if options.json:
         print_json(answer.to_dict())
     else:
-        print(*([answer.verdict] if chosen.brief else answer.lines()), sep="\n")
-    return DONE if answer.ok or not chosen.strict else REFUSED
+        print(*([answer.verdict] if options.brief else answer.lines()), sep="\n")
+    return SUCCESS if answer.ok or not options.strict else REFUSED
+
+
+def _tick(scene: Scene) -> list[str]:
+    """List the program that a run of the scene would run, line by line."""
+    from graspfx.build.build import build
+    from graspfx.loop.tick.tick_listing import listing
+
+    with build(scene, live=False) as servo:
+        return listing(servo.parts)

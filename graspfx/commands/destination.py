@@ -23,41 +23,41 @@ def add_destination(parser: ArgumentParser, metavar: str, meaning: str) -> None:
     parser.add_argument("--overwrite", action="store_true", help="write over files that are there")
 
 
-def require_room(chosen: Namespace, files: Iterable[Path]) -> None:
+def require_room(options: Namespace, files: Iterable[Path]) -> None:
     """Refuse, unless with --overwrite, where a file that the command would write is there.
 
     Raises:
         RecordingError: it is.
     """
-    if not chosen.overwrite:
+    if not options.overwrite:
         require_vacancy(files, REMEDY)
 
 
-def require_room_of(chosen: Namespace, recording: Path) -> None:
+def require_room_of(options: Namespace, recording: Path) -> None:
     """Refuse, unless with --overwrite, where a recording, or the part of a run, is there.
 
     Raises:
         RecordingError: it is.
     """
-    if not chosen.overwrite:
+    if not options.overwrite:
         require_vacancy_of(recording, REMEDY)
 
 
 @contextmanager
-def destination(chosen: Namespace, name: str, *, latest: bool = False) -> Iterator[Path]:
+def destination(options: Namespace, name: str, *, latest: bool = False) -> Iterator[Path]:
     """Choose the folder of --out, or a new one: out/NAME, out/NAME-2, ... (out/NAME with --overwrite).
 
     A new folder that stays empty is removed again.
 
     Args:
-        chosen: has `out` and `overwrite`.
+        options: has `out` and `overwrite`.
         name: of the scene.
         latest: whether out/latest is to point to the new folder.
     """
-    if chosen.out is not None:
-        yield chosen.out
+    if options.out is not None:
+        yield options.out
         return
-    folder = make_folder(OUT / name) if chosen.overwrite else _new_folder(name)
+    folder = make_folder(OUT / name) if options.overwrite else _new_folder(name)
     previous = _point_to(folder) if latest else None
     try:
         yield folder

@@ -10,16 +10,16 @@ from contextlib import contextmanager
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Asks whether to stop, which Ctrl-C says; a second one ends the process at once.
+    """Make Ctrl-C ask a run to stop; a second one ends the process at once.
 
     An exception that the signal raises can be lost inside a library's callback; a flag cannot.
     """
 
     def ask(number: int, frame: object) -> None:
-        asked.append(number)
+        signals.append(number)
         signal.signal(number, signal.SIG_DFL)
 
-    asked: list[int] = []
+    signals: list[int] = []
     before = signal.getsignal(signal.SIGINT)
     ours = before is signal.default_int_handler and threading.current_thread() is threading.main_thread()
     if not ours:  # ignored, as in the background, or somebody else's
@@ -27,6 +27,6 @@ def interruptible() -> Iterator[Callable[[], bool]]:
         return
     signal.signal(signal.SIGINT, ask)
     try:
-        yield lambda: bool(asked)
+        yield lambda: bool(signals)
     finally:
         signal.signal(signal.SIGINT, before)

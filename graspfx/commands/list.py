@@ -7,7 +7,7 @@ import tomllib
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from graspfx.commands.output import DONE
+from graspfx.commands.output import SUCCESS
 from graspfx.plugins import Group, names, source_of
 
 EXAMPLE = """  graspfx list"""
@@ -15,21 +15,21 @@ GROUPS: tuple[Group, ...] = ("scenes", "devices", "hands", "dynamics")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """It takes none."""
+    """Add no arguments."""
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     for group in GROUPS:
         if origins := names(group):
             width = max(map(len, origins))
             print(group)
             for name, origin in origins.items():
                 print(f"  {name:<{width}}  {line_about(source_of(group, name))}[{origin}]")
-    return DONE
+    return SUCCESS
 
 
 def line_about(path: Path | None) -> str:
-    """A scene's title, or the first line of a Python file's docstring; empty where there is none to be read."""
+    """Read a scene's title, or the first line of a Python file's docstring; empty where there is none."""
     try:
         text = path.read_text(encoding="utf-8") if path is not None else ""
         if path is not None and path.suffix == ".toml":

@@ -1,4 +1,4 @@
-"""What commands say, where their pictures may go, and the codes with which they end."""
+"""Messages of commands, places for their pictures, and their exit codes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
     from graspfx.scene.model import Scene
 
-DONE, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
+SUCCESS, REFUSED, WRONG, FAULTS, INTERRUPTED = 0, 1, 2, 3, 130
 CODES = f"""exit codes:
-  {DONE}    done
+  {SUCCESS}    done
   {REFUSED}    `check --strict` of a scene that is not stable, or not judged
   {WRONG}    an error, said on standard error: bad arguments or scene, a file in the way, a disk that is full
   {FAULTS}    the run has faults, as of a device that broke off: from there on every force is zero
@@ -26,10 +26,11 @@ CODES = f"""exit codes:
 
 
 def doubts(scene: Scene) -> list[str]:
-    """What is no fault of a scene and yet may not be meant."""
+    """List warnings about likely mistakes in a scene."""
+    from graspfx.build.resolve import resolve
     from graspfx.certificate.notes import doubts as notes
 
-    return notes.doubts(scene)
+    return notes.doubts(resolve(scene))
 
 
 def note(notes: Iterable[str]) -> None:
@@ -38,10 +39,10 @@ def note(notes: Iterable[str]) -> None:
 
 
 def say_faults(recording: Recording) -> int:
-    """Prints a run's faults; the code that goes with them."""
+    """Print a run's faults; return the exit code that goes with them."""
     for fault in recording.faults:
         print(fault, file=sys.stderr)
-    return FAULTS if recording.faults else DONE
+    return FAULTS if recording.faults else SUCCESS
 
 
 def name_files(paths: Sequence[Path]) -> None:
@@ -91,6 +92,6 @@ def placing(picture: Path, otherwise: str = "") -> Iterator[Path]:
 
 
 def require_place(picture: Path) -> None:
-    """No folder may stand where the picture goes: to be known before the run."""
+    """Refuse a folder where the picture goes, before the run."""
     if picture.is_dir():
         raise RecordingError(f"{picture}: is a folder, where the picture is to go; choose another --out")

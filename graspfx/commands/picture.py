@@ -36,58 +36,58 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_destination(parser, "FILE", meaning)
 
 
-def execute(chosen: Namespace) -> int:
-    given = Path(chosen.recording)
-    folder = given.parent != Path() and given.suffix not in (".toml", ".py")  # a scene's name has no slashes
-    if given.suffix == ".h5" or is_part(given) or recording_file(given).is_file() or folder:
-        return _draw_recording(given, chosen)
-    if chosen.out is not None:
-        _require_room(chosen.out, chosen)
-        return _draw_scene(chosen.out, chosen)
-    with destination(chosen, given.stem) as home:
-        return _draw_scene(home / PICTURE, chosen)
+def execute(options: Namespace) -> int:
+    subject = Path(options.recording)
+    folder = subject.parent != Path() and subject.suffix not in (".toml", ".py")  # a scene's name has no slashes
+    if subject.suffix == ".h5" or is_part(subject) or recording_file(subject).is_file() or folder:
+        return _draw_recording(subject, options)
+    if options.out is not None:
+        _require_room(options.out, options)
+        return _draw_scene(options.out, options)
+    with destination(options, subject.stem) as home:
+        return _draw_scene(home / PICTURE, options)
 
 
-def _draw_recording(given: Path, chosen: Namespace) -> int:
+def _draw_recording(source: Path, options: Namespace) -> int:
     from graspfx.loop.recording.record import Recording
 
-    if chosen.overrides:
-        raise InputError("--set", dict(chosen.overrides), "a scene to set values in", f"{given} has been run")
-    file = recording_file(given if given.suffix == ".h5" or is_part(given) or given.is_dir() else given / NAME)
-    path: Path = chosen.out or file.parent / PICTURE
-    _require_room(path, chosen)
+    if options.overrides:
+        raise InputError("--set", dict(options.overrides), "a scene to set values in", f"{source} has been run")
+    file = recording_file(source if source.suffix == ".h5" or is_part(source) or source.is_dir() else source / NAME)
+    path: Path = options.out or file.parent / PICTURE
+    _require_room(path, options)
     recording = Recording.load(file)
-    say_source(given, file, recording)
-    return _draw(recording, path, _folder_of(recording.header), chosen)
+    say_source(source, file, recording)
+    return _draw(recording, path, _folder_of(recording.header), options)
 
 
-def _draw_scene(path: Path, chosen: Namespace) -> int:
+def _draw_scene(path: Path, options: Namespace) -> int:
     from graspfx.build.run import run
     from graspfx.scene.load import load
 
-    scene = load(chosen.recording, dict(chosen.overrides))
-    duration = None if chosen.time is None else max(chosen.time, 0.0) + scene.period
-    return _draw(run(scene, duration=duration), path, scene.source.folder, chosen)
+    scene = load(options.recording, dict(options.overrides))
+    duration = None if options.time is None else max(options.time, 0.0) + scene.period
+    return _draw(run(scene, duration=duration), path, scene.source.folder, options)
 
 
-def _require_room(path: Path, chosen: Namespace) -> None:
+def _require_room(path: Path, options: Namespace) -> None:
     require_place(path)
-    require_room(chosen, [path])
+    require_room(options, [path])
 
 
-def _draw(recording: Recording, path: Path, meshes: Path | None, chosen: Namespace) -> int:
+def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namespace) -> int:
     from graspfx.show.picture.portrait import picture
 
     make_folder(path.parent)
     with placing(path) as file:
-        notes = picture(recording, file, chosen.time, view=chosen.view, folder=meshes)
+        notes = picture(recording, file, options.time, view=options.view, folder=meshes)
     note(notes)
     name_files([path])
     return say_faults(recording)
 
 
 def _folder_of(header: Header) -> Path | None:
-    """Where the scene's paths start, or where a scene of that name is now; None for what is nowhere."""
+    """Find the folder where the scene's paths start: the recorded one, or a scene of that name; None for neither."""
     from graspfx.plugins import find
 
     folder = Path(header.scene_folder)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from graspfx.commands.destination import add_destination, require_room
-from graspfx.commands.output import DONE, draw, name_files, say_source
+from graspfx.commands.output import SUCCESS, draw, name_files, say_source
 from graspfx.errors import InputError
 
 EXAMPLE = """  graspfx plot out/conventional out/proposed --out out"""
@@ -18,28 +18,28 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_destination(parser, "DIR", "folder of the picture (that of the first recording)")
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.loop.recording.places import make_folder, recording_file
     from graspfx.loop.recording.record import Recording
     from graspfx.show.summary_table import print_summary
 
-    if len(chosen.recordings) > 2:
-        raise InputError("RECORDING", len(chosen.recordings), "one or two recordings")
-    paths = [recording_file(path) for path in chosen.recordings]
-    folder: Path = chosen.out or paths[0].parent
+    if len(options.recordings) > 2:
+        raise InputError("RECORDING", len(options.recordings), "one or two recordings")
+    paths = [recording_file(path) for path in options.recordings]
+    folder: Path = options.out or paths[0].parent
     picture = folder / ("figure.png" if len(paths) == 1 else "comparison.png")
-    require_room(chosen, [picture])
+    require_room(options, [picture])
     recordings = [Recording.load(path) for path in paths]
-    for request, path, recording in zip(chosen.recordings, paths, recordings, strict=True):
+    for request, path, recording in zip(options.recordings, paths, recordings, strict=True):
         say_source(request, path, recording)
     make_folder(folder)
     draw(recordings, picture)
     print_summary(recordings, _labels(paths))
     name_files([picture])
-    return DONE
+    return SUCCESS
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
-    """What tells recordings apart: their folders' names if those differ, else their paths."""
+    """Label recordings: by their folders' names if those differ, else by their paths."""
     folders = [path.resolve().parent.name for path in paths]
     return folders if len(set(folders)) == len(paths) else [str(path) for path in paths]

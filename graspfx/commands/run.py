@@ -37,49 +37,49 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the summary as JSON, and nothing else")
 
 
-def execute(chosen: Namespace) -> int:
-    from graspfx.build.scene_cache import kept, place
+def execute(options: Namespace) -> int:
+    from graspfx.build.scene_cache import cached, place
 
-    if chosen.out is not None:
-        _require_room(chosen.out, chosen)
-    where = place(chosen.scene, dict(chosen.overrides))
-    known = kept(where) if where is not None else None
-    scene, notes = known or _checked(chosen)
+    if options.out is not None:
+        _require_room(options.out, options)
+    where = place(options.scene, dict(options.overrides))
+    entry = cached(where) if where is not None else None
+    scene, notes = entry or _checked(options)
     note(notes)
-    with destination(chosen, Path(chosen.scene).stem, latest=True) as folder:
-        code, complete = _run_into(folder, scene, chosen)
-    if complete and where is not None and known is None:
+    with destination(options, Path(options.scene).stem, latest=True) as folder:
+        code, complete = _run_into(folder, scene, options)
+    if complete and where is not None and entry is None:
         from graspfx.build.scene_cache import keep
 
         keep(where, scene, notes)
     return code
 
 
-def _require_room(folder: Path, chosen: Namespace) -> None:
-    """Refuses where a file of the run is in the way, before anything is loaded."""
-    if not chosen.no_figure:
+def _require_room(folder: Path, options: Namespace) -> None:
+    """Refuse where a file of the run is in the way, before anything is loaded."""
+    if not options.no_figure:
         require_place(folder / PICTURE)
-        require_room(chosen, [folder / PICTURE])
-    require_room_of(chosen, folder / NAME)
+        require_room(options, [folder / PICTURE])
+    require_room_of(options, folder / NAME)
 
 
-def _run_into(folder: Path, scene: Scene, chosen: Namespace) -> tuple[int, bool]:
-    """Runs a scene and writes its files into a folder; the exit code, and whether the run came to its end."""
+def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool]:
+    """Run a scene and write its files into a folder; return the exit code, and whether the run came to its end."""
     from graspfx.build.run import run
     from graspfx.commands.interrupt import interruptible
     from graspfx.show.remarks import remarks
 
     written, picture = [folder / NAME], folder / PICTURE
     with interruptible() as stop:
-        recording = run(scene, duration=chosen.duration, out=folder, overwrite=chosen.overwrite, stop=stop)
+        recording = run(scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop)
     if not recording.outcome.complete:
-        done, meant = len(recording) * scene.period, chosen.duration or scene.duration
-        print(f"interrupted after {done:g} of {meant:g} s; {written[0]} holds them", file=sys.stderr)
+        simulated, duration = len(recording) * scene.period, options.duration or scene.duration
+        print(f"interrupted after {simulated:g} of {duration:g} s; {written[0]} holds them", file=sys.stderr)
         return INTERRUPTED, False
-    if not chosen.no_figure:
+    if not options.no_figure:
         draw([recording], picture, f"; the run is in {written[0]}")
         written.append(picture)
-    if chosen.json:
+    if options.json:
         print_json(recording.summary())
     else:
         from graspfx.show.summary_table import print_summary
@@ -90,10 +90,10 @@ def _run_into(folder: Path, scene: Scene, chosen: Namespace) -> tuple[int, bool]
     return say_faults(recording), True
 
 
-def _checked(chosen: Namespace) -> tuple[Scene, list[str]]:
-    """The scene, and what its author may not have meant."""
-    from graspfx.build.meshes import mesh_notes
+def _checked(options: Namespace) -> tuple[Scene, list[str]]:
+    """Load the scene, and warnings about likely mistakes."""
+    from graspfx.build.resolve import resolve
     from graspfx.scene.load import load
 
-    scene = load(chosen.scene, dict(chosen.overrides))
-    return scene, [*mesh_notes(scene.object, scene.source.folder), *doubts(scene)]
+    scene = load(options.scene, dict(options.overrides))
+    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from graspfx.commands.output import DONE, print_json
+from graspfx.commands.output import SUCCESS, print_json
 
 EXAMPLE = """  graspfx schema > scene.schema.json"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """It takes none."""
+    """Add no arguments."""
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.scene.model import schema
 
     print_json(schema())
-    return DONE
+    return SUCCESS

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from graspfx.commands.arguments import add_scene
 from graspfx.commands.certificate import certify
 from graspfx.commands.destination import add_destination, destination, require_room
-from graspfx.commands.output import DONE, name_files, placing, print_json, require_place
+from graspfx.commands.output import SUCCESS, name_files, placing, print_json, require_place
 
 if TYPE_CHECKING:
     from graspfx.certificate.limit_sweep import Sweep
@@ -32,38 +32,38 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import Sweep, limits_of_scene
     from graspfx.scene.load import load
 
-    sweeps = [Sweep.read(text) for text in chosen.sweep]
-    scene = load(chosen.scene, dict(chosen.overrides))
+    sweeps = [Sweep.read(text) for text in options.sweep]
+    scene = load(options.scene, dict(options.overrides))
     scene.require_reach()
     if not sweeps:
-        if chosen.json:
+        if options.json:
             print_json(limits_of_scene(scene).to_dict())
         else:
             certify(scene)
-        return DONE
-    with destination(chosen, Path(chosen.scene).stem) as folder:
-        return _draw_into(folder, scene, sweeps, chosen)
+        return SUCCESS
+    with destination(options, Path(options.scene).stem) as folder:
+        return _draw_into(folder, scene, sweeps, options)
 
 
-def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], chosen: Namespace) -> int:
+def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespace) -> int:
     from graspfx.certificate.limit_sweep import swept_limits
     from graspfx.loop.recording.places import make_folder
     from graspfx.show.limit_curves import limits_figure
 
     picture = folder / "stability.png"
     require_place(picture)
-    require_room(chosen, [picture])
+    require_room(options, [picture])
     limits = swept_limits(scene, sweeps)
     make_folder(folder)
     with placing(picture) as file:
         limits_figure(limits, file, scene.title)
-    if chosen.json:
+    if options.json:
         print_json(limits.to_dict())
-        return DONE
+        return SUCCESS
     print(*limits.lines(), sep="\n")
     name_files([picture])
-    return DONE
+    return SUCCESS

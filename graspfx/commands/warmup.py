@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from graspfx.commands.arguments import add_overrides, scene
-from graspfx.commands.output import DONE, WRONG
+from graspfx.commands.output import SUCCESS, WRONG
 
 EXAMPLE = """  graspfx warmup pick-and-place knob"""
 
@@ -17,7 +17,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_overrides(parser)
 
 
-def execute(chosen: Namespace) -> int:
+def execute(options: Namespace) -> int:
     from graspfx.build.warm import CANNOT, warm_all
     from graspfx.compile.cache import folder, require_room
     from graspfx.compile.native import require_llvm
@@ -25,9 +25,9 @@ def execute(chosen: Namespace) -> int:
 
     require_llvm()
     require_room()
-    scenes = chosen.scenes or list(names("scenes"))
-    width, code = max(map(len, scenes)), DONE
-    for each in warm_all(scenes, dict(chosen.overrides)):
+    scenes = options.scenes or list(names("scenes"))
+    width, code = max(map(len, scenes)), SUCCESS
+    for each in warm_all(scenes, dict(options.overrides)):
         if each.state == CANNOT:
             print(f"{each.scene:<{width}}  {each.state:<9}  {each.why}", flush=True)
             code = WRONG

@@ -1,4 +1,4 @@
-"""What is kept on disk from one run to the next: a folder of bounded size that no fault of the disk can spoil."""
+"""Disk cache: a folder of bounded size that no fault of the disk can spoil."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class CacheWarning(UserWarning):
 
 
 def folder() -> Path:
-    """`$GRASPFX_CACHE`, or `graspfx` in the folder that the platform has for such things.
+    """Name the cache's folder: `$GRASPFX_CACHE`, or `graspfx` in the platform's folder for caches.
 
     Raises:
         OSError: the user has no folder, and the environment names none.
     """
-    if chosen := os.environ.get("GRASPFX_CACHE"):
-        return Path(chosen)
+    if override := os.environ.get("GRASPFX_CACHE"):
+        return Path(override)
     try:
         return _own()
     except RuntimeError as error:  # as of a container's user that no table knows
@@ -42,29 +42,29 @@ def _own() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graspfx"
 
 
-def shown() -> str:
-    """The folder in words."""
+def folder_text() -> str:
+    """Say in words where the cache is."""
     try:
         return str(folder())
     except OSError:
         return "the folder that GRASPFX_CACHE names"
 
 
-def stored(key: str) -> bytes | None:
-    """What was kept under a key; None if there is nothing, or if it is not what was written.
+def load(key: str) -> bytes | None:
+    """Read an entry of the cache; None if there is none, or if it is not what was written.
 
     Warns where the folder or the file is not the user's alone: then it is not used.
     """
     try:
         path = folder() / f"{key}{SUFFIX}"
         stranger = intrusion(path.parent)
-        found = None if stranger else read_own(path)
+        entry = None if stranger else read_own(path)
     except OSError:
         return None
-    if found is None:
+    if entry is None:
         _warn(path.parent, stranger or f"{path.name} is no file of its user alone")
         return None
-    digest, content = found[:32], found[32:]
+    digest, content = entry[:32], entry[32:]
     if hashlib.sha256(key.encode() + content).digest() != digest:
         return None
     with contextlib.suppress(OSError):
@@ -73,7 +73,7 @@ def stored(key: str) -> bytes | None:
 
 
 def store(key: str, content: bytes) -> str:
-    """Keeps something under a key; what stood in the way, or nothing."""
+    """Write an entry to the cache; return what stood in the way, or an empty text."""
     import tempfile  # takes longer to load than most of what is kept
 
     here: Path | str = "the user's folder"
@@ -99,7 +99,7 @@ def store(key: str, content: bytes) -> str:
 
 
 def require_room() -> None:
-    """Nothing is lost where the folder cannot be written, but for the time to compile again.
+    """Check that the cache can be written; where it cannot, a run only compiles again.
 
     Raises:
         InputError: it cannot be written, or others could write to it too.

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, update_wrapper
-from types import FunctionType, UnionType
-from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from types import FunctionType
+from typing import Any, cast, get_args, get_origin
 
+from graspfx.compile.marks import LOWERED, F, inline, optional, parameter_kinds, written
 from graspfx.compile.records import SCALARS, Floats, Many, Record, Table, is_value, parts_of
 
-INLINE = "__inline__"  # mark of a function that is written out where it is called
-LOWERED = "__kernel__"  # attribute of a kernel: the function as it is written
-
-
-F = TypeVar("F", bound=Callable[..., Any])
+__all__ = ["call", "inline", "keep_lowerings", "kernel", "source_function", "written"]
 
 
 def kernel(function: F) -> F:
@@ -24,32 +21,18 @@ def kernel(function: F) -> F:
     assert isinstance(function, FunctionType)
     original = function
 
-    def run(*arguments: Any, **named: Any) -> Any:
-        return call(original, arguments, named)
+    def run(*arguments: Any, **keywords: Any) -> Any:
+        return call(original, arguments, keywords)
 
     update_wrapper(run, original)
     setattr(run, LOWERED, original)
     return cast("F", run)
 
 
-def inline(function: F) -> F:
-    """Mark a function of a few assignments and a return: it is written out where a kernel calls it."""
-    setattr(function, INLINE, True)
-    return function
-
-
-def written(function: F) -> F:
-    """Give a kernel's function as it stands in its file."""
-    return cast("F", getattr(function, LOWERED, function))
-
-
 def source_function(function: Callable[..., Any]) -> FunctionType:
     """Give the function on numbers and entries that is specialised, and that interpreted runs execute."""
     original = getattr(function, LOWERED, None)
-    if original is None:
-        assert isinstance(function, FunctionType)
-        return function
-    return _lowered(original)
+    return cast("FunctionType", function) if original is None else _lowered(original)
 
 
 @cache
@@ -59,41 +42,29 @@ def _lowered(function: FunctionType) -> FunctionType:
     return lowered(function)
 
 
-def call(function: FunctionType, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+def keep_lowerings() -> None:
+    """Write lowered kernels to the disk cache, so that the next process need not lower them."""
+    if _lowered.cache_info().currsize:
+        from graspfx.compile.lower.store import store
+
+        store().save()
+
+
+def call(function: FunctionType, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
     """Call a kernel from Python: records as buffer and offset, values as their numbers."""
     run = _lowered(function)
     kinds = parameter_kinds(function)
-    if len(arguments) + len(named) > len(kinds) - 1 or _is_flat(arguments, kinds):
-        return run(*arguments, **named)  # numbers and buffers already
+    if len(arguments) + len(keywords) > len(kinds) - 1 or _is_flat(arguments, kinds):
+        return run(*arguments, **keywords)  # numbers and buffers already
     order = list(kinds)[:-1]
     flat: list[Any] = []
-    given = {**dict(zip(order, arguments, strict=False)), **named}
-    blank = next((a.buffer for a in given.values() if isinstance(a, Record | Floats | Table | Many)), None)
+    values = {**dict(zip(order, arguments, strict=False)), **keywords}
+    blank = next((a.buffer for a in values.values() if isinstance(a, Record | Floats | Table | Many)), None)
     for name in order:
-        if name not in given:
+        if name not in values:
             break  # numbers with defaults come last
-        flat += _flat(given[name], kinds[name], blank)
+        flat += _flat(values[name], kinds[name], blank)
     return _whole(run(*flat), kinds["return"])
-
-
-@cache
-def parameter_kinds(function: FunctionType) -> dict[str, Any]:
-    """Give the kinds of a function's parameters, in order, and that of its `return`; of numbers where none is said."""
-    hints = get_type_hints(function, include_extras=True)
-    code = function.__code__
-    kinds = {name: hints.get(name, float) for name in code.co_varnames[: code.co_argcount]}
-    return {**kinds, "return": hints.get("return", float)}
-
-
-def optional(kind: Any) -> tuple[Any, bool]:
-    """Split `X | None` into X and whether None is allowed."""
-    if get_origin(kind) in (Union, UnionType):
-        rest = [k for k in get_args(kind) if k is not type(None)]
-        if len(rest) == 1 and len(rest) < len(get_args(kind)):
-            return rest[0], True
-    if get_origin(kind) is Annotated:
-        return get_args(kind)[0], False
-    return kind, False
 
 
 def _is_flat(arguments: tuple[Any, ...], kinds: dict[str, Any]) -> bool:
@@ -122,7 +93,7 @@ def _flat(value: Any, kind: Any, blank: Any) -> list[Any]:
 
 
 def _whole(result: Any, kind: Any) -> Any:
-    """A kernel's numbers as the values that it returns."""
+    """Turn a kernel's numbers into the values that it returns."""
     if get_origin(kind) is tuple:
         rest = list(result)
         return tuple(_take(part, rest) for part in get_args(kind))

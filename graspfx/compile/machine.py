@@ -17,7 +17,7 @@ from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as program
 from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Later, Memory, Several
+from graspfx.compile.specialise.values import Dynamic, Memory, TupleValue
 
 NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its other parameters are buffers
 
@@ -36,57 +36,57 @@ class Machine:
         self._number_places = [k for k, (_, kind) in enumerate(self._parameters) if kind in NUMBERS]
         self._buffer_places = [k for k, (_, kind) in enumerate(self._parameters) if kind not in NUMBERS]
         self._last = local()
-        made = Program({})
-        given = [
-            Later(ast.Name(name, ast.Load())) if name in numbers else Memory(name, 0) for name, _ in self._parameters
+        specialised = Program({})
+        parameters = [
+            Dynamic(ast.Name(name, ast.Load())) if name in numbers else Memory(name, 0) for name, _ in self._parameters
         ]
-        result = made.add(kernel, given).result
-        self._results = 0 if result is None else len(result.parts) if isinstance(result, Several) else 1
+        result = specialised.add(kernel, parameters).result
+        self._results = 0 if result is None else len(result.parts) if isinstance(result, TupleValue) else 1
         call = f"{kernel.__name__}({', '.join(name for name, _ in self._parameters)})"
-        kept = ", ".join(f"results_[{k}]" for k in range(self._results))
-        text = f"def entry({', '.join(numbers)}):\n    {kept + ' = ' if kept else ''}{call}"
+        targets = ", ".join(f"results_[{k}]" for k in range(self._results))
+        text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
         buffers = {name: Memory(name, 0) for name, _ in self._parameters if name not in numbers}
         names = {kernel.__name__: kernel, "results_": Memory("results_", 0), **buffers}
-        made.add_text(text, names, [Later(ast.Name(name, ast.Load())) for name in numbers])
+        specialised.add_text(text, names, [Dynamic(ast.Name(name, ast.Load())) for name in numbers])
         floats = [name for name, kind in self._parameters if kind == "float"]
-        self._native: Native = program(made.source(), floats)
+        self._native: Native = program(specialised.source(), floats)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
-        """The kernel on these arguments, as often as it is called; what it gives is not handed on."""
+        """Bind the kernel to these arguments, for any number of calls; its result is not returned."""
         bound, _ = self._on([arguments[k] for k in self._buffer_places])
         numbers = [arguments[k] for k in self._number_places]
         return partial(bound.brief, *numbers) if numbers else bound.brief
 
     def __call__(self, *arguments: Any) -> Any:
-        bound, results = self._found(arguments)
+        bound, results = self._bound_to(arguments)
         bound.brief(*[arguments[k] for k in self._number_places])
         if self._results > 1:
             return tuple(results.tolist())
         return float(results[0]) if self._results else None
 
     def unlocked(self, *arguments: Any) -> None:
-        """The same with the interpreter's lock let go of, for calls that take long: what it gives is not handed on."""
-        bound, _ = self._found(arguments)
+        """Run with the interpreter's lock released, for calls that take long; the result is not returned."""
+        bound, _ = self._bound_to(arguments)
         bound.long(*[arguments[k] for k in self._number_places])
 
-    def _found(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
-        """The program on these arguments' buffers: the last ones of this thread, most often."""
+    def _bound_to(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
+        """Bind the program to these arguments' buffers: the last ones of this thread, most often."""
         buffers = [arguments[k] for k in self._buffer_places]
-        last = getattr(self._last, "found", None)
+        last = getattr(self._last, "binding", None)
         if last is None or any(map(is_not, buffers, last[0])):
-            last = self._last.found = buffers, *self._on(buffers)
+            last = self._last.binding = buffers, *self._on(buffers)
         return last[1], last[2]
 
     def _on(self, buffers: Sequence[Any]) -> tuple[Bound, Any]:
-        """The program on these buffers, and where it leaves what it gives."""
+        """Bind the program to these buffers; return where it leaves its results, too."""
         results = np.empty(max(self._results, 1))
-        given = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
-        return self._native.bind(*(given[name] for name in self._native.arrays)), results
+        by_name = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
+        return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
 
 
 @cache
 def compiled(kernel: Any) -> Machine:
-    """A kernel and all that it calls as machine code, from the cache if it was compiled before.
+    """Compile a kernel and all that it calls to machine code, or take it from the cache.
 
     Raises:
         MissingPackageError: no LLVM.

@@ -16,8 +16,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from graspfx.compile import cache as kept
-from graspfx.compile.llvm.llvm import ENTRY, Written, written
+from graspfx.compile import cache as disk
+from graspfx.compile.llvm.llvm import ENTRY, LlvmProgram, llvm_program
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 from graspfx.compile.llvm.llvm_expressions import NAMES
 from graspfx.compile.llvm.method import DECLARED, METHOD, method, method_text, python_function
@@ -80,7 +80,7 @@ class Native:
         return address
 
     def bind(self, *buffers: Any) -> Bound:
-        """The program on these buffers: arrays or memoryviews of floats, which keep their place.
+        """Bind the program to these buffers: arrays or memoryviews of floats that stay where they are.
 
         Raises:
             InputError: not so many buffers, or one that is not contiguous, writable and of floats.
@@ -90,7 +90,7 @@ class Native:
         return self._bound({name: _pointer(name, buffer) for name, buffer in zip(self.arrays, buffers, strict=True)})
 
     def rebind(self, bound: Bound, name: str, buffer: Any) -> Bound:
-        """The program on the same buffers but for one, in a tenth of the time of `bind`."""
+        """Bind the program to the same buffers but for one, in a tenth of the time of `bind`."""
         return self._bound({**bound.pointers, name: _pointer(name, buffer)})
 
     def _bound(self, pointers: dict[str, ctypes.c_void_p]) -> Bound:
@@ -102,7 +102,7 @@ class Native:
         return Bound(brief, long, pointers)
 
     def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
-        """A program that is checked: an index outside of its buffer is an error."""
+        """Check every index of a program: one outside of its buffer is an error."""
         places = {name: ctypes.c_int64.from_address(self._global(f"length.{name}")) for name in lengths}
         outside = ctypes.c_int64.from_address(self._global("graspfx_outside"))
 
@@ -110,10 +110,10 @@ class Native:
             for name, length in lengths.items():
                 places[name].value = length
             outside.value = OUTSIDE
-            found = run(*numbers)
+            result = run(*numbers)
             if outside.value != OUTSIDE:
                 raise IndexError(f"entry {outside.value} of a buffer: {lengths}")
-            return found
+            return result
 
         return checked
 
@@ -133,18 +133,18 @@ class Interpreted:
         self._entry = [f for f in namespace.values() if getattr(f, "__code__", None) is not None][-1]
 
     def bind(self, *buffers: Any) -> Bound:
-        """The program on these buffers; one that is no memoryview becomes one, of which Python reads faster."""
+        """Bind the program to these buffers; one that is no memoryview becomes one, since Python reads them faster."""
         views = [memoryview(buffer) for buffer in buffers]
 
         def run(*numbers: float) -> int:
-            found = self._entry(*views, *numbers)
-            return 0 if found is None else int(found)
+            result = self._entry(*views, *numbers)
+            return 0 if result is None else int(result)
 
         return Bound(run, run)
 
 
 def interpreted(source: str) -> Interpreted:
-    """A program to be run by Python."""
+    """Make a program that Python runs."""
     return Interpreted(source)
 
 
@@ -157,7 +157,7 @@ def compiled(
     wide: bool = False,
     make: bool = True,
 ) -> Native:
-    """A program as machine code, taken from the cache if it was compiled before.
+    """Compile a program to machine code, or take it from the cache.
 
     Args:
         source: the program as Python, its last function the entry, which takes buffers of floats and then numbers, and
@@ -182,21 +182,21 @@ def compiled(
     parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), str(wide), source]
     for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
-        found = kept.stored(key)
-        if found is not None:
-            head, _, machine = found.partition(b"\n")
+        entry = disk.load(key)
+        if entry is not None:
+            head, _, machine = entry.partition(b"\n")
             return Native(json.loads(head), machine, cached=True)
     if not make:
         raise LookupError("not compiled yet")
-    program = written(source, floats, checked=checked)
+    program = llvm_program(source, floats, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
     machine = _emitted(program, effort, wide=wide)
-    note = kept.store(key, json.dumps(description).encode() + b"\n" + machine)
+    note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
 
 
 def require_llvm() -> None:
-    """What everything here compiles with.
+    """Require LLVM.
 
     Raises:
         MissingPackageError: it is not installed.
@@ -207,8 +207,8 @@ def require_llvm() -> None:
         raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
 
 
-def _emitted(program: Written, effort: int = FULL, *, wide: bool = False) -> bytes:
-    """Machine code."""
+def _emitted(program: LlvmProgram, effort: int = FULL, *, wide: bool = False) -> bytes:
+    """Emit machine code."""
     import llvmlite.binding as llvm
 
     level = LANES if program.lanes and effort == FULL else effort
@@ -228,21 +228,21 @@ def _emitted(program: Written, effort: int = FULL, *, wide: bool = False) -> byt
 
 @cache
 def _back_end() -> str:
-    """A digest of what programs are compiled by: code that another version of it made is not taken."""
+    """Digest the sources of the back end: code that another version of it made is not used."""
     here = Path(__file__)
     sources = sorted([*(here.parent / "llvm").glob("*.py"), here])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
 def _processor() -> tuple[str, str, str]:
-    """Its triple, its name and its features."""
+    """Identify the processor: triple, name and features."""
     import llvmlite.binding as llvm
 
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def _machine(effort: int = FULL, *, wide: bool = False) -> Any:
-    """What code is made for; an engine takes it for its own, so that each needs one."""
+    """Make the machine that code is emitted for; an engine owns it, so that each needs one."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -256,7 +256,7 @@ def _machine(effort: int = FULL, *, wide: bool = False) -> Any:
 
 
 def _define(libm: Sequence[str]) -> None:
-    """Tells the loader where functions are; one that it misses makes it leave all calls undone without a word."""
+    """Tell the loader where functions are; if it misses one, it silently leaves all calls undone."""
     import llvmlite.binding as llvm
 
     for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:
@@ -280,15 +280,15 @@ def _function(name: str) -> int | None:
 
 @cache
 def _libraries() -> tuple[ctypes.CDLL, ...]:
-    """The C libraries that Python itself computes with."""
+    """Load the C libraries that Python itself computes with."""
     if sys.platform == "win32":
         return ctypes.CDLL("ucrtbase"), ctypes.CDLL("vcruntime140")
     names = [ctypes.util.find_library("m"), None]
     return tuple(ctypes.CDLL(name) for name in names)
 
 
-def _taken(name: str, buffer: Any) -> Any:
-    """A buffer as a ctypes array that shares its memory and keeps it."""
+def _shared(name: str, buffer: Any) -> Any:
+    """Share a buffer's memory with a ctypes array, which keeps it alive."""
     view = memoryview(buffer)
     if view.format != "d" or not view.c_contiguous or view.readonly or not view.nbytes:
         raise InputError(name, buffer, "a contiguous writable buffer of floats (float64)")
@@ -296,8 +296,8 @@ def _taken(name: str, buffer: Any) -> Any:
 
 
 def _pointer(name: str, buffer: Any) -> ctypes.c_void_p:
-    """The address of a buffer, which lives as long as this does."""
-    memory = _taken(name, buffer)
+    """Take the address of a buffer, which lives as long as the address."""
+    memory = _shared(name, buffer)
     pointer = ctypes.c_void_p(ctypes.addressof(memory))
     pointer.memory = memory  # type: ignore[attr-defined]
     return pointer

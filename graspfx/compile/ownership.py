@@ -75,7 +75,7 @@ def make_own(folder: Path) -> None:
 
 
 def _way(path: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Every folder and link through which a path leads, from the root down; last where it ends."""
+    """Walk every folder and link through which a path leads, from the root down; end with the path itself."""
     whole = Path(os.path.abspath(path))  # noqa: PTH100 (`absolute` keeps "..", `resolve` hides links)
     place, names, links = Path(whole.anchor), list(reversed(whole.parts[1:])), 0
     end = place, place.lstat()

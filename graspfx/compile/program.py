@@ -7,14 +7,14 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from graspfx.compile import cache as kept
-from graspfx.compile.kernel import written
+from graspfx.compile import cache as disk
+from graspfx.compile.kernel import keep_lowerings, written
+from graspfx.compile.own_sources import is_own, source_digest
 from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Later, Memory
+from graspfx.compile.specialise.values import Dynamic, Memory
 
 UNROLL = 400  # statements: loops over the fingers and axes of most scenes, none over friction's squares
 
@@ -26,10 +26,9 @@ def program_source(
     frozen: Mapping[tuple[str, int], float],
     *,
     unroll: int = UNROLL,
-    lanes: int = 1,
     make: bool = True,
 ) -> str:
-    """The function that a text defines as a program of its own, the kernels that it calls specialised for it.
+    """Specialise the function that a text defines, and the kernels that it calls, as a program of its own.
 
     Args:
         text: one function; its parameters stay, its other names are kernels and arrays.
@@ -37,70 +36,61 @@ def program_source(
         arrays: the names of the buffers.
         frozen: entries of buffers that never change, by array and index.
         unroll: most statements of a loop that is written out.
-        lanes: so many programs side by side (`Program`).
         make: whether to specialise what is not kept yet; else a LookupError.
     """
     roots = {name: _identity(kernel) for name, kernel in sorted(kernels.items())}
     numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    asked = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
-    key = hashlib.sha256(f"program {asked}".encode()).hexdigest()
-    found = kept.stored(key)
-    if found is not None:
-        entry = json.loads(found)
+    request = json.dumps([source_digest(), text, roots, list(arrays), numbers, unroll])
+    key = hashlib.sha256(f"program {request}".encode()).hexdigest()
+    content = disk.load(key)
+    if content is not None:
+        entry = json.loads(content)
         same = all(_digest(file) == digest for file, digest in entry["files"].items())
         if same and all(_number(module, name) == number for module, name, number in entry["numbers"]):
             return str(entry["source"])
     if not make:
         raise LookupError("not specialised yet")
-    program = Program(frozen, unroll, lanes)
-    names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
-    [tree] = ast.parse(text).body
-    assert isinstance(tree, ast.FunctionDef)
-    program.add_text(text, names, [Later(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
+    program = specialise(text, kernels, arrays, frozen, unroll=unroll)
     source = program.source()
-    folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
+    keep_lowerings()
+    folders = {Path(file).parent for file in program.files if not is_own(file)}  # of kernels of others
     files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
-    others = [[*where, number] for where, number in program.taken.items() if not _is_ours(where[0])]
-    kept.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
+    others = [[*where, number] for where, number in program.numbers_of_modules.items() if not _is_ours(where[0])]
+    disk.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
     return source
 
 
-@cache
-def own_sources() -> str:
-    """One digest of all of our sources: kernels are taken from many files, and numbers from still more."""
-    digest = hashlib.sha256()
-    for folder in _folders():
-        for file in sorted(folder.rglob("*.py")):
-            digest.update(f"{file.relative_to(folder)}\0".encode() + file.read_bytes())
-    return digest.hexdigest()
-
-
-@cache
-def _folders() -> tuple[Path, ...]:
-    """The package, and in a checkout the shelf of drivers beside it."""
-    package = sys.modules[__name__.partition(".")[0]]
-    first, *others = [Path(place) for place in package.__path__]
-    return first, *(place / "devices" for place in others if (place / "devices").is_dir())
-
-
-def _is_own(file: str) -> bool:
-    return any(Path(file).is_relative_to(folder) for folder in _folders())
+def specialise(
+    text: str,
+    kernels: Mapping[str, Callable[..., Any]],
+    arrays: Sequence[str],
+    frozen: Mapping[tuple[str, int], float],
+    *,
+    unroll: int = UNROLL,
+) -> Program:
+    """Specialise a text, whatever the cache holds; arguments as of `program_source`."""
+    program = Program(frozen, unroll)
+    names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
+    [tree] = ast.parse(text).body
+    assert isinstance(tree, ast.FunctionDef)
+    program.add_text(text, names, [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
+    return program
 
 
 def _identity(kernel: Callable[..., Any]) -> list[str]:
-    """A kernel's name, and of others' also its file: another environment may have another of that name."""
+    """Identify a kernel by name, and a foreign one by its file too: another environment may have the same name."""
     code = getattr(written(kernel), "__code__", None)
-    file = "" if code is None or _is_own(code.co_filename) else code.co_filename
+    file = "" if code is None or is_own(code.co_filename) else code.co_filename
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
 
 
 def _is_ours(module: str) -> bool:
-    """Whether a module's numbers are written in our sources, or are those of mathematics."""
+    """Tell whether a module's numbers are written in the package's sources, or are those of mathematics."""
     return module.partition(".")[0] in ("math", __name__.partition(".")[0])
 
 
 def _number(module: str, name: str) -> str:
-    """A module's number as it is now: the module may have read it from somewhere else when it was imported."""
+    """Read a module's number as it is now: the module may have read it from elsewhere when it was imported."""
     return repr(getattr(sys.modules.get(module), name, None))
 
 

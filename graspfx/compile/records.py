@@ -197,10 +197,10 @@ def layout(cls: type[Record]) -> dict[str, Field]:
     Raises:
         InputError: a field of a kind that a block cannot hold, or without the size that its kind needs.
     """
-    known = _LAYOUTS.get(cls)
-    if known is None:
-        known = _LAYOUTS[cls] = _layout(cls)
-    return known
+    fields = _LAYOUTS.get(cls)
+    if fields is None:
+        fields = _LAYOUTS[cls] = _layout(cls)
+    return fields
 
 
 _LAYOUTS: dict[type[Record], dict[str, Field]] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from graspfx.compile.kernel import inline, kernel
 from graspfx.cones.cone import contact_frame
 from graspfx.cones.problem import SLIDE
-from graspfx.coupling.state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.torsion import twist
 from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
 from graspfx.spatial import Vector, cross, dot, with_torsion

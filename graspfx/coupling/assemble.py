@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import bilateral
-from graspfx.coupling.state import FingerState, GraspState
 from graspfx.grasp.rigid_modes import gain_matrix
 from graspfx.spatial import Vector, Vector4, inner, with_torsion
 

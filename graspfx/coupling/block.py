@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import size_of, start_of
-from graspfx.coupling.state import FingerState, GraspState
-from graspfx.grasp.state import Freedom
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.grasp.contact_state import Freedom
 
 # Of a grasp.
 FINGERS = start_of(GraspState, "count")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.depth import damping_share
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import normal_force
-from graspfx.coupling.state import GraspState
 from graspfx.spatial import inner, with_torsion
 
 

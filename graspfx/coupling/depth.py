@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
-from graspfx.coupling.state import FingerState, GraspState
 
 SMALLEST = 1e-200  # of s: its square is nothing
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from graspfx.compile.records import Record, entries_of, start_of
 from graspfx.cones.problem import choices
-from graspfx.coupling.state import FingerState, GraspState
-from graspfx.grasp.state import Freedom
-from graspfx.objects.state import BodyState, Motion
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.grasp.contact_state import Freedom
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.surfaces.closed_form.proxy import MESH
 from graspfx.surfaces.triangles import tree
 

@@ -13,13 +13,13 @@ from graspfx.compile.records import size_for, size_of, start_of
 from graspfx.cones.problem import MODES, problem_size, set_up
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.rules import Rules
-from graspfx.coupling.state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.rigid_modes import NO_ARM
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
-from graspfx.objects.state import BodyState
 from graspfx.surfaces.triangles import ball
 
 FloatArray = NDArray[np.float64]

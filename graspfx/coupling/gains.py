@@ -6,8 +6,8 @@ import math
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats, Table
-from graspfx.coupling.state import FingerState, Gain, GraspState
-from graspfx.grasp.state import motion_of
+from graspfx.coupling.grasp_state import FingerState, Gain, GraspState
+from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import IDENTITY, Matrix, Vector
 
 WEIGHT_FLOOR = 1e-12  # a metric has to be positive; the cone takes what is left of a faded finger's force

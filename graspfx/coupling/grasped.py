@@ -14,12 +14,12 @@ from graspfx.coupling.depth import compliance
 from graspfx.coupling.entries import recorded_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.fill import Grip, Shape, body_array, largest_forces, new_block, radii
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
-from graspfx.coupling.state import FingerState, GraspState
 from graspfx.grasp.impedance import Coupling
-from graspfx.objects.state import BodyState
+from graspfx.objects.body_state import BodyState
 from graspfx.surfaces.triangles import ball, walk
 
 FloatArray = NDArray[np.float64]

@@ -6,7 +6,7 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.cones.complement import pivot, release
 from graspfx.coupling.assemble import add_gains, in_frame, write_coordinates
 from graspfx.coupling.depth import soften
-from graspfx.coupling.state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import cross, dot
 
 LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none

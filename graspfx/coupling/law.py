@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import inline, kernel
-from graspfx.coupling.state import FingerState, GraspState
-from graspfx.grasp.state import motion_of
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.grasp.contact_state import motion_of
 from graspfx.spatial import dot, inner, with_torsion
 
 

@@ -16,12 +16,12 @@ from graspfx.cones.problem import FrictionProblem, Gains
 from graspfx.coupling.approach import UNRESOLVED
 from graspfx.coupling.assemble import in_frame, out_of_frame
 from graspfx.coupling.conventional import damp_alone
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import bilateral, keep_elastic
 from graspfx.coupling.rays import frictionless_force
 from graspfx.coupling.react import react
 from graspfx.coupling.scaling import LIMIT_MARGIN, scale
 from graspfx.coupling.slip import force_of_modes, force_with_friction, pose_compliances, pose_problem
-from graspfx.coupling.state import GraspState
 from graspfx.spatial import NOTHING, ZERO
 
 NEARLY = 1.0 - 1e-12  # of a limit: a force of that size stands at it

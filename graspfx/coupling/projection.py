@@ -9,9 +9,9 @@ from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.assemble import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
 from graspfx.coupling.conventional import damp_alone, separate
 from graspfx.coupling.depth import soften
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.implicit import LEAST, assemble_implicitly, carries
 from graspfx.coupling.law import bilateral, keep_elastic, normal_force
-from graspfx.coupling.state import GraspState
 from graspfx.spatial import NOTHING
 
 

@@ -13,7 +13,7 @@ import math
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats, Record
-from graspfx.coupling.state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import NOTHING, Vector, Vector4, cross, dot, orthogonalise, with_torsion
 
 LIMIT_MARGIN = 1.0 - 1e-14  # of a limit is used: then a device's own, which acts last, shortens nothing by rounding

@@ -13,9 +13,9 @@ from graspfx.cones.problem import FREE, NO_FORCE, STICK, Answer, FrictionProblem
 from graspfx.coupling.approach import UNRESOLVED
 from graspfx.coupling.assemble import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
 from graspfx.coupling.depth import compliance, is_whole, soften
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic
-from graspfx.coupling.state import FingerState, GraspState
 from graspfx.coupling.torsion import set_anchor
 from graspfx.spatial import NOTHING, Vector4
 
@@ -77,10 +77,10 @@ def elastic_in_cones(grasp: GraspState) -> int:
 @kernel
 def sticks(grasp: GraspState) -> bool:
     """Tell whether the forces all lie inside their cones and limits."""
+    inside = True
     for finger in grasp.fingers:
-        if not is_inside_cone(grasp, finger, in_frame(grasp, finger, finger.local)):
-            return False
-    return True
+        inside = inside and is_inside_cone(grasp, finger, in_frame(grasp, finger, finger.local))
+    return inside
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import kernel
-from graspfx.coupling.state import FingerState, GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import ZERO, cross, dot, with_torsion
 
 QUARTER = 2.0  # 4 cos^2 of half the angle, of a quarter turn

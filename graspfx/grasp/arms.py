@@ -20,7 +20,7 @@ NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the other two coordinates of a cross produc
 
 
 def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """u_k x (c_i - c) for each axis of rotation, c the centroid.
+    """Compute u_k x (c_i - c) for each axis of rotation, c the centroid.
 
     Args:
         points: (n, d) [m], d = 2 or 3.
@@ -48,14 +48,14 @@ def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, Fl
 
 
 def two_sum(a: FloatArray, b: FloatArray) -> Pair:
-    """a + b as rounded sum and exact remainder (Knuth)."""
+    """Add a + b as rounded sum and exact remainder (Knuth)."""
     s = a + b
     v = s - a
     return s, (a - (s - v)) + (b - v)
 
 
 def two_product(a: FloatArray, b: FloatArray) -> Pair:
-    """a b as rounded product and exact remainder (Dekker)."""
+    """Multiply a b as rounded product and exact remainder (Dekker)."""
     p = a * b
     ca, cb = SPLITTER * a, SPLITTER * b
     ah, bh = ca - (ca - a), cb - (cb - b)
@@ -72,6 +72,6 @@ def add(x: Pair, y: Pair) -> Pair:
 
 
 def multiply(a: FloatArray, x: Pair) -> Pair:
-    """a x for an ordinary a, with NumPy's broadcasting."""
+    """Multiply a x for an ordinary a, with NumPy's broadcasting."""
     p, e = two_product(a, x[0])
     return two_sum(p, e + a * x[1])

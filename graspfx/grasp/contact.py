@@ -1,4 +1,4 @@
-"""What a contact can transmit: frictionless, hard, soft, full or a selection, as components with a direction each."""
+"""Components of a contact: frictionless, hard, soft, full or a selection, with a direction each."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def contacts(
     model: Model | Sequence[Model] = "hard",
     frames: ArrayLike | None = None,
 ) -> Contacts:
-    """Checks a description of contacts and writes out its components.
+    """Check a description of contacts and write out its components.
 
     Args:
         points: (n, d) [m], d = 1, 2 or 3.
@@ -82,9 +82,9 @@ def contacts(
     if p.ndim != 2 or p.shape[0] == 0 or p.shape[1] not in MOMENTS:
         raise InputError("points", p, "an array (n, d) with n > 0 and d = 1, 2 or 3")
     n, d = p.shape
-    chosen = _models(model, n)
-    names = tuple(each if isinstance(each, str) else SELECTION for each in chosen)
-    selections = {i: _selection(each, d, f"model[{i}]") for i, each in enumerate(chosen) if not isinstance(each, str)}
+    models = _models(model, n)
+    names = tuple(each if isinstance(each, str) else SELECTION for each in models)
+    selections = {i: _selection(each, d, f"model[{i}]") for i, each in enumerate(models) if not isinstance(each, str)}
     unit = None if normals is None else unit_normals(normals, (n, d))
     axes = None if frames is None else _axes(frames, unit, (n, d))
     if axes is not None and unit is None:
@@ -119,9 +119,9 @@ def contacts(
 
 
 def _models(model: Model | Sequence[Model], n: int) -> tuple[Model, ...]:
-    given: tuple[Model, ...]
+    models: tuple[Model, ...]
     if isinstance(model, str):
-        given = (model,) * n
+        models = (model,) * n
     else:
         try:
             items = list(cast("Sequence[Model]", model))
@@ -129,17 +129,17 @@ def _models(model: Model | Sequence[Model], n: int) -> tuple[Model, ...]:
         except (TypeError, ValueError) as error:
             expected = f"one of {', '.join(MODELS)}, a selection matrix, or one for each contact"
             raise InputError("model", model, expected) from error
-        given = (cast("Model", model),) * n if one else tuple(items)
-    for name in given:
+        models = (cast("Model", model),) * n if one else tuple(items)
+    for name in models:
         if isinstance(name, str) and name not in MODELS:
             raise UnknownNameError("contact model", name, MODELS)
-    if len(given) != n:
+    if len(models) != n:
         raise InputError("model", model, f"one name or matrix, or one for each of the {n} contacts")
-    return given
+    return models
 
 
-def _selection(given: Model, d: int, name: str) -> FloatArray:
-    S = finite(name, given)
+def _selection(selection: Model, d: int, name: str) -> FloatArray:
+    S = finite(name, selection)
     whole = d + MOMENTS[d]
     if S.ndim != 2 or S.shape[1] != whole or not 0 < S.shape[0] <= whole:
         columns = f"{d} forces and {MOMENTS[d]} moments" if MOMENTS[d] else "the force"
@@ -161,21 +161,21 @@ def _selection(given: Model, d: int, name: str) -> FloatArray:
 
 
 def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Directions and axes as `_components`, of a selection from the contact's axes in rows."""
+    """Give directions and axes like `_components`, for a selection from the contact's axes in rows."""
     forces = np.abs(S[:, :d]).max(axis=1) > 0.0
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
 
 def unit_normals(normals: ArrayLike, shape: tuple[int, int]) -> FloatArray:
-    """Normals of any length but zero, scaled to length one."""
-    given = finite("normals", normals, largest=np.inf)
-    if given.shape != shape:
-        raise InputError("normals", given, f"an array of shape {shape}, one normal for each point")
-    largest = np.abs(given).max(axis=1, keepdims=True)
+    """Scale normals of any length but zero to length one."""
+    vectors = finite("normals", normals, largest=np.inf)
+    if vectors.shape != shape:
+        raise InputError("normals", vectors, f"an array of shape {shape}, one normal for each point")
+    largest = np.abs(vectors).max(axis=1, keepdims=True)
     if not (largest > 0.0).all():
         i = int(np.argmin(largest))
-        raise InputError(f"normals[{i}]", given[i].tolist(), "a direction", "a zero vector has none")
-    scaled = given / largest  # before squaring, which would underflow
+        raise InputError(f"normals[{i}]", vectors[i].tolist(), "a direction", "a zero vector has none")
+    scaled = vectors / largest  # before squaring, which would underflow
     return np.asarray(scaled / np.linalg.norm(scaled, axis=1, keepdims=True))
 
 
@@ -200,7 +200,7 @@ def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, int]) ->
 
 
 def _components(name: str, d: int, own: FloatArray, normal: FloatArray | None, i: int) -> tuple[FloatArray, FloatArray]:
-    """Directions of a contact's forces (k, d) and axes of its moments (l, 0 | 1 | 3)."""
+    """List directions of a contact's forces (k, d) and axes of its moments (l, 0 | 1 | 3)."""
     along = name == "frictionless" or (name == "soft" and d == 3)
     if along and normal is None:
         raise InputError(

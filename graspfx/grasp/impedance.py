@@ -76,8 +76,8 @@ class Coupling:
     external: Impedance
     internal: Impedance
     form: Form = "literal"
-    _told: dict[Pair, float] = field(default_factory=dict, init=False, repr=False)
-    _made: dict[Pair, tuple[Split, FloatArray]] = field(default_factory=dict, init=False, repr=False)
+    _warned: dict[Pair, float] = field(default_factory=dict, init=False, repr=False)
+    _matrices: dict[Pair, tuple[Split, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if str(self.form) not in get_args(Form):
@@ -90,7 +90,7 @@ class Coupling:
     def equal(self) -> bool:
         """Whether external and internal gains are the same: the conventional method, which needs no split."""
         pairs: tuple[Pair, ...] = get_args(Pair)
-        return all(_equal(*self._pair(which)) for which in pairs)
+        return all(_equal(*self._pair(pair)) for pair in pairs)
 
     def turned(self, R: ArrayLike) -> Coupling:
         """Write matrices that stand in other axes in those of the contact forces: R K R'; numbers have no axes.
@@ -106,15 +106,15 @@ class Coupling:
         return Coupling(external, internal, self.form)
 
     def stiffness(self, split: Split) -> FloatArray:
-        """K of f = K e + D e', (m, m) [N/m], read-only; kept until another split is asked for."""
+        """Compute K of f = K e + D e', (m, m) [N/m], read-only; cached until another split is asked for."""
         return self._matrix("stiffness", split)
 
     def damping(self, split: Split) -> FloatArray:
-        """D of f = K e + D e', (m, m) [N s/m], read-only; kept until another split is asked for."""
+        """Compute D of f = K e + D e', (m, m) [N s/m], read-only; cached until another split is asked for."""
         return self._matrix("damping", split)
 
     def force(self, split: Split, e: ArrayLike, de: ArrayLike | None = None) -> FloatArray:
-        """Contact forces on the object (m,) [N], by one projection of one vector where the gains are numbers.
+        """Compute contact forces on the object (m,) [N], by one projection of one vector where the gains are numbers.
 
         Args:
             split: of the contacts.
@@ -134,31 +134,31 @@ class Coupling:
         difference = part[1] if rate[1] is None else rate[1]
         return f if difference is None else f + split.project(difference)
 
-    def rule(self, which: Pair) -> Literal["equal", "literal", "symmetric"]:
-        """How a pair of gains makes a matrix: one alone where both are equal, else by the form; numbers by either."""
-        outer, inner = self._pair(which)
+    def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
+        """Say how a pair of gains makes a matrix: one alone where both are equal, else by the form."""
+        outer, inner = self._pair(pair)
         if _equal(outer, inner):
             return "equal"
         return "literal" if isinstance(outer, float) and isinstance(inner, float) else self.form
 
-    def _pair(self, which: Pair) -> tuple[Gain, Gain]:
-        return getattr(self.external, which), getattr(self.internal, which)
+    def _pair(self, pair: Pair) -> tuple[Gain, Gain]:
+        return getattr(self.external, pair), getattr(self.internal, pair)
 
-    def _part(self, which: Pair, split: Split, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """b and a of the force b + P a of one pair of gains; a is None where P is not needed."""
-        outer, inner = self._pair(which)
+    def _part(self, pair: Pair, split: Split, x: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+        """Compute b and a of the force b + P a of one pair of gains; a is None where P is not needed."""
+        outer, inner = self._pair(pair)
         if isinstance(outer, float) and isinstance(inner, float):
             y = split.weigh(x)
             return inner * y, None if outer == inner else (outer - inner) * y
-        return self._matrix(which, split) @ x, None
+        return self._matrix(pair, split) @ x, None
 
-    def _matrix(self, which: Pair, split: Split) -> FloatArray:
+    def _matrix(self, pair: Pair, split: Split) -> FloatArray:
         _require_split(split)
-        made = self._made.get(which)
-        if made is not None and made[0] is split:
-            return made[1]
-        outer, inner = self._pair(which)
-        rule = self.rule(which)
+        cached = self._matrices.get(pair)
+        if cached is not None and cached[0] is split:
+            return cached[1]
+        outer, inner = self._pair(pair)
+        rule = self.rule(pair)
         if rule == "equal":
             K = spread(outer, split)
         elif isinstance(outer, float) and isinstance(inner, float):
@@ -170,43 +170,43 @@ class Coupling:
                 K = (K + K.T) / 2
             else:
                 K = B + E @ (A - B)
-                self.warn_if_active(which, K)
+                self.warn_if_active(pair, K)
         K.setflags(write=False)
-        self._made[which] = (split, K)
+        self._matrices[pair] = (split, K)
         return K
 
-    def warn_if_active(self, which: Pair, K: FloatArray) -> None:
+    def warn_if_active(self, pair: Pair, K: FloatArray) -> None:
         """Warn of a stiffness or damping that can create energy, once and whenever that has grown tenfold."""
-        told = GROWN * self._told.get(which, 0.0)
-        if told > 0.0 and float(np.linalg.norm(K - K.T)) <= 2.0 * told:  # no less than the spectral norm, and cheap
+        limit = GROWN * self._warned.get(pair, 0.0)
+        if limit > 0.0 and float(np.linalg.norm(K - K.T)) <= 2.0 * limit:  # no less than the spectral norm, and cheap
             return
         size = float(np.abs(K).max())
         skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + K.T) / 2)[0])
-        worst = max(skew if which == "stiffness" else 0.0, -lowest)
-        if worst <= told:
+        worst = max(skew if pair == "stiffness" else 0.0, -lowest)
+        if worst <= limit:
             return
-        found = []
+        faults = []
         # a skew damping does no work; a skew stiffness does, 2 pi r^2 k_s on a circle in its plane
-        if which == "stiffness" and skew > SYMMETRIC * size:
+        if pair == "stiffness" and skew > SYMMETRIC * size:
             energy = loop_energy(K, LOOP_RADIUS)
-            found.append(
+            faults.append(
                 f"its skew part of {skew:.3g} N/m creates up to {energy * 1e3:.2g} mJ on each closed motion of "
                 f"{LOOP_RADIUS * 1e3:g} mm radius"
             )
         if lowest < -SYMMETRIC * size:
-            unit = "N/m" if which == "stiffness" else "N s/m"
-            found.append(f"its symmetric part has the eigenvalue {lowest:.3g} {unit}")
-        if found:
-            self._told[which] = worst
+            unit = "N/m" if pair == "stiffness" else "N s/m"
+            faults.append(f"its symmetric part has the eigenvalue {lowest:.3g} {unit}")
+        if faults:
+            self._warned[pair] = worst
             warnings.warn(
-                f"the {which} of eq. (4) can create energy: {' and '.join(found)}; form='symmetric' cannot",
+                f"the {pair} of eq. (4) can create energy: {' and '.join(faults)}; form='symmetric' cannot",
                 ActiveCouplingWarning,
                 stacklevel=4,
             )
 
 
 def spread(gain: Gain, split: Split) -> FloatArray:
-    """A gain as a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix itself.
+    """Write a gain as a matrix (m, m) on the split's components, with its metric: k M, L K L', or the full matrix.
 
     Raises:
         InputError: a gain that does not fit the contacts.
@@ -242,31 +242,31 @@ def spread(gain: Gain, split: Split) -> FloatArray:
 
 
 def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
-    """A gain of point contacts as (n, d, d), a matrix for each finger, or as the full matrix (m, m) that it is.
+    """Write a gain of point contacts as (n, d, d), a matrix for each finger, or as the full matrix (m, m) that it is.
 
     Raises:
         InputError: a gain that does not fit the contacts.
     """
     n, d = fingers, dimensions
-    given = np.asarray(gain, dtype=float)
-    if given.shape in ((), (n,)):
-        return np.broadcast_to(given, n)[:, None, None] * np.eye(d)
-    if given.shape in ((d, d), (n, d, d)):
-        return np.broadcast_to(given, (n, d, d))
-    if given.shape == (n * d, n * d):
-        return given
+    gains = np.asarray(gain, dtype=float)
+    if gains.shape in ((), (n,)):
+        return np.broadcast_to(gains, n)[:, None, None] * np.eye(d)
+    if gains.shape in ((d, d), (n, d, d)):
+        return np.broadcast_to(gains, (n, d, d))
+    if gains.shape == (n * d, n * d):
+        return gains
     raise InputError(
         "gain", gain, f"a number, {n} numbers, or an array ({d}, {d}), ({n}, {d}, {d}) or ({n * d}, {n * d})"
     )
 
 
 def skew_part(K: FloatArray) -> float:
-    """|(K - K')/2|, the largest singular value [N/m]."""
+    """Compute |(K - K')/2|, the largest singular value [N/m]."""
     return float(np.linalg.norm((K - K.T) / 2, 2))
 
 
 def loop_energy(K: FloatArray, radius: float) -> float:
-    """2 pi r^2 |(K - K')/2|, the most that f = K e can do on a circle of displacements e of radius r [J]."""
+    """Compute 2 pi r^2 |(K - K')/2|, the most that f = K e can do on a circle of displacements e of radius r [J]."""
     return 2.0 * math.pi * radius**2 * skew_part(K)
 
 
@@ -278,7 +278,7 @@ def _fits_each_finger(gain: FloatArray, finger: NDArray[np.int64], n: int, torsi
 
 
 def _turned(gain: Gain, R: FloatArray) -> Gain:
-    """R K R' of each finger's matrix; of a full one as far as it has one R for all."""
+    """Rotate each finger's matrix, R K R'; a full one as far as it has one R for all."""
     K, d = np.asarray(gain), R.shape[-1]
     if K.ndim < 2:
         return gain
@@ -291,12 +291,12 @@ def _turned(gain: Gain, R: FloatArray) -> Gain:
 
 
 def _even(K: FloatArray) -> FloatArray:
-    """A turned matrix without the skew part that rounding leaves."""
+    """Remove the skew part that rounding leaves in a rotated matrix."""
     return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
 
 
-def _gain(name: str, given: ArrayLike) -> Gain:
-    value = finite(name, given)
+def _gain(name: str, argument: ArrayLike) -> Gain:
+    value = finite(name, argument)
     if value.ndim == 0:
         if value < 0.0:
             raise InputError(name, float(value), "a number that is not negative")
@@ -320,7 +320,7 @@ def _gain(name: str, given: ArrayLike) -> Gain:
 
 
 def _equal(outer: Gain, inner: Gain) -> bool:
-    """The same gain, also when one is written for every finger and the other for each."""
+    """Tell whether two gains are equal, also when one is written for every finger and the other for each."""
     a, b = np.asarray(outer), np.asarray(inner)
     if a.ndim == b.ndim:
         return np.array_equal(a, b)
@@ -329,13 +329,13 @@ def _equal(outer: Gain, inner: Gain) -> bool:
     return bool((a == b).all())
 
 
-def _require_split(given: object) -> None:
-    if not isinstance(given, Split):
-        raise InputError("split", given, "a Split", "gx.Split(G), or the split of a gx.Grasp")
+def _require_split(value: object) -> None:
+    if not isinstance(value, Split):
+        raise InputError("split", value, "a Split", "gx.Split(G), or the split of a gx.Grasp")
 
 
-def _motion(name: str, given: ArrayLike, split: Split) -> FloatArray:
-    x = finite(name, given)
+def _motion(name: str, value: ArrayLike, split: Split) -> FloatArray:
+    x = finite(name, value)
     if x.shape != (split.components,):
         raise InputError(name, x, f"an array ({split.components},), one entry per contact component")
     return x

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.errors import InputError
 from graspfx.grasp.arms import centred_arms
 from graspfx.grasp.contact import MOMENTS, Model, contacts
-from graspfx.grasp.split import Split
 from graspfx.numeric import finite, number
-
-if TYPE_CHECKING:
-    from graspfx.grasp.quality.closure import ForceClosure, Limit
-    from graspfx.grasp.quality.margin import Bound, Margin
-    from graspfx.grasp.quality.measures import Measures
-    from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
 FloatArray = NDArray[np.float64]
 
@@ -35,34 +27,12 @@ def grasp_matrix(
     origin: ArrayLike | None = None,
     free: ArrayLike | None = None,
 ) -> FloatArray:
-    """G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m); the arguments are those of `Grasp`."""
-    return Grasp(points, normals, model=model, frames=frames, origin=origin, free=free).matrix
+    """Compute G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m); the arguments are those of `Grasp`."""
+    return GraspMatrix(points, normals, model=model, frames=frames, origin=origin, free=free).matrix
 
 
-class Grasp:
-    """Contacts on an object: f_v = G f, G (w, m), column j = [a_j; (c_i - o) x a_j] for a force, [0; a_j] for a moment.
-
-    w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z), 6 in space (force, then moment), less the locked freedoms.
-    f is the force of the fingers on the object; columns go contact by contact, a contact's forces before its moments.
-
-    Args:
-        points: contact points (n, d) [m].
-        normals: (n, d), into the object.
-        model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
-            `grasp.contact.Contacts`).
-        frames: (n, d, d), each contact's axes as columns, the last one the normal; the world's axes if None.
-        origin: o, to which moments refer [m]; zero if None.
-        free: which of the object's freedoms can move, a mask over all w; the others' rows are left out.
-
-    Attributes:
-        contacts: the checked contacts with their components.
-        finger_of_column: (m,), which contact a column belongs to.
-        torsion_columns: (m,), True where the component is a moment [N m].
-        moment_rows: (w,), True where the row is a moment of the wrench.
-
-    Raises:
-        InputError: as `grasp.contact.contacts`, or an origin or mask that does not fit.
-    """
+class GraspMatrix:
+    """The matrix of contacts on an object, and what its rows and columns mean; `Grasp` says what the arguments are."""
 
     def __init__(
         self,
@@ -104,7 +74,7 @@ class Grasp:
         return np.hstack([a, moments]).T[self.free]
 
     def unit_free(self) -> tuple[FloatArray, float]:
-        """A matrix (w, m) with the row space of G once its torsion columns are multiplied by a length, and that length.
+        """Give a matrix (w, m) with the row space of G, its torsion columns multiplied by a length, and that length.
 
         The rows are the object's free motions as the contacts see them: translations, and rotations about the contacts'
         centroid divided by the rms contact radius R, the length. What a locked translation would have to do to bring a
@@ -127,7 +97,7 @@ class Grasp:
         return np.vstack([a.T[free[:d]], turns]), size
 
     def metric(self, *, torsion_length: float | None = None, weights: ArrayLike | None = None) -> FloatArray:
-        """M for `split`, (m,): weight of the finger, times torsion_length^2 for a moment [m^2].
+        """Compute M for `split`, (m,): weight of the finger, times torsion_length^2 for a moment [m^2].
 
         Args:
             torsion_length: radius of a fingertip's contact patch [m], which makes 1 rad of torsion comparable with a
@@ -143,65 +113,14 @@ class Grasp:
             M[self.torsion_columns] *= length**2
         return M
 
-    def split(self, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> Split:
-        """The split of contact forces into external and internal ones (eq. 3); see `Split`."""
-        return Split(self, metric=metric, tolerance=tolerance)
-
-    def virtual_linkage(
-        self, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
-    ) -> VirtualLinkage:
-        """The split of a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
-        from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
-
-        return VirtualLinkage(self, actuators=actuators, tolerance=tolerance)
-
-    def measures(
-        self,
-        *,
-        length: float | None = None,
-        about: ArrayLike | None = None,
-        torsion_length: float | None = None,
-    ) -> Measures:
-        """Singular values, isotropy, volume and minimum; see `grasp.measures.measures`."""
-        from graspfx.grasp.quality.measures import measures
-
-        return measures(self, length=length, about=about, torsion_length=torsion_length)
-
-    def force_closure(
-        self, friction: ArrayLike = 0.0, torsion: ArrayLike = 0.0, *, limit: Limit = "elliptic"
-    ) -> ForceClosure:
-        """Whether contacts that push can make every wrench, with the proof; see `grasp.closure.force_closure`."""
-        from graspfx.grasp.quality.closure import force_closure
-
-        return force_closure(self, friction, torsion, limit=limit)
-
-    def margin(
-        self,
-        friction: ArrayLike = 0.0,
-        torsion: ArrayLike = 0.0,
-        *,
-        bound: Bound = "sum",
-        limit: Limit = "elliptic",
-        length: float | None = None,
-        about: ArrayLike | None = None,
-        tolerance: float = 1e-3,
-    ) -> Margin:
-        """The largest ball of wrenches that bounded pushes can make; see `grasp.margin.wrench_margin`."""
-        from graspfx.grasp.quality.margin import wrench_margin
-
-        return wrench_margin(
-            self, friction, torsion,
-            bound=bound, limit=limit, length=length, about=about, tolerance=tolerance,
-        )  # fmt: skip
-
 
 def _mask(free: ArrayLike | None, w: int) -> NDArray[np.bool_]:
     if free is None:
         return np.ones(w, dtype=bool)
     try:
-        given = np.asarray(free)
+        mask = np.asarray(free)
     except ValueError as error:
         raise InputError("free", free, f"{w} booleans, True where the object can move") from error
-    if given.shape != (w,) or not np.isin(given, (0, 1)).all():
-        raise InputError("free", given.tolist(), f"{w} booleans, True where the object can move")
-    return given.astype(bool)
+    if mask.shape != (w,) or not np.isin(mask, (0, 1)).all():
+        raise InputError("free", mask.tolist(), f"{w} booleans, True where the object can move")
+    return mask.astype(bool)

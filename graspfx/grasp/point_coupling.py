@@ -101,12 +101,12 @@ class PointCoupling:
 
     @property
     def rank(self) -> int:
-        """Of the grasp matrix of the contacts that the last `compute()` was about; 0 before."""
+        """Rank of the grasp matrix of the contacts of the last `compute()`; 0 before."""
         return int(self._block[direct.RANK])
 
 
-def _number(name: str, part: object, which: Literal["stiffness", "damping"]) -> float:
-    gain = getattr(part, which, part)
+def _number(name: str, part: object, quantity: Literal["stiffness", "damping"]) -> float:
+    gain = getattr(part, quantity, part)
     if not (isinstance(part, Impedance) and isinstance(gain, float)):
-        raise InputError(name, gain, f"an Impedance whose {which} is a number", "matrices are for Coupling.force")
+        raise InputError(name, gain, f"an Impedance whose {quantity} is a number", "matrices are for Coupling.force")
     return gain

@@ -6,7 +6,7 @@ import math
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Floats, Many, Table
-from graspfx.grasp.state import Contact, FramedContact, Freedom, ModeMotion, motion_of
+from graspfx.grasp.contact_state import Contact, FramedContact, Freedom, ModeMotion, motion_of
 from graspfx.spatial import ZERO, Vector, cross, dot, orthogonalise
 
 NO_ARM = 1e-9  # [m]: an rms arm up to this is rounding, and contacts lie on a line

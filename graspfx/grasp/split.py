@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite, number
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class UnitDependentSplitWarning(UserWarning):
 
 @runtime_checkable
 class ContactSet(Protocol):
-    """What the split asks of contacts; `grasp.matrix.Grasp` answers."""
+    """A set of contacts, as the split needs it; `grasp.matrix.GraspMatrix` answers."""
 
     fingers: int
     finger_of_column: NDArray[np.int64]
@@ -35,7 +36,7 @@ class ContactSet(Protocol):
     moment_rows: NDArray[np.bool_]
 
     def unit_free(self) -> tuple[FloatArray, float]:
-        """A matrix with the row space of G after its torsion columns are multiplied by a length, and that length."""
+        """Give a matrix with the row space of G after torsion columns are multiplied by a length, and that length."""
 
 
 class Split:
@@ -121,7 +122,7 @@ class Split:
         return np.linalg.qr(self._motions, mode="complete")[0][:, self.rank :]
 
     def internal_coordinates(self, names: Sequence[str] | None = None) -> InternalCoordinates:
-        """Internal forces as named tensions, bendings and torsions of the fingers; see `InternalCoordinates`.
+        """Give internal forces as named tensions, bendings and torsions of the fingers; see `InternalCoordinates`.
 
         Args:
             names: of the fingers, in the order of the contacts; "1", "2", ... if None.
@@ -129,15 +130,14 @@ class Split:
         Raises:
             InputError: the split of a bare matrix, names that do not fit.
         """
-        from graspfx.grasp.matrix import Grasp
         from graspfx.grasp.quality.internal import internal_coordinates
 
-        if not isinstance(self.grasp, Grasp):
+        if not isinstance(self.grasp, GraspMatrix):
             raise InputError("split", self.grasp, "the split of a Grasp", "a bare matrix does not know its contacts")
         return internal_coordinates(self.grasp, self, self.rank, names)
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """External and internal parts of contact forces (m,) or (..., m); their sum is the force."""
+        """Divide contact forces (m,) or (..., m) into external and internal parts; their sum is the force."""
         f = finite("force", force)
         if f.shape[-1:] != (self.components,):
             raise InputError("force", f, f"an array whose last axis has the {self.components} contact components")
@@ -145,14 +145,14 @@ class Split:
         return external, f - external
 
     def project(self, force: FloatArray) -> FloatArray:
-        """P f for forces (..., m), unchecked."""
+        """Project P f for forces (..., m), unchecked."""
         U = self._modes
         if self._root is None:
             return (force @ U) @ U.T
         return self.stretch((self.stretch(force, inverse=True) @ U) @ U.T)
 
     def stretch(self, x: FloatArray, *, inverse: bool = False) -> FloatArray:
-        """L x for rows x (..., m), L = M^(1/2) symmetric; or L^-1 x."""
+        """Stretch rows x (..., m) to L x, L = M^(1/2) symmetric; or to L^-1 x."""
         L = self._root
         if L is None:
             return x
@@ -161,13 +161,13 @@ class Split:
         return np.asarray(np.linalg.solve(L, x[..., None])[..., 0] if inverse else x @ L)
 
     def weigh(self, x: FloatArray) -> FloatArray:
-        """M x for a vector x (m,)."""
+        """Weigh a vector x (m,): M x."""
         if self._root is None:
             return x
         return self.metric * x if self.metric.ndim == 1 else self.metric @ x
 
     def modal_metric(self) -> FloatArray:
-        """M Q = L U U' L, (m, m), symmetric to the last bit: what one unit of external stiffness is."""
+        """Compute M Q = L U U' L, (m, m), symmetric to the last bit: one unit of external stiffness."""
         LU = self.stretch(self._modes.T)
         return LU.T @ LU
 
@@ -209,24 +209,24 @@ class Split:
         return np.asarray((axes * np.sqrt(values)) @ axes.T)
 
 
-def fraction(name: str, given: float) -> float:
-    """A relative tolerance in [0, 1)."""
-    value = number(name, given, "a relative tolerance in [0, 1)")
+def fraction(name: str, argument: float) -> float:
+    """Check a relative tolerance in [0, 1)."""
+    value = number(name, argument, "a relative tolerance in [0, 1)")
     if value >= 1.0:
-        raise InputError(name, given, "a relative tolerance in [0, 1)")
+        raise InputError(name, argument, "a relative tolerance in [0, 1)")
     return value
 
 
 def _row_space(A: FloatArray, threshold: float) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal basis (m, rank) of the row space of A, and the singular values above the threshold."""
+    """Find an orthonormal basis (m, rank) of the row space of A, and the singular values above the threshold."""
     if not A.size:
         return np.zeros((A.shape[1], 0)), np.zeros(0)
     values, rows = np.linalg.svd(A, full_matrices=False)[1:]
     noise = max(A.shape) * np.finfo(float).eps * values[0]
     values = values[values > max(threshold, noise)]
     lengths = np.sqrt((A**2).sum(axis=1))
-    kept = lengths > max(threshold, noise)
-    if kept.sum() == len(values):
+    independent = lengths > max(threshold, noise)
+    if independent.sum() == len(values):
         # rows of very different length, each accurate in itself: unit rows keep that accuracy
-        rows = np.linalg.svd(A[kept] / lengths[kept, None], full_matrices=False)[1:][1]
+        rows = np.linalg.svd(A[independent] / lengths[independent, None], full_matrices=False)[1:][1]
     return rows[: len(values)].T.copy(), values

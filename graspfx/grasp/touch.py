@@ -26,7 +26,7 @@ Law = Literal["frictionless", "stick", "coulomb", "associated"]
 
 @dataclass(frozen=True)
 class Touch:
-    """What the fingers do to the object.
+    """Forces of the fingers on the object, and the state of each contact.
 
     Attributes:
         force: f, (m,) on the object [N].
@@ -48,7 +48,7 @@ def unilateral_force(
     normals: ArrayLike,
     friction: float | Sequence[float] | Literal["stick"] | None = None,
 ) -> Touch:
-    """Fingertip forces that only push: f in C, s in C*, f's = 0, f = K (e + s).
+    """Solve for fingertip forces that only push: f in C, s in C*, f's = 0, f = K (e + s).
 
     C is {lambda n, lambda >= 0} per finger without friction; with "stick" a finger holds in every direction while it
     pushes and is released whole where its normal force would pull. A coefficient mu gives the cone |f_t| <= mu f_n and
@@ -133,7 +133,7 @@ def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArra
 
 
 def coefficients(friction: object, n: int) -> FloatArray:
-    """mu of every finger, (n,)."""
+    """Give mu of every finger, (n,)."""
     expected = f"None, 'stick', or a coefficient >= 0: one or {n}"
     mu = finite("friction", friction, expected)
     if mu.shape not in ((), (n,)) or (mu < 0.0).any():
@@ -144,7 +144,7 @@ def coefficients(friction: object, n: int) -> FloatArray:
 def slipping(
     K: FloatArray, raised: float, e: FloatArray, mu: FloatArray, d: int
 ) -> tuple[FloatArray, tuple[Status, ...], float, Law]:
-    """Forces in contact frames with friction cones, their status, residual and law."""
+    """Solve for forces in contact frames with friction cones, their status, residual and law."""
     n, m = len(mu), len(e)
     problem = set_up(memoryview(np.zeros(problem_size(n, m))), 0, n, m)
     contacts = problem.contacts
@@ -166,7 +166,7 @@ def slipping(
 
 
 def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatArray:
-    """R(t), which leaves t = f - c s at f where f and s fulfil the law: the projection on the cones, or radial."""
+    """Compute R(t), which maps t = f - c s to f where f and s fulfil the law: projection on the cones, or radial."""
     normal, tangents = t.reshape(-1, d)[:, 0], t.reshape(-1, d)[:, 1:]
     length = np.linalg.norm(tangents, axis=1)
     inside = (length <= mu * normal) & (normal >= 0.0)
@@ -177,11 +177,11 @@ def returned(t: FloatArray, mu: FloatArray, d: int, associated: bool) -> FloatAr
 
 
 def residual(K: FloatArray, e: FloatArray, f: FloatArray, stick: bool) -> float:
-    """How far f (n, d), in contact frames, is from f = K (e + s) with s where a force is released, as a force [N]."""
+    """Measure how far f (n, d), in contact frames, is from f = K (e + s) with s where a force is released [N]."""
     n, d = f.shape
-    held = np.zeros((n, d), dtype=bool)
-    held[f[:, 0] > 0.0, : d if stick else 1] = True
-    free = ~held.ravel()
+    sticking = np.zeros((n, d), dtype=bool)
+    sticking[f[:, 0] > 0.0, : d if stick else 1] = True
+    free = ~sticking.ravel()
     s = np.zeros(n * d)
     if free.any():
         s[free] = np.linalg.lstsq(K[np.ix_(free, free)], -(K @ e)[free], rcond=None)[0]

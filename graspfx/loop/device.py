@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from functools import wraps
+from typing import NamedTuple, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from graspfx.loop.plant import Kernel, Plant, unaltered
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class Features:
     stiffness: float | None = None  # largest stiffness it displays stably at its rate [N/m]
     damping: float | None = None  # largest virtual damping at its rate [N s/m]
     mass: float | None = None  # effective mass at a fingertip [kg]
-    friction: float | None = None  # effective viscous friction at a fingertip [N s/m]
+    friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
     resolution: float | None = None  # of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
 
@@ -184,3 +187,26 @@ def fused(device: Device) -> FusedDevice | None:
     ):
         return device
     return None
+
+
+def former_settings(**names: str) -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """Let a driver's `connect` take settings under former names too, with a FutureWarning.
+
+    Args:
+        names: the name now, by the former one.
+    """
+
+    def wrap(connect: Callable[..., T]) -> Callable[..., T]:
+        @wraps(connect)
+        def call(**settings: object) -> T:
+            for former in names.keys() & settings.keys():
+                now = names[former]
+                if now in settings:
+                    raise InputError(former, settings[former], f"{now!r} alone: {former!r} is its former name")
+                warnings.warn(f"{former!r} is called {now!r} now", FutureWarning, stacklevel=2)
+                settings[now] = settings.pop(former)
+            return connect(**settings)
+
+        return call
+
+    return wrap

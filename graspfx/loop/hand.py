@@ -37,7 +37,7 @@ class Hand:
         damping: B [N s/m], in the same forms.
         motion: x, of all fingers together; the centres of the turns go along with it.
         squeeze: s, how far each finger's target goes along `inward` [m]: a number, taken up by one minimum-jerk step
-            over `squeeze_ramp` from time zero, or a motion of one dimension, as `graspfx.loop.motion.motion.Levels` is.
+            over `squeeze_ramp` from time zero, or a motion of one dimension, as `graspfx.loop.motion.Levels` is.
         inward: (n, d) directions of the squeeze, of any length; a row of zeros is a finger that stays out of it.
         squeeze_ramp: [s].
         share: of the squeeze, a number or one per finger (n,).

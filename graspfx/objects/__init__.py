@@ -1,1 +1,1 @@
-"""What is touched: shapes and their contact points, rigid bodies and how they move."""
+"""Rigid bodies and how they move: freely, on fixed planes, in PyBullet's world, or by other software."""

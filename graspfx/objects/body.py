@@ -13,8 +13,7 @@ from graspfx.compile.records import Record
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.numeric import SMALLEST, finite, number
 from graspfx.objects import integrators as at
-from graspfx.objects.state import BodyState, Motion
-from graspfx.objects.surroundings import Meeting, Member, Obstacle
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Quaternion, Vector
 
 FloatArray = NDArray[np.float64]
@@ -127,14 +126,6 @@ class NativeBody(BlockBody):
 def create(state: FloatArray) -> NativeBody:
     """The body that `dynamics = "native"` names."""
     return NativeBody(state)
-
-
-def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> NativeBody:
-    """The body of one object on half-spaces and planes; native objects do not meet one another."""
-    from graspfx.objects.floor.floor import FloorBody  # only scenes with obstacles need friction cones
-
-    [member] = members
-    return FloorBody(member, obstacles, meeting)
 
 
 def fill_body(

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from graspfx.compile.kernel import inline, kernel
-from graspfx.objects.state import EXACT, EXPLICIT, IMPLICIT, SEMI_IMPLICIT, Decay
+from graspfx.objects.body_state import EXACT, EXPLICIT, IMPLICIT, SEMI_IMPLICIT, Decay
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Record
+from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
 from graspfx.objects.decay import decay_integrals
 from graspfx.objects.rotation import momentum, scaled
-from graspfx.objects.state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
 from graspfx.spatial import ZERO, Quaternion, Vector, cross, dot, total
 
 SERIES = 0.5  # of b T/m: below, differences of exponentials would cancel

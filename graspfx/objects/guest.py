@@ -9,9 +9,9 @@ from typing import Any, Protocol, runtime_checkable
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Record, size_of, start_of
 from graspfx.objects.body import FloatArray
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
 from graspfx.objects.rotation import scaled
-from graspfx.objects.state import BodyState
 from graspfx.spatial import Quaternion, Vector, exponential, rotate
 
 

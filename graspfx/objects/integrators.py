@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import size_of, start_of
+from graspfx.objects.body_state import EXACT, EXPLICIT, IMPLICIT, SEMI_IMPLICIT, BodyState, Motion
 from graspfx.objects.decay import coefficients, step_coefficients
 from graspfx.objects.rotation import new_spin, spin_of, turn, turn_exactly
-from graspfx.objects.state import EXACT, EXPLICIT, IMPLICIT, SEMI_IMPLICIT, BodyState, Motion
 from graspfx.spatial import ZERO, Matrix, Vector, angle_matrix, exponential, normalise, quaternion_matrix, total
 
 __all__ = ["EXACT", "EXPLICIT", "IMPLICIT", "SEMI_IMPLICIT", "orient", "predict", "step"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import inline, kernel
+from graspfx.objects.body_state import EXPLICIT, IMPLICIT, BodyState, Motion
 from graspfx.objects.decay import update_decay
-from graspfx.objects.state import EXPLICIT, IMPLICIT, BodyState, Motion
 from graspfx.spatial import Quaternion, Vector, cross, exponential, normalise, rotate, total
 
 STRIDE = 0.1  # a fourth-order step is divided so that |w| h and b_w h/I stay below: accurate, and stable

@@ -1,1 +1,1 @@
-"""A scene described, checked and made to run."""
+"""A scene described: its tables, where it came from, and how its values are replaced; nothing is made here."""

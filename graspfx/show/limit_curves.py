@@ -34,7 +34,8 @@ NAMES = {
     "object.rotational_viscosity": "Rotational viscosity of the object",
     "period": "Sampling period $T$",
     "finger.*.device.mass": "Mass of a device $m$",
-    "finger.*.device.friction": "Friction of a device $b$",
+    "finger.*.device.damping": "Damping of a device $b$",
+    "finger.*.device.friction": "Damping of a device $b$",
     "finger.*.hand.stiffness": "Stiffness of a finger",
     "finger.*.hand.damping": "Damping of a finger",
     "coupling.external.damping": "$k_{ed}$",
@@ -47,7 +48,7 @@ LEVELS = 9
 
 
 def limits_figure(limits: SweptLimits, path: str | PathLike[str], title: str = "") -> Path:
-    """Curves of the three limits over one key; over two, maps of each, and where k_ep = k_ip."""
+    """Draw curves of the three limits over one key; over two, maps of each, and where k_ep = k_ip."""
     from matplotlib.figure import Figure
 
     target = Path(fspath(path))
@@ -67,8 +68,8 @@ def _curves(ax: Axes, limits: SweptLimits) -> None:
     x = limits.sweeps[0].values
     marked = "o" if len(x) <= 30 else ""
     values = np.concatenate([limits.internal, limits.external])
-    known = np.isfinite(values) & (values > 0.0)
-    top = min(float(values[known].max()), LARGEST * float(values[known].min())) if known.any() else 1.0
+    positive = np.isfinite(values) & (values > 0.0)
+    top = min(float(values[positive].max()), LARGEST * float(values[positive].min())) if positive.any() else 1.0
     ax.plot(x, _finite(limits.conventional), color="#b8b8b8", lw=6, solid_capstyle="round", label="$k_p$ conventional")
     ax.plot(x, _finite(limits.internal), color=INTERNAL, ls="--", lw=1.4, label="$k_{ip}$ internal")
     ax.plot(
@@ -83,7 +84,7 @@ def _curves(ax: Axes, limits: SweptLimits) -> None:
         label="$k_{ep}$ external",
     )
     ax.set_ylim(0.0, 1.08 * top)
-    if not known.any():
+    if not positive.any():
         ax.text(0.5, 0.5, "no gain is too large", transform=ax.transAxes, ha="center")
     if len(x) > 1:
         ax.set_xlim(x[0], x[-1])
@@ -99,23 +100,23 @@ def _maps(drawing: object, limits: SweptLimits) -> None:
     assert isinstance(drawing, Figure)
     steps = [max(1, -(-len(sweep.values) // MOST_CELLS)) for sweep in limits.sweeps]
     x, y = (sweep.values[::step] for sweep, step in zip(limits.sweeps, steps, strict=True))
-    shown = [
+    tiles = [
         np.where(np.isfinite(part), part, np.nan)[:: steps[0], :: steps[1]].T
         for part in (limits.external, limits.internal, limits.conventional)
     ]
-    values = np.concatenate([part.ravel() for part in shown])
+    values = np.concatenate([part.ravel() for part in tiles])
     finite = values[np.isfinite(values)]
     top = float(np.quantile(finite, 0.98)) if len(finite) else 1.0
     axes = drawing.subplots(1, 3, sharex=True, sharey=True)
     names = ("$k_{ep}$ external", "$k_{ip}$ internal", "$k_p$ conventional")
     picture = None
-    for ax, part, name in zip(axes, shown, names, strict=True):
+    for ax, part, name in zip(axes, tiles, names, strict=True):
         picture = ax.pcolormesh(x, y, part, vmin=0.0, vmax=top, cmap="viridis", shading="nearest", rasterized=True)
         if min(part.shape) > 1:
             if np.isfinite(part).any() and np.nanmin(part) < np.nanmax(part):
                 drawn = ax.contour(x, y, part, levels=LEVELS, colors="white", linewidths=0.5)
                 ax.clabel(drawn, fontsize=6, fmt="%.4g")
-            more = shown[0] - shown[1]
+            more = tiles[0] - tiles[1]
             if np.isfinite(more).any() and np.nanmin(more) < 0.0 < np.nanmax(more):
                 ax.contour(x, y, more, levels=[0.0], colors=EXTERNAL, linewidths=1.6)
         ax.set_title(name, fontsize=9)

@@ -1,4 +1,4 @@
-"""What the figure shows of a run, row by row: positions along each axis, distances, forces, how the object turns."""
+"""Rows of a run's figure: positions along each axis, distances, forces, rotation of the object."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from graspfx.show.strokes import APART, ASTRAY, CONTACTS, OBJECT, TURNS, Stroke
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import ObjectMotion, Recording
+    from graspfx.loop.recording.history import ObjectMotion
+    from graspfx.loop.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ class View:
 
     @property
     def fingers(self) -> list[int]:
-        """By number."""
+        """Numbers of the fingers."""
         return [i for i, thing in enumerate(self.recording.layout.finger_objects) if thing == self.number]
 
     @property
@@ -67,7 +68,7 @@ class Curve:
     values: FloatArray
     stroke: Stroke
     for_scale: bool = False  # there to compare others with, and to be left out where only changes are shown
-    named: bool = True  # beside the row
+    labelled: bool = True  # beside the row
 
 
 @dataclass(frozen=True)
@@ -94,16 +95,16 @@ class Row:
 
 
 def views(recordings: Iterable[Recording]) -> list[View]:
-    """Every object that fingers touch, recording by recording; the first object of a recording without fingers."""
-    found = []
+    """List every object that fingers touch, recording by recording; the first object of a recording without fingers."""
+    views_ = []
     for recording in recordings:
-        held = sorted(set(recording.layout.finger_objects)) or [0]
-        found += [View(recording, k) for k in held]
-    return found
+        numbers = sorted(set(recording.layout.finger_objects)) or [0]
+        views_ += [View(recording, k) for k in numbers]
+    return views_
 
 
 def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
-    """The rows of the figure.
+    """List the rows of the figure.
 
     Args:
         columns: what to show side by side.
@@ -112,61 +113,61 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
     with np.errstate(over="ignore", invalid="ignore"):
         axes = _axes_worth_showing([_ranges(view) for view in columns])
         height = 2.5 if len(axes) == 1 else 1.9
-        found = []
+        rows_ = []
         for k, a in enumerate(axes):
-            panels = tuple(_positions(view, a, strokes, named=k == 0) for view in columns)
+            panels = tuple(_positions(view, a, strokes, labelled=k == 0) for view in columns)
             row = Row("a" if k == 0 else "", f"position {'xyz'[a]} [mm]", panels, height)
-            found.append(_changes(row, f"displacement {'xyz'[a]} [mm]"))
+            rows_.append(_changes(row, f"displacement {'xyz'[a]} [mm]"))
         panels = tuple(_distances(view, strokes) for view in columns)
-        several = any(len(view.fingers) > 2 for view in columns)
-        remark = f"{AS_ABOVE}: to their centre" if several else ""
+        crowded = any(len(view.fingers) > 2 for view in columns)
+        remark = f"{AS_ABOVE}: to their centre" if crowded else ""
         row = Row("b", "distance [mm]", panels, 2.2, remark=remark, distance=True)
-        found.append(_changes(row, "change of distance [mm]"))
+        rows_.append(_changes(row, "change of distance [mm]"))
         panels = tuple(_forces(view, strokes) for view in columns)
-        found.append(Row("c", "force [N]", panels, 1.5, remark=AS_ABOVE, distance=True))
-        found += _turns(columns)
-        return found
+        rows_.append(Row("c", "force [N]", panels, 1.5, remark=AS_ABOVE, distance=True))
+        rows_ += _turns(columns)
+        return rows_
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Those along which a view moves by more than a share of its main axis; of views at rest, their first axis."""
-    shown = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * each.max()) if each.max() > 0.0}
-    return sorted(shown) or [0]
+    """Pick the axes along which a view moves by more than a share of its main axis; of views at rest, the first."""
+    axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * each.max()) if each.max() > 0.0}
+    return sorted(axes) or [0]
 
 
 def _ranges(view: View) -> FloatArray:
-    """Of object and fingers along each axis, (d,) [m]: how far the one goes that goes farthest."""
+    """Measure how far object and fingers go along each axis, (d,) [m]: how far the one goes that goes farthest."""
     p, x = view.finger_position, view.motion.position
     lines = [x, *(p[:, i] for i in range(p.shape[1]))]
     return np.array([max(_range(line[:, a]) for line in lines) for a in range(view.dimensions)])
 
 
-def _positions(view: View, a: int, strokes: Mapping[str, Stroke], *, named: bool) -> tuple[Curve, ...]:
+def _positions(view: View, a: int, strokes: Mapping[str, Stroke], *, labelled: bool) -> tuple[Curve, ...]:
     if a >= view.dimensions:
         return ()
-    x = _curve("object", MM * view.motion.position[:, a], OBJECT, named=named)
-    return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes, named=named))
+    x = _curve("object", MM * view.motion.position[:, a], OBJECT, labelled=labelled)
+    return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes, labelled=labelled))
 
 
 def _distances(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    """Of two fingers from each other; of more, from their centre; and of the object from it."""
+    """Plot the distance of two fingers; that of more from their centre; and that of the object from it."""
     p, fingers = view.finger_position, view.fingers
     if not fingers:
         return ()
     centre = p.mean(axis=1)
-    found: list[Curve] = []
+    curves: list[Curve] = []
     if len(fingers) == 2:
-        found.append(_curve("between fingers", MM * np.linalg.norm(p[:, 1] - p[:, 0], axis=1), APART))
+        curves.append(_curve("between fingers", MM * np.linalg.norm(p[:, 1] - p[:, 0], axis=1), APART))
         c = view.recording.contact_position[:, fingers]
         touch = MM * np.linalg.norm(c[:, 1] - c[:, 0], axis=1)
         if touch.any():  # contacts attached to the object's centre have none
-            found.append(_curve("between contact points", touch, CONTACTS, for_scale=True))
+            curves.append(_curve("between contact points", touch, CONTACTS, for_scale=True))
     elif len(fingers) > 2:
         away = MM * np.linalg.norm(p - centre[:, None, :], axis=2)
-        found += _of_fingers(view, away, strokes)
+        curves += _of_fingers(view, away, strokes)
     astray = MM * np.linalg.norm(view.motion.position - centre, axis=1)
     name = "object to finger" if len(fingers) == 1 else "object to centre of fingers"
-    return (*found, _curve(name, astray, ASTRAY))
+    return (*curves, _curve(name, astray, ASTRAY))
 
 
 def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
@@ -174,7 +175,7 @@ def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
-    """How the objects turn from where they begin, about world axes; no row if none does."""
+    """Plot how the objects turn from where they begin, about world axes; no row if none does."""
     turns = [_rotation_vector(view.motion.orientation) for view in columns]
     ranges = [np.array([_range(turn[:, a]) for a in range(3)]) for turn in turns]
     ranges = [np.where(each >= TURN, each, 0.0) for each in ranges]
@@ -191,7 +192,7 @@ def _turns(columns: Sequence[View]) -> list[Row]:
 
 
 def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
-    """u theta of the rotation since the first tick, (N, 3) [degrees]; it goes on beyond half a turn."""
+    """Compute u theta of the rotation since the first tick, (N, 3) [degrees]; it goes on beyond half a turn."""
     if orientation is None:
         return np.zeros((1, 3))
     if orientation.ndim == 1:
@@ -209,7 +210,7 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
 
 
 def _changes(row: Row, label: str) -> Row:
-    """The row, or, if its lines would look straight, what has changed since the first tick."""
+    """Return the row, or, if its lines would look straight, the changes since the first tick."""
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(curve.values) for curve in curves] + ([(0.0, 0.0)] if row.distance else [])
     span = max(high for _, high in ends) - min(low for low, _ in ends)
@@ -223,7 +224,7 @@ def _changes(row: Row, label: str) -> Row:
 
 
 def _starts(panel: Sequence[Curve]) -> str:
-    """What the changes are counted from; of many curves not, since a note of all would hide them."""
+    """Note where changes are counted from, unless there are so many curves that the note would hide them."""
     if len(panel) > MOST_STARTS:
         return "changes since t = 0"
     values = ", ".join(f"{curve.label} {curve.values[0] + 0.0:.1f}" for curve in panel)
@@ -231,14 +232,14 @@ def _starts(panel: Sequence[Curve]) -> str:
 
 
 def _of_fingers(
-    view: View, values: FloatArray, strokes: Mapping[str, Stroke], *, named: bool = False
+    view: View, values: FloatArray, strokes: Mapping[str, Stroke], *, labelled: bool = False
 ) -> tuple[Curve, ...]:
-    """One curve per finger, of values (N, n)."""
-    return tuple(_curve(name, values[:, i], strokes[name], named=named) for i, name in enumerate(view.names))
+    """Draw one curve per finger, from values (N, n)."""
+    return tuple(_curve(name, values[:, i], strokes[name], labelled=labelled) for i, name in enumerate(view.names))
 
 
-def _curve(label: str, values: FloatArray, stroke: Stroke, *, for_scale: bool = False, named: bool = True) -> Curve:
-    return Curve(label, np.where(np.abs(values) < LARGEST, values, np.nan), stroke, for_scale, named)
+def _curve(label: str, values: FloatArray, stroke: Stroke, *, for_scale: bool = False, labelled: bool = True) -> Curve:
+    return Curve(label, np.where(np.abs(values) < LARGEST, values, np.nan), stroke, for_scale, labelled)
 
 
 def _range(values: FloatArray) -> float:

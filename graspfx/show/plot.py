@@ -41,7 +41,7 @@ MOST_POINTS = 6000  # per line: more than a picture can show
 
 
 def figure(recordings: Sequence[Recording], path: str | PathLike[str], titles: Sequence[str] | None = None) -> Path:
-    """Draws one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
+    """Draw one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
 
     (a) Along each axis of noticeable motion: the object solid, its fingers dashed.
     (b) For two fingers: the distance between them solid, that between the object and their centre dashed, and dotted
@@ -71,16 +71,16 @@ def figure(recordings: Sequence[Recording], path: str | PathLike[str], titles: S
     from matplotlib.figure import Figure
 
     columns = views(recordings)
-    found = rows(columns, finger_strokes([view.names for view in columns]))
-    heights = [row.height for row in found]
+    rows_ = rows(columns, finger_strokes([view.names for view in columns]))
+    heights = [row.height for row in rows_]
     width = 4.6 if len(columns) < 3 else 3.8
-    beside = 2.3 + NAME_COLUMN * (max(map(_legend_columns, found)) - 1)
+    beside = 2.3 + NAME_COLUMN * (max(map(_legend_columns, rows_)) - 1)
     picture = Figure(figsize=(beside + width * len(columns), 0.9 + sum(heights)), layout="constrained")
     FigureCanvasAgg(picture)
     axes = picture.subplots(
-        len(found), len(columns), squeeze=False, sharex=True, sharey="row", gridspec_kw={"height_ratios": heights}
+        len(rows_), len(columns), squeeze=False, sharex=True, sharey="row", gridspec_kw={"height_ratios": heights}
     )
-    for row, panels in zip(found, axes, strict=True):
+    for row, panels in zip(rows_, axes, strict=True):
         _draw_row(row, panels, columns)
     for each, title in zip(axes[0], _titles(recordings, titles, width / 4.6), strict=True):
         each.set_title(title, loc="left", fontweight="bold", fontsize=SMALL + 1.0)
@@ -114,11 +114,11 @@ def _draw_row(row: Row, panels: Sequence[Axes], columns: Sequence[View]) -> None
 
 
 def _draw(axes: Axes, time: FloatArray, curve: Curve) -> None:
-    stroke, shown = curve.stroke, _shown(curve.values)
-    step = max(1, len(shown) // MARKERS)
+    stroke, places = curve.stroke, _sampled_places(curve.values)
+    step = max(1, len(places) // MARKERS)
     axes.plot(
-        time[shown], curve.values[shown], linestyle=stroke.dashes, linewidth=stroke.width, color=stroke.colour,
-        marker=stroke.marker, markersize=4.0, markevery=(int(stroke.place * step), step), label=_named(curve.label),
+        time[places], curve.values[places], linestyle=stroke.dashes, linewidth=stroke.width, color=stroke.colour,
+        marker=stroke.marker, markersize=4.0, markevery=(int(stroke.place * step), step), label=_entry(curve.label),
     )  # fmt: skip
 
 
@@ -130,8 +130,8 @@ def _thin_out(row: Row, panels: Sequence[Axes], height: float) -> None:
                 line.set_linewidth(THIN * line.get_linewidth())
 
 
-def _shown(values: FloatArray) -> IntArray:
-    """The ticks to draw: all of a short run, of a long one the least and the greatest value in each short while."""
+def _sampled_places(values: FloatArray) -> IntArray:
+    """Pick the ticks to draw: all of a short run, of a long one the least and greatest value in each short while."""
     size = 2 * len(values) // MOST_POINTS
     if size < 3:
         return np.arange(len(values))
@@ -151,11 +151,11 @@ def _tidy(axes: Axes) -> None:
 
 
 def _add_legend(row: Row, panels: Sequence[Axes]) -> None:
-    """Names every line that any panel of the row shows, once."""
+    """Name every line that any panel of the row shows, once."""
     from matplotlib.lines import Line2D
 
-    named = {_named(curve.label) for panel in row.panels for curve in panel if curve.named}
-    lines = {line.get_label(): line for axes in panels for line in axes.get_lines() if line.get_label() in named}
+    labels = {_entry(curve.label) for panel in row.panels for curve in panel if curve.labelled}
+    lines = {line.get_label(): line for axes in panels for line in axes.get_lines() if line.get_label() in labels}
     entries = sorted(lines.values(), key=lambda line: line.get_linestyle() != "-")
     if row.remark:
         entries.append(Line2D([], [], linestyle="none", label=row.remark))
@@ -167,33 +167,33 @@ def _add_legend(row: Row, panels: Sequence[Axes]) -> None:
 
 
 def _legend_columns(row: Row) -> int:
-    """As many as it takes for the names to stand beside the row, so that no room opens below it."""
-    names = {curve.label for panel in row.panels for curve in panel if curve.named}
+    """Count the columns that names need to stand beside the row, so that no room opens below it."""
+    names = {curve.label for panel in row.panels for curve in panel if curve.labelled}
     return max(1, ceil(len(names) / int(row.height * NAMES_PER_INCH)))
 
 
-def _named(label: str) -> str:
-    """What matplotlib takes for a name: it leaves out of a legend what begins with an underscore."""
+def _entry(label: str) -> str:
+    """Write a legend's entry: matplotlib leaves out a name that begins with an underscore."""
     return f" {label}" if label.startswith("_") else label
 
 
 def _titles(recordings: Sequence[Recording], titles: Sequence[str] | None, share: float) -> list[str]:
-    """One per column: the recording's, over the first of its objects if there are several, and each object's name."""
-    found = []
+    """Title each column: the recording over the first of its objects if there are several, and each object's name."""
+    lines = []
     longest = share * LONGEST_TITLE * (CROWDED if len(recordings) > 1 else 1.0)
     for number, recording in enumerate(recordings):
         own = views([recording])
         title = titles[number] if titles is not None else _title(recording, int(len(own) * longest))
         if len(own) == 1:
-            found.append(title)
+            lines.append(title)
             continue
         names = [f"object {recording.layout.objects[view.number]}" for view in own]
-        found += [f"{title}\n{names[0]}", *names[1:]]
-    return found
+        lines += [f"{title}\n{names[0]}", *names[1:]]
+    return lines
 
 
 def _title(recording: Recording, longest: int) -> str:
-    """The scene, its gains, and what else was set for this run."""
+    """Write the scene, its gains, and the other settings of this run."""
     header = recording.header
     name = header.title or Path(header.scene).stem or "run"
     others = [f"{key} = {value}" for key, value in header.overrides.items() if key not in GAINS]
@@ -202,7 +202,7 @@ def _title(recording: Recording, longest: int) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text in which a dollar sign begins no formula."""
+    """Write text in which a dollar sign begins no formula."""
     return text.replace("$", r"\$")
 
 

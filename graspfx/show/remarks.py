@@ -1,4 +1,4 @@
-"""What a run's author may not have meant: fingers that never touch, objects that are lost, contacts that chatter."""
+"""Warnings about a run: fingers that never touch, objects that are lost, contacts that chatter."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FASTEST = 5.0  # [1/s]: nor as fast
 
 
 def remarks(recording: Recording) -> list[str]:
-    """A sentence for each; none for a run of attached contacts, or without a tick."""
+    """Write a sentence for each warning; none for a run of attached contacts, or without a tick."""
     if recording.gap is None or not len(recording):
         return []
     return [*_shortfall(recording), *_untouched(recording, recording.gap), *_lost(recording), *_chatter(recording)]
@@ -47,24 +47,24 @@ def _untouched(recording: Recording, gap: NDArray[np.float64]) -> Iterator[str]:
 
 
 def _lost(recording: Recording) -> Iterator[str]:
-    """Objects that every finger leaves for good, and that slide out of the last ones or fall afterwards."""
+    """List objects that every finger leaves for good, and that slide out of the last ones or fall afterwards."""
     layout = recording.layout
     down = np.array(recording.header.scene_table.get("gravity") or [0.0] * layout.dimensions, dtype=float)
     down /= np.linalg.norm(down) or 1.0
     for number, name in enumerate(layout.objects):
         own = np.flatnonzero(np.array(layout.finger_objects) == number)
-        held = np.flatnonzero(recording.touching[:, own].any(axis=1))
-        if not held.size or held[-1] == len(recording) - 1:
+        ticks = np.flatnonzero(recording.touching[:, own].any(axis=1))
+        if not ticks.size or ticks[-1] == len(recording) - 1:
             continue
-        last = held[-1]
+        last = ticks[-1]
         left = own[recording.touching[last, own]]
         slid = recording.status is not None and bool((recording.status[last, left] == SLIDE).all())
         position = recording.objects[name].position[last:] @ down
         fell = float(np.nanmax(position) - position[0])
-        found = ["slides out of the fingers"] if slid else []
-        found += [f"falls by {_length(fell)}"] if fell > FELL else []
-        if found:
-            yield f"{name} {' and '.join(found)}: none touches it after {recording.time[last]:.4g} s"
+        remarks = ["slides out of the fingers"] if slid else []
+        remarks += [f"falls by {_length(fell)}"] if fell > FELL else []
+        if remarks:
+            yield f"{name} {' and '.join(remarks)}: none touches it after {recording.time[last]:.4g} s"
 
 
 def _chatter(recording: Recording) -> Iterator[str]:

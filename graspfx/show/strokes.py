@@ -39,7 +39,7 @@ TURNS = (Stroke("#8e44ad", 1.4, "-."), Stroke("#128c8c", 1.4, "--"), Stroke("#1a
 
 
 def finger_strokes(groups: Iterable[Sequence[str]]) -> dict[str, Stroke]:
-    """By name, dashed: of two fingers, one in the gaps of the other; where that is not enough, with markers in turn.
+    """Give each finger its stroke: two dashed, one in the gaps of the other; more, with markers in turn.
 
     Args:
         groups: the names of the fingers in each column; one that comes again keeps its stroke.

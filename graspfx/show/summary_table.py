@@ -48,7 +48,7 @@ ROWS: tuple[Row, ...] = (
 
 
 def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> list[Column]:
-    """What each row is, one column per recording, of two the change from the first to the second, and units.
+    """Name the rows, then one column per recording, of two the change from first to second, and units.
 
     Args:
         recordings: one or more.
@@ -63,18 +63,18 @@ def _names(recordings: Sequence[Recording], titles: Sequence[str] | None) -> Seq
 
 def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str]) -> list[Column]:
     rows = [row for row in ROWS if any(summary[row[1]] is not None for summary in summaries)]
-    made = [Column("", [what for what, _, _, _ in rows])]
+    columns = [Column("", [quantity for quantity, _, _, _ in rows])]
     for name, summary in zip(names, summaries, strict=True):
         cells = [_cell(summary[key], scale) for _, key, _, scale in rows]
-        made.append(Column(name.replace("/", "/\n"), cells, right=True, folds=True))
+        columns.append(Column(name.replace("/", "/\n"), cells, right=True, folds=True))
     if len(summaries) == 2:
         before, after = summaries
-        made.append(Column("change", [_change(before[key], after[key]) for _, key, _, _ in rows], right=True))
-    return [*made, Column("unit", [unit for _, _, unit, _ in rows])]
+        columns.append(Column("change", [_change(before[key], after[key]) for _, key, _, _ in rows], right=True))
+    return [*columns, Column("unit", [unit for _, _, unit, _ in rows])]
 
 
 def print_summary(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> None:
-    """Prints the summary of one recording, or of several side by side, as wide as the terminal, then its notes."""
+    """Print the summary of one recording, or of several side by side, as wide as the terminal, then its notes."""
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     rules = RULES if encoding.startswith("utf") else ASCII
     width = get_terminal_size().columns

@@ -20,7 +20,7 @@ class Column(NamedTuple):
 
 
 def lines(columns: Sequence[Column], width: int, *, rules: str = RULES, bold: bool = False) -> Iterator[str]:
-    """The table line by line.
+    """Yield the table line by line.
 
     Args:
         columns: with as many cells each.
@@ -52,9 +52,9 @@ def _row(cells: Sequence[list[str]], columns: Sequence[Column], widths: Sequence
 
 
 def _width(column: Column, share: int) -> int:
-    wanted = _widest([column.title, *column.cells])
-    if not column.folds or wanted <= share:
-        return wanted
+    width = _widest([column.title, *column.cells])
+    if not column.folds or width <= share:
+        return width
     return max(share, _widest(word for cell in column.cells for word in cell.split()))
 
 
@@ -63,26 +63,26 @@ def _widest(texts: Iterable[str]) -> int:
 
 
 def _folded(text: str, width: int) -> list[str]:
-    """Lines of at most `width`, broken between words, and within a word only where it is longer."""
-    found = []
+    """Fold into lines of at most `width`, broken between words, and within a word only where it is longer."""
+    lines = []
     for line in text.split("\n"):
         full = ""
         for word in line.split(" "):
             joined = f"{full} {word}" if full else word
             if full and _size(joined) > width:
-                found.append(full.rstrip())
+                lines.append(full.rstrip())
                 joined = word
             while _size(joined) > width:
                 cut = max(1, next(i for i in range(len(joined) + 1) if _size(joined[:i]) > width) - 1)
-                found.append(joined[:cut])
+                lines.append(joined[:cut])
                 joined = joined[cut:]
             full = joined
-        found.append(full)
-    return found
+        lines.append(full)
+    return lines
 
 
 def _size(text: str) -> int:
-    """Columns of a terminal that a text takes: two for a wide letter, none for an accent on the one before it."""
+    """Count the terminal columns of a text: two for a wide letter, none for an accent on the letter before it."""
     if text.isascii():
         return len(text)
     from unicodedata import combining, east_asian_width

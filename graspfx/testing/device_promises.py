@@ -116,14 +116,14 @@ class _Bench:
         if self.plant is not None:
             self.plant.advance(self.effort, hand or self.hand(), self.period)
 
-    def held(self, forces: FloatArray) -> FloatArray:
-        """What the actuators hold once these forces have come through the delay."""
+    def hold(self, forces: FloatArray) -> FloatArray:
+        """Compute what the actuators hold once these forces have come through the delay."""
         for _ in range((self.features.delay or 0) + 1):
             self.device.write(forces)
         return self.effort
 
     def push(self, size: float, finger: int | None = None) -> FloatArray:
-        """Forces of this size along the first axis, on one finger or on all."""
+        """Give forces of this size along the first axis, on one finger or on all."""
         f = np.zeros(self.shape)
         f[slice(None) if finger is None else finger, 0] = size
         return f
@@ -135,7 +135,7 @@ def _check_one(device: Device, promises: Promises, period: float, force: float, 
         force = min(force, 0.5 * bench.features.peak_force)
     with bench.promises("`with device` gives the device itself") as promise:
         promise.holds(device.__enter__() is device, "another object")
-    kept = False
+    same = False
     try:
         with bench.promises("`open(period)` makes it ready"):
             device.open(period)
@@ -147,9 +147,9 @@ def _check_one(device: Device, promises: Promises, period: float, force: float, 
         _check_stop(bench, force)
         _check_not_finite(bench, force)
         _check_close(bench)
-        kept = True
+        same = True
     finally:
-        if not kept:
+        if not same:
             with suppress(Exception):  # the promise broken first is the one to tell
                 device.close()
     return bench
@@ -172,8 +172,8 @@ def _features(device: Device, promises: Promises) -> Features:
             delay is None or (_whole(delay) and delay >= 0), f"delay = {delay!r}, which is no count of samples"
         )
         if features.continuous_force is not None and features.peak_force is not None:
-            found = f"continuous_force {features.continuous_force} N above peak_force {features.peak_force} N"
-            promise.holds(features.continuous_force <= features.peak_force, found)
+            finding = f"continuous_force {features.continuous_force} N above peak_force {features.peak_force} N"
+            promise.holds(features.continuous_force <= features.peak_force, finding)
         if features.workspace is not None:
             lower, upper = (np.asarray(corner, dtype=float) for corner in features.workspace)
             promise.holds(
@@ -229,27 +229,27 @@ def _check_ticks(bench: _Bench) -> None:
 def _check_efforts(bench: _Bench, force: float) -> None:
     k, limit = bench.features.fingers, bench.features.peak_force
     with bench.promises("zero force is no effort, and a force is one") as promise:
-        promise.holds(not bench.held(np.zeros(bench.shape)).any(), "an effort with zero force written")
-        effort = bench.held(bench.push(force))
+        promise.holds(not bench.hold(np.zeros(bench.shape)).any(), "an effort with zero force written")
+        effort = bench.hold(bench.push(force))
         promise.holds(effort.shape == bench.shape, f"efforts of shape {effort.shape}, not {bench.shape}")
         promise.holds(effort.any(axis=1).all(), f"no effort on a finger that is given {force} N")
         bench.newtons = np.allclose(effort, bench.push(force), rtol=ROUNDING, atol=0.0)
     with bench.promises("each finger gets its own force, also when the forces add up to zero") as promise:
         for i in range(k):
-            effort = bench.held(bench.push(force, i))
+            effort = bench.hold(bench.push(force, i))
             others = np.delete(effort, i, axis=0)
             promise.holds(
                 effort[i].any() and not others.any(), f"efforts {effort.tolist()} for a force on finger {i} alone"
             )
         if k > 1:
             squeeze = bench.push(force, 0) + bench.push(-force, 1)
-            effort = bench.held(squeeze)
+            effort = bench.hold(squeeze)
             promise.holds(effort[0].any() and effort[1].any(), "no effort for a symmetric squeeze")
     if limit is not None:
         with bench.promises("the force limit is applied here, last") as promise:
-            effort, more = bench.held(bench.push(10.0 * limit)), bench.held(bench.push(100.0 * limit))
-            found = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
-            promise.holds(np.allclose(effort, more, rtol=ROUNDING, atol=0.0), found)
+            effort, more = bench.hold(bench.push(10.0 * limit)), bench.hold(bench.push(100.0 * limit))
+            finding = f"efforts {effort.tolist()} at ten times the peak force and {more.tolist()} at a hundred times"
+            promise.holds(np.allclose(effort, more, rtol=ROUNDING, atol=0.0), finding)
             norm = float(np.linalg.norm(effort, axis=1).max())
             promise.holds(
                 not bench.newtons or norm <= limit * (1.0 + ROUNDING), f"{norm} N, and the limit is {limit} N"
@@ -277,9 +277,9 @@ def _check_motion(bench: _Bench, force: float) -> None:
     with bench.promises("a force moves its own finger, in its direction") as promise:
         for i in range(bench.features.fingers):
             _run(bench, TICKS + (bench.features.delay or 0), bench.push(force, i))
-            moved = plant.position - bench.start
-            promise.holds(moved[i, 0] > 0.0, f"finger {i} moved by {moved[i, 0]} m under {force} N")
-            away = float(np.abs(np.delete(moved, i, axis=0)).max(initial=0.0))
+            motion = plant.position - bench.start
+            promise.holds(motion[i, 0] > 0.0, f"finger {i} moved by {motion[i, 0]} m under {force} N")
+            away = float(np.abs(np.delete(motion, i, axis=0)).max(initial=0.0))
             promise.holds(away <= ROUNDING, f"others than finger {i} moved, by {away} m")
     with bench.promises("a hand pulls the fingertips to where it means them to be") as promise:
         _run(bench, round(1.0 / bench.period), np.zeros(bench.shape), bench.hand(50.0, 5.0, PULL))
@@ -305,8 +305,8 @@ def _run(bench: _Bench, ticks: int, forces: FloatArray, hand: Hand | None = None
 
 
 def _check_not_finite(bench: _Bench, force: float) -> None:
-    seen = "is displayed as zero and raises" if bench.plant is not None else "raises"
-    with bench.promises(f"a force that is not finite {seen} DeviceError") as promise:
+    promise_ = "is displayed as zero and raises" if bench.plant is not None else "raises"
+    with bench.promises(f"a force that is not finite {promise_} DeviceError") as promise:
         for bad in (math.nan, math.inf, -math.inf):
             for i in range(bench.features.fingers):
                 _refused(bench.device, bench.push(force))  # something to be kept, unless a fault keeps the device shut
@@ -328,8 +328,8 @@ def _refused(device: Device, forces: FloatArray) -> bool:
 
 
 def _check_stop(bench: _Bench, force: float) -> None:
-    seen = "is zero force, now, and may be" if bench.plant is not None else "returns, also when it is"
-    with bench.promises(f"`stop` {seen} called again") as promise:
+    promise_ = "is zero force, now, and may be" if bench.plant is not None else "returns, also when it is"
+    with bench.promises(f"`stop` {promise_} called again") as promise:
         bench.device.write(bench.push(force))
         for _ in range(2):
             bench.device.stop()
@@ -337,8 +337,8 @@ def _check_stop(bench: _Bench, force: float) -> None:
 
 
 def _check_close(bench: _Bench) -> None:
-    seen = "leaves no force, and returns when" if bench.plant is not None else "returns, also when"
-    with bench.promises(f"`close` {seen} it is called again") as promise:
+    promise_ = "leaves no force, and returns when" if bench.plant is not None else "returns, also when"
+    with bench.promises(f"`close` {promise_} it is called again") as promise:
         bench.device.close()
         promise.holds(bench.plant is None or not bench.effort.any(), "an effort after it")
         bench.device.close()
@@ -349,8 +349,8 @@ def _check_close(bench: _Bench) -> None:
 
 def _check_two(a: Device, b: Device, promises: Promises, period: float, force: float, start: ArrayLike | None) -> None:
     simulated = isinstance(a, SimulatedDevice)
-    seen = "do not know each other" if simulated else "share no arrays, and one reads when the other is closed"
-    with promises(f"two devices of a kind in one process {seen}") as promise:
+    promise_ = "do not know each other" if simulated else "share no arrays, and one reads when the other is closed"
+    with promises(f"two devices of a kind in one process {promise_}") as promise:
         promise.holds(a is not b, "the factory gave one device twice")
         one, two = _Bench(a, promises, period, start), _Bench(b, promises, period, start)
         try:
@@ -372,7 +372,7 @@ def _check_two(a: Device, b: Device, promises: Promises, period: float, force: f
 def _check_two_moving(promise: Promise, one: _Bench, two: _Bench, force: float) -> None:
     if one.features.peak_force is not None:
         force = min(force, 0.5 * one.features.peak_force)
-    promise.holds(one.held(one.push(force)).any() and not two.effort.any(), "a force on one is an effort of the other")
+    promise.holds(one.hold(one.push(force)).any() and not two.effort.any(), "a force on one is an effort of the other")
     _run(one, TICKS, one.push(force))
     away = float(np.abs(cast("Plant", two.plant).position - two.start).max())
     promise.holds(away <= ROUNDING, f"a force on one moved the other by {away} m")

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from graspfx.objects import integrators as body
 
 if TYPE_CHECKING:
-    from graspfx.loop.recording.record import ObjectMotion, Recording
+    from graspfx.loop.recording.history import ObjectMotion
+    from graspfx.loop.recording.record import Recording
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -20,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Account:
-    """What was gained over time and what there was for it, (N,) [J].
+    """An energy account over time: the gain and what there was for it, (N,) [J].
 
     Attributes:
         gained: so far.
@@ -34,7 +35,7 @@ class Account:
 
 
 def accounts(scene: Scene, recording: Recording, bodies: Sequence[FloatArray]) -> tuple[Account, Account]:
-    """The coupling's account, A against S_0 + W + H, and the objects', E against E_0 + A + U + J, of `check_scene`.
+    """Keep the coupling's account, A against S_0 + W + H, and the objects', E against E_0 + A + U + J.
 
     Args:
         bodies: the objects' blocks (`graspfx.objects.integrators`), for their masses and moments of inertia.
@@ -44,24 +45,24 @@ def accounts(scene: Scene, recording: Recording, bodies: Sequence[FloatArray]) -
     f, p, c = recording.finger_force, recording.finger_position, recording.contact_position
     e = p - c  # (N, n, d) [m]
     put_in = _summed((f[:-1] * np.diff(p, axis=0)).sum(axis=(1, 2)))
-    held = 0.5 * k * _summed((np.diff(e, axis=0) ** 2).sum(axis=(1, 2)))
+    stored = 0.5 * k * _summed((np.diff(e, axis=0) ** 2).sum(axis=(1, 2)))
     at_first = 0.5 * k * float((e[0] ** 2).sum())
-    kinetic, given, fallen, stepped = (np.zeros(N) for _ in range(4))
+    kinetic, work, weight_work, stepped = (np.zeros(N) for _ in range(4))
     g = np.zeros(d) if scene.gravity is None else np.array(scene.gravity)
     for table, motion, block in zip(scene.object, recording.objects.values(), bodies, strict=True):
         m, largest = float(block[body.MASS]), float(block[body.INERTIA : body.INERTIA + 3].max())
         x, v, w = motion.position, motion.velocity, motion.angular_velocity
         kinetic += 0.5 * m * (v**2).sum(axis=1) + _turning(motion, block)
-        fallen += m * (x - x[0]) @ g
-        given += _summed((motion.wrench[:-1, :d] * np.diff(x, axis=0)).sum(axis=1))
+        weight_work += m * (x - x[0]) @ g
+        work += _summed((motion.wrench[:-1, :d] * np.diff(x, axis=0)).sum(axis=1))
         if motion.orientation is not None:
-            given += _summed((motion.wrench[:-1, d:] * _turns(motion.orientation)).sum(axis=1))
+            work += _summed((motion.wrench[:-1, d:] * _turns(motion.orientation)).sum(axis=1))
         if table.dynamics == "native" and table.integrator == "explicit":
             stepped += 0.5 * m * _summed((np.diff(v, axis=0) ** 2).sum(axis=1))
             if w is not None:
                 stepped += 0.5 * largest * _summed((np.diff(w.reshape(N, -1), axis=0) ** 2).sum(axis=1))
-    coupling = Account(given, at_first + put_in + held, _largest(given, put_in, held, at_first))
-    objects = Account(kinetic, kinetic[0] + given + fallen + stepped, _largest(kinetic, given, fallen, stepped))
+    coupling = Account(work, at_first + put_in + stored, _largest(work, put_in, stored, at_first))
+    objects = Account(kinetic, kinetic[0] + work + weight_work + stepped, _largest(kinetic, work, weight_work, stepped))
     return coupling, objects
 
 
@@ -74,16 +75,16 @@ def _summed(steps: FloatArray) -> FloatArray:
 
 
 def _stiffest(scene: Scene) -> float:
-    """The largest gain in any direction [N/m]."""
-    found = 0.0
+    """Find the largest gain in any direction [N/m]."""
+    largest = 0.0
     for gains in (scene.coupling.external.stiffness, scene.coupling.internal.stiffness):
         values = np.asarray(gains, dtype=float)
-        found = max(found, float(values.max() if values.ndim < 2 else np.linalg.eigvalsh(values).max()))
-    return found
+        largest = max(largest, float(values.max() if values.ndim < 2 else np.linalg.eigvalsh(values).max()))
+    return largest
 
 
 def _turns(orientation: FloatArray) -> FloatArray:
-    """Rotations from tick to tick, (N - 1, 1 | 3) [rad], in world axes: exact about an axis that stays."""
+    """Compute rotations from tick to tick, (N - 1, 1 | 3) [rad], in world axes: exact about an axis that stays."""
     if orientation.ndim == 1:
         return np.diff(orientation)[:, None]
     a, b = orientation[:-1], orientation[1:]
@@ -95,7 +96,7 @@ def _turns(orientation: FloatArray) -> FloatArray:
 
 
 def _turning(motion: ObjectMotion, block: FloatArray) -> FloatArray:
-    """1/2 w'R I R'w, (N,) [J]."""
+    """Compute 1/2 w'R I R'w, (N,) [J]."""
     w, q = motion.angular_velocity, motion.orientation
     moments = block[body.INERTIA : body.INERTIA + 3]
     if w is None or q is None:

@@ -1,4 +1,4 @@
-"""What every scene promises: it runs without a fault, repeats to the bit, and makes no energy of its own."""
+"""Promises of every scene: it runs without a fault, repeats to the bit, and makes no energy of its own."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from graspfx.testing.promise import Promise
 
 if TYPE_CHECKING:
     from graspfx.loop.device import Device
+    from graspfx.loop.recording.history import ObjectMotion
     from graspfx.loop.recording.layout import Layout
-    from graspfx.loop.recording.record import ObjectMotion, Recording
+    from graspfx.loop.recording.record import Recording
     from graspfx.loop.recording.recorder import Recorder
     from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
@@ -27,7 +28,7 @@ Number = tuple[str | Callable[["Recording"], Any], Any, float]
 
 ROUNDING = 64.0 * np.finfo(float).eps  # of a sum over fingers, relative to its terms
 TOGETHER = 300  # ticks that two servos run in turns
-SHOWN = 20  # numbers in a message
+MOST_NUMBERS = 20  # numbers in a message
 SMALL_SHARE = 1e-3  # of the largest energy in the ledger
 
 
@@ -74,19 +75,19 @@ def check_scene(
     with _promise("it loads, and says its plan"):
         from graspfx.certificate.plan import plan
 
-        made = _scene(scene)
-        list(plan(made))
+        scene_ = _scene(scene)
+        list(plan(scene_))
     with _promise("it runs without a fault"):
         from graspfx.build.run import run
 
-        recording = run(made, duration)
-    _check_recording(made, recording)
-    _check_wrench(made, recording)
+        recording = run(scene_, duration)
+    _check_recording(scene_, recording)
+    _check_wrench(scene_, recording)
     with _promise("two runs are the same to the bit") as promise:
-        promise.holds(np.array_equal(recording.rows, run(made, duration).rows), "other rows in the second run")
-    _check_together(made, recording)
+        promise.holds(np.array_equal(recording.rows, run(scene_, duration).rows), "other rows in the second run")
+    _check_together(scene_, recording)
     if energy is not None:
-        _check_energy(made, recording, energy)
+        _check_energy(scene_, recording, energy)
     numbers = [cast("Number", number)] if _is_one(number) else cast("Sequence[Number]", number)
     for name, expected, tolerance in numbers:
         _check_number(recording, name, expected, tolerance)
@@ -97,19 +98,19 @@ def _promise(text: str) -> Promise:
     return Promise(text, "scene")
 
 
-def _scene(given: Scene | str | PathLike[str] | Callable[[], Scene]) -> Scene:
+def _scene(source: Scene | str | PathLike[str] | Callable[[], Scene]) -> Scene:
     from graspfx.scene.load import load
     from graspfx.scene.model import Scene
 
-    if isinstance(given, Scene):
-        return given
-    if isinstance(given, str | PathLike):
-        return load(given)
-    make: Any = given
-    made: Any = make() if callable(make) else make
-    if not isinstance(made, Scene):
-        raise InputError("scene", made, "a scene, the name or path of one, or a function that makes one")
-    return made
+    if isinstance(source, Scene):
+        return source
+    if isinstance(source, str | PathLike):
+        return load(source)
+    make: Any = source
+    result: Any = make() if callable(make) else make
+    if not isinstance(result, Scene):
+        raise InputError("scene", result, "a scene, the name or path of one, or a function that makes one")
+    return result
 
 
 def _check_recording(scene: Scene, recording: Recording) -> None:
@@ -125,14 +126,14 @@ def _check_recording(scene: Scene, recording: Recording) -> None:
     with _promise("energy at a device is its force, minus that on the object, times its fingertip's way") as promise:
         true = cast("FloatArray", recording.true_position)
         work = -(recording.finger_force[:-1] * np.diff(true, axis=0)).sum(axis=2)
-        told = np.diff(recording.device_energy, axis=0)
+        change = np.diff(recording.device_energy, axis=0)
         scale = np.abs(work).sum() + np.abs(recording.device_energy).max(initial=0.0)
-        off = float(np.abs(told - work).max(initial=0.0))
+        off = float(np.abs(change - work).max(initial=0.0))
         promise.holds(off <= ROUNDING * max(scale, np.finfo(float).tiny), f"{off} J of difference in a sample")
 
 
 def _check_wrench(scene: Scene, recording: Recording) -> None:
-    """f_v = G f (eq. 2), with moments about each object's centre from where the reaction acts."""
+    """Check f_v = G f (eq. 2), with moments about each object's centre from where the reaction acts."""
     at_contact = scene.coupling.reaction == "contact"
     with _promise(
         "the wrench on an object is the sum of its fingers' forces and of their moments about its centre"
@@ -155,13 +156,13 @@ def _check_wrench(scene: Scene, recording: Recording) -> None:
                 scale += np.abs(moments[:, own]).sum()
             reach = 1.0 + np.abs(places).max(initial=0.0) + np.abs(motion.position).max(initial=0.0)
             off = np.abs(motion.wrench[:, d:] - turn.sum(axis=1)).max(axis=1)
-            allowed = ROUNDING * scale * reach + _ahead(scene, number, motion) * np.linalg.norm(total, axis=1)
+            allowed = ROUNDING * scale * reach + _ahead_of_sample(scene, number, motion) * np.linalg.norm(total, axis=1)
             k = int(np.argmax(off - allowed))
             promise.holds(off[k] <= allowed[k], f"{off[k]} N m of difference on {name} at tick {k}")
 
 
-def _ahead(scene: Scene, number: int, motion: ObjectMotion) -> FloatArray:
-    """How far from the recorded centre moments may refer, (N,) [m]: implicit, to where it would move freely, v T."""
+def _ahead_of_sample(scene: Scene, number: int, motion: ObjectMotion) -> FloatArray:
+    """Bound how far from the recorded centre moments may refer, (N,) [m]: implicit, to the free motion, v T."""
     table = scene.object[number]
     if table.dynamics != "native" or table.integrator != "implicit":
         return np.zeros(len(motion.position))
@@ -173,7 +174,7 @@ def _check_energy(scene: Scene, recording: Recording, share: float) -> None:
     from graspfx.build.build import build
 
     with build(scene) as servo:
-        coupling, objects = accounts(scene, recording, [held.grasped.body_state for held in servo.objects])
+        coupling, objects = accounts(scene, recording, [part.grasped.body_state for part in servo.objects])
     for account, text in (
         (coupling, "energy is bounded: the coupling gives no more than the fingers put in"),
         (objects, "energy is bounded: the objects gain no more than the coupling and gravity give"),
@@ -188,7 +189,7 @@ def _check_energy(scene: Scene, recording: Recording, share: float) -> None:
             )
 
 
-class _Told:
+class _Listener:
     """A device, and what it was told."""
 
     def __init__(self, device: Device) -> None:
@@ -203,9 +204,9 @@ class _Told:
 
 
 def _check_together(scene: Scene, recording: Recording) -> None:
-    """Two servos at once, tick by tick in turns, the devices of both overheard."""
+    """Run two servos at once, tick by tick in turns, and listen to the devices of both."""
     from graspfx.build.build import build
-    from graspfx.loop.parts import Station
+    from graspfx.loop.parts import DeviceWiring
     from graspfx.loop.recording.header import Header
     from graspfx.loop.recording.recorder import Recorder
 
@@ -219,20 +220,20 @@ def _check_together(scene: Scene, recording: Recording) -> None:
                     promise.holds(not np.shares_memory(a, b), "an array that both of them write to")
         overheard = []
         for servo in pair:
-            told = [_Told(station.device) for station in servo.stations]
+            listener = [_Listener(station.device) for station in servo.stations]
             servo.stations = [
-                Station(cast("Device", each), station.fingers)
-                for each, station in zip(told, servo.stations, strict=True)
+                DeviceWiring(cast("Device", each), station.fingers)
+                for each, station in zip(listener, servo.stations, strict=True)
             ]
-            overheard.append(told)
+            overheard.append(listener)
         recorders: list[Recorder] = [Recorder(servo.layout, Header(scene.period)) for servo in pair]
         with _promise("devices are told minus the force on the object") as promise:
             for _ in range(ticks):
-                for servo, recorder, told in zip(pair, recorders, overheard, strict=True):
+                for servo, recorder, listener in zip(pair, recorders, overheard, strict=True):
                     servo.tick(recorder)
                     recorder.drain()
                     force = _forces(servo.layout, servo.row)
-                    for each, station in zip(told, servo.stations, strict=True):
+                    for each, station in zip(listener, servo.stations, strict=True):
                         used = station.fingers >= 0
                         same = np.array_equal(each.forces[0][used], -force[station.fingers[used]])
                         promise.holds(same, f"{each.forces[0][used].tolist()} for {force.tolist()} on the object")
@@ -249,13 +250,13 @@ def _forces(layout: Layout, row: FloatArray) -> FloatArray:
 
 def _arrays(servo: Servo) -> Iterator[FloatArray]:
     yield servo.row
-    for held in servo.objects:
-        yield held.grasped.block
+    for part in servo.objects:
+        yield part.grasped.block
     for station in servo.stations:
         yield from station.device.read()[:2]
-    for moved in servo.moved:
-        yield moved.plant.position
-        yield moved.plant.velocity
+    for group in servo.plants:
+        yield group.plant.position
+        yield group.plant.velocity
 
 
 def _is_one(number: Any) -> bool:
@@ -271,17 +272,17 @@ def _check_number(
             summary = recording.summary()
             if name not in summary:
                 raise InputError("number", name, f"a key of the summary: {', '.join(summary)}")
-            found = summary[name]
+            value = summary[name]
         else:
-            found = name(recording)
-        promise.holds(found is not None, "None")
-        off = np.abs(np.asarray(found, dtype=float) - np.asarray(expected, dtype=float))
-        promise.holds((off <= tolerance).all(), _worst(np.asarray(found), off))
+            value = name(recording)
+        promise.holds(value is not None, "None")
+        off = np.abs(np.asarray(value, dtype=float) - np.asarray(expected, dtype=float))
+        promise.holds((off <= tolerance).all(), _worst(np.asarray(value), off))
 
 
-def _worst(found: FloatArray, off: FloatArray) -> str:
-    """What was found; of many numbers, the one that is farthest off and its place."""
-    if found.size <= SHOWN or found.shape != off.shape:
-        return f"{found.tolist()}"
+def _worst(values: FloatArray, off: FloatArray) -> str:
+    """Say the finding; of many numbers, the one that is farthest off and its place."""
+    if values.size <= MOST_NUMBERS or values.shape != off.shape:
+        return f"{values.tolist()}"
     place = np.unravel_index(int(np.argmax(np.where(np.isnan(off), np.inf, off))), off.shape)
-    return f"{found[place]} at {[int(i) for i in place]}, the farthest of {found.size}"
+    return f"{values[place]} at {[int(i) for i in place]}, the farthest of {values.size}"

@@ -17,6 +17,7 @@ from graspfx.batch.batch import _grid
 from graspfx.batch.variants import Variants
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
+from tests.support.optional import require
 
 KEP, KIP, BV = "coupling.external.stiffness", "coupling.internal.stiffness", "object.viscosity"
 
@@ -115,10 +116,10 @@ def test_object_slows_down_as_the_closed_form_has_it(line, jobs):
 
 
 def test_keys_of_one_part_are_built_together(line):
-    values = {"finger.*.device.mass": np.linspace(0.1, 0.3, 5), "finger.*.device.friction": np.linspace(0.1, 0.5, 5)}
+    values = {"finger.*.device.mass": np.linspace(0.1, 0.3, 5), "finger.*.device.damping": np.linspace(0.1, 0.5, 5)}
     batch = gx.run_batch(line, values, 0.1, keep="recordings")
     for index in np.ndindex(batch.shape):
-        np.testing.assert_array_equal(batch.recordings[index].rows, single(line, batch, index, 0.1).rows)
+        np.testing.assert_array_equal(require(batch.recordings).item(index).rows, single(line, batch, index, 0.1).rows)
 
 
 def test_few_variants_are_built(line):
@@ -169,12 +170,12 @@ def test_recordings_are_those_of_single_runs(name):
     scene = gx.load(name)
     batch = gx.run_batch(scene, {"coupling.internal.stiffness": [60.0, 90.0]}, 20 * scene.period, keep="recordings")
     for index in range(2):
-        run, found = single(scene, batch, (index,), 20 * scene.period), batch.recordings[index]
+        run, found = single(scene, batch, (index,), 20 * scene.period), require(batch.recordings)[index]
         np.testing.assert_array_equal(found.rows, run.rows)
         assert found.header.scene_table == run.header.scene_table
         assert found.layout == run.layout
         assert found.outcome.fade_shortfall == run.outcome.fade_shortfall
-    assert batch.stacked("finger_force").shape == (2, 20, *batch.recordings[0].finger_force.shape[1:])
+    assert batch.stacked("finger_force").shape == (2, 20, *require(batch.recordings)[0].finger_force.shape[1:])
 
 
 def test_unilateral_contact_side_by_side_or_not(jobs, monkeypatch):
@@ -192,7 +193,7 @@ def test_meshes_run_too():
     batch = gx.run_batch(scene, {KIP: [60.0, 90.0]}, 10 * scene.period, keep="recordings")
     for index in range(2):
         run = single(scene, batch, (index,), 10 * scene.period)
-        np.testing.assert_array_equal(batch.recordings[index].rows, run.rows)
+        np.testing.assert_array_equal(require(batch.recordings).item(index).rows, run.rows)
 
 
 def test_faults_are_those_of_single_runs(line, jobs):
@@ -204,7 +205,7 @@ def test_faults_are_those_of_single_runs(line, jobs):
         assert batch.fault_tick[index] == run.faults[0].tick > 0
     kept = gx.run_batch(line, {KEP: [2e4]}, 3.0, keep="recordings")
     run = single(line, kept, (0,), 3.0)
-    assert kept.recordings[0].faults == run.faults
+    assert require(kept.recordings)[0].faults == run.faults
     assert jobs[0].aside == 6
 
 
@@ -218,13 +219,13 @@ def test_values_that_differ_far_inside_a_long_array_differ():
 
 
 def test_a_fault_is_told_as_things_stood_at_its_tick(line):
-    device = {"name": "simulated", "mass": 0.15, "friction": 0.2, "workspace": [[-0.06], [0.06]]}
+    device = {"name": "simulated", "mass": 0.15, "damping": 0.2, "workspace": [[-0.06], [0.06]]}
     hands = [{"stiffness": 60.0, "damping": 0.5, "rest": [rest]} for rest in (0.2, 0.0)]
     fingers = [{"start": [0.0], "device": device, "hand": hand} for hand in hands]
     leaving = line.replace({"finger": fingers})
     kept = gx.run_batch(leaving, {KEP: [30.0]}, 0.5, keep="recordings")
-    assert kept.recordings[0].faults == single(leaving, kept, (0,), 0.5).faults
-    assert "outside its workspace" in kept.recordings[0].faults[0].message
+    assert require(kept.recordings)[0].faults == single(leaving, kept, (0,), 0.5).faults
+    assert "outside its workspace" in require(kept.recordings)[0].faults[0].message
 
 
 def test_after_an_error_no_thread_begins_another_job():
@@ -245,7 +246,7 @@ def test_summaries_are_those_of_recordings(line):
     batch = gx.run_batch(line, {BV: [0.5, 0.8]}, 0.5, keep="summary")
     expected = single(line, batch, (1,), 0.5).summary()
     timed = {"wall_time", "ticks_per_second", "tick_cost", "engine"}
-    assert {k: v for k, v in batch.summaries[1].items() if k not in timed} == {
+    assert {k: v for k, v in require(batch.summaries)[1].items() if k not in timed} == {
         k: v for k, v in expected.items() if k not in timed
     }
 

@@ -10,18 +10,18 @@ import pytest
 
 import graspfx as gx
 from graspfx.analysis.maps.maps import external_limit_map
-from graspfx.bench import batches, ticks
 from graspfx.bench.case import Case
-from graspfx.bench.contact_sets import contact_sets
-from graspfx.bench.eq4_fixed import fixed_case
-from graspfx.bench.eq4_peers import PEERS, closed_form, grasp_matrix
-from graspfx.bench.map_oracle import crossing
+from graspfx.bench.cases import batches, ticks
+from graspfx.bench.cases.contact_sets import contact_sets
+from graspfx.bench.cases.eq4_fixed import fixed_case
 from graspfx.bench.measure import check
+from graspfx.bench.oracles.map_oracle import crossing
 from graspfx.bench.peers.arrays import last_positions, one_dof
+from graspfx.bench.peers.eq4_peers import PEERS, closed_form, grasp_matrix
 from graspfx.bench.peers.limit_peers import by_control, by_eigenvalues
-from graspfx.bench.peers.paper import PaperProgram, Springs, coupling
+from graspfx.bench.peers.paper import PaperProgram, Springs, coupling, rotation_matrix
+from graspfx.bench.peers.projection_peers import ByClarabel
 from graspfx.bench.peers.springs import MuJoCoSprings
-from graspfx.bench.projection_peers import ByClarabel
 from graspfx.bench.threads import NAMES, environment, one_blas_thread
 
 T = 0.005
@@ -45,7 +45,7 @@ def plainly(g: Springs, count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         if d == 3:
             q = q + 0.5 * g.T * np.append(spin * q[3] + np.cross(spin, q[:3]), -spin @ q[:3])
             q /= np.linalg.norm(q)
-        R = ticks.rotation_matrix(d, angle, q)
+        R = rotation_matrix(d, angle, q)
         yield x, position
 
 
@@ -100,7 +100,7 @@ def test_fixed_contacts_give_the_same_forces_by_every_method() -> None:
 def test_arrays_of_numpy_are_single_runs() -> None:
     scene = gx.load("reference-1dof")
     stiffness, viscosity, mass = [20.0, 45.0], [0.7, 1.2], [0.08, 0.15]
-    last = last_positions(one_dof(scene), *(np.array(each) for each in (stiffness, viscosity, mass)), 300)
+    last = last_positions(one_dof(scene), np.array(stiffness), np.array(viscosity), np.array(mass), 300)
     for k in range(2):
         changed = scene.replace(
             {batches.STIFFNESS: stiffness[k], batches.VISCOSITY: viscosity[k], batches.MASS: mass[k]}

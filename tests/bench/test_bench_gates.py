@@ -12,6 +12,8 @@ from graspfx.bench.case import Case, Method
 from graspfx.bench.measure import Effort, Row, check, interleaved
 from graspfx.bench.registry import benchmark as benchmark_named
 
+pytestmark = pytest.mark.alone
+
 BRIEF = Effort(rounds=9, batch=200_000, most=300_000_000, least=2, singles=1)
 
 

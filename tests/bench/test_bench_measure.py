@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import math
 from collections.abc import Callable
+from functools import partial
 from itertools import count
 
 import pytest
@@ -56,12 +57,12 @@ def test_missing_peer_is_a_row_that_says_what_to_install() -> None:
 
 def test_errors_of_our_own_are_not_taken_for_a_missing_answer() -> None:
     with pytest.raises(KeyError):
-        measure(case(Method("broken", int, lambda: {}["nothing"])), BRIEF)
+        measure(case(Method("broken", int, lambda: dict[str, int]()["nothing"])), BRIEF)
 
 
 def test_methods_take_turns_and_each_begins_a_round() -> None:
     order: list[str] = []
-    interleaved([Method(name, lambda name=name: order.append(name), 0.0) for name in "abc"], Effort(3, 1, 10**9, 1, 1))
+    interleaved([Method(name, partial(order.append, name), 0.0) for name in "abc"], Effort(3, 1, 10**9, 1, 1))
     assert "".join(order) == "aabbcc" + "abc" + "bca" + "cab"  # first: one call to warm up, one to see how long it is
 
 

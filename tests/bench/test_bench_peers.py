@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from graspfx.bench import mesh_fingers, rigid_bodies
-from graspfx.bench.brute_force import brute_force, perpendicular_feet
 from graspfx.bench.case import Case, is_installed
-from graspfx.bench.closed_forms import turned_freely, turned_steadily, viscous_motion
+from graspfx.bench.cases import mesh_fingers, rigid_bodies
+from graspfx.bench.oracles.brute_force import brute_force, perpendicular_feet
+from graspfx.bench.oracles.closed_forms import turned_freely, turned_steadily, viscous_motion
 from graspfx.errors import MissingPackageError
 
 

@@ -11,14 +11,14 @@ from types import SimpleNamespace
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.bench import page as pages
 from graspfx.bench import registry
 from graspfx.bench.calibration import STEPS, calibrate, chain
 from graspfx.bench.case import Case, Method, missing
-from graspfx.bench.figures import figure
 from graspfx.bench.measure import Row
-from graspfx.bench.pareto import by_case, front
-from graspfx.bench.report import SCHEMA, Report
+from graspfx.bench.report import page as pages
+from graspfx.bench.report.figures import figure
+from graspfx.bench.report.pareto import by_case, front
+from graspfx.bench.report.report import SCHEMA, Report
 from graspfx.errors import MissingPackageError, RecordingError
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -39,8 +39,8 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
         yield Case("toy", "second", "m", [Method("good", int, 0.0), Method("rough", lambda: sum(range(99)), 0.5)])
 
     def without_oracle(quick: bool) -> Iterator[Case]:
+        yield from ()
         raise MissingPackageError("oracle-package", "the oracle", "pip install oracle-package")
-        yield
 
     modules = {
         "toy": SimpleNamespace(TITLE="A toy", LIMITS="It is\na toy.", cases=cases),
@@ -114,8 +114,8 @@ def test_what_was_measured_stays_where_a_later_benchmark_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(quick: bool) -> Iterator[Case]:
+        yield from ()
         raise KeyboardInterrupt
-        yield
 
     monkeypatch.setattr(registry.benchmark("lost"), "cases", interrupted)
     assert main(["bench", "--quick", "--out", str(tmp_path)]) == 130

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.bench import speeds
 from graspfx.bench.measure import Row
 from graspfx.bench.registry import BENCHMARKS, benchmark
-from graspfx.bench.report import Report
+from graspfx.bench.report import speeds
+from graspfx.bench.report.report import Report
 from graspfx.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -36,7 +36,7 @@ def test_figures_of_the_readme_are_those_of_the_report() -> None:
     table = cells(README.read_text(encoding="utf-8"))
     assert len(table) == len(speeds.LINES) > 10
     for line, (what, ours, beside, command) in zip(speeds.LINES, table, strict=True):
-        assert (what, command) == (line.what, f"`graspfx bench {line.benchmark}`")
+        assert (what, command) == (line.call, f"`graspfx bench {line.benchmark}`")
         for cell, figures in ((ours, line.ours), (beside, line.beside)):
             for text, figure in zip(cell.split("; "), figures, strict=True):
                 row = rows[line.benchmark, figure.case, figure.method]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.certificate.certificate import Certificate, certificates, lines
+from graspfx.certificate.certificate import Certificate
+from graspfx.certificate.certificate_lines import lines
+from graspfx.certificate.certificates import certificates
 from tests.support.small_scenes import attached
 
 
@@ -55,7 +58,7 @@ def test_pushing_can_be_unstable_where_the_grasp_is_not() -> None:
         "object.shape": {"kind": "box", "size": [0.05]},
         "object.integrator": "explicit",
         "finger.*.device.mass": 0.05,
-        "finger.*.device.friction": 0.19906,
+        "finger.*.device.damping": 0.19906,
         "coupling.external.stiffness": 38.8 * 0.999,
         "coupling.internal.stiffness": 80.0 * 0.999,
         "finger.0.start": [-0.024],
@@ -81,7 +84,7 @@ def test_runs_grow_and_decay_on_either_side_of_a_limit(d: int, integrator: str) 
     (found,) = certificates(scene)
     edge = limit_of(found, "external")
     assert 0.0 < edge < math.inf
-    turning = {1: {}, 2: {"object.angular_velocity": 0.02}, 3: {"object.angular_velocity": [0.02] * 3}}[d]
+    turning: dict[str, Any] = {} if d == 1 else {"object.angular_velocity": 0.02 if d == 2 else [0.02] * 3}
     for factor, sign in ((0.97, -1.0), (1.03, 1.0)):
         near = scene.replace({"coupling.external.stiffness": factor * edge})
         rec = gx.run(near.replace({"object.velocity": [1e-3] * d} | turning), duration=9.0 if d == 3 else 14.0)
@@ -125,11 +128,11 @@ def test_a_prism_held_by_friction_rings_as_its_loop_says(factor: float) -> None:
     """
     scene = gx.load("prism")
     (found,) = certificates(scene)
-    friction = scene.finger[0].device.settings["friction"]
+    friction = scene.to_dict()["finger"][0]["device"]["damping"]
     near = scene.replace(
         {
             "coupling.external.stiffness": factor * limit_of(found, "external"),
-            "finger.0.device.friction": 1.0001 * friction,
+            "finger.0.device.damping": 1.0001 * friction,
             "object.angular_velocity": [0.2, 0.1, 0.05],
         }
     )

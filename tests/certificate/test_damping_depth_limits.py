@@ -10,7 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.analysis.series import in_series
 from graspfx.analysis.stability.fullloop import loop_matrix
-from graspfx.certificate.certificate import certificates
+from graspfx.certificate.certificates import certificates
 from graspfx.certificate.linearise import linearise
 
 ANGLES = np.radians([180.0, 50.0, -70.0])
@@ -54,7 +54,7 @@ def scene(depth: float = 1e-3, *, offset: Any = 0.0, speed: Any = (0.0, 0.0, 0.0
         finger=[
             {
                 "start": (start[i] + np.broadcast_to(offset, (3, 2))[i]).tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+                "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
                 "hand": {"stiffness": HAND, "damping": 0.5, "rest": rest[i].tolist()},
             }
             for i in range(3)
@@ -173,6 +173,6 @@ def test_a_run_grows_and_decays_as_the_certificate_says() -> None:
 
 def test_passivity_is_judged_where_all_damping_is_there() -> None:
     """`graspfx check` gives limits of passivity for the damping's own value only."""
-    exact = {"object__integrator": "exact"}
+    exact: dict[str, Any] = {"object__integrator": "exact"}
     assert "grows with depth" in certificates(scene(**exact))[0].why_not_passive
     assert certificates(scene(depth=1e-4, **exact))[0].passive is not None

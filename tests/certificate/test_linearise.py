@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import control
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 import graspfx as gx
 from graspfx.certificate.linearise import linearise
 from graspfx.errors import InputError, UnknownNameError
+from tests.support.optional import require
 from tests.support.sampled_loops import stepped_object
 from tests.support.small_scenes import B_V, KEP, KIP, M_V, SPRING, B, M, attached
 
@@ -26,8 +29,8 @@ def by_hand(d: int) -> tuple[np.ndarray, np.ndarray]:
     if d == 1:
         return np.hstack(blocks), np.diag([M_V])
     x, y, *z = size**2
-    moments = [M_V * (x + y) / 12] if d == 2 else [M_V * (y + z[0]) / 12, M_V * (x + z[0]) / 12, M_V * (x + y) / 12]
-    return np.hstack(blocks), np.diag([M_V] * d + moments)
+    about = [M_V * (x + y) / 12] if d == 2 else [M_V * (y + z[0]) / 12, M_V * (x + z[0]) / 12, M_V * (x + y) / 12]
+    return np.hstack(blocks), np.diag([M_V] * d + about)
 
 
 @pytest.mark.parametrize(("d", "integrator"), [(1, "exact"), (2, "explicit"), (3, "semi-implicit")])
@@ -59,7 +62,7 @@ def test_the_reference_scene_is_its_modes() -> None:
     outer = external_limits(0.15, 0.2, 0.005, 0.1, 0.8, spring=33.0, integrator="exact")
     expected = max(inner.spectral_radius(70.0), outer.spectral_radius(30.0))
     assert gx.stability.spectral_radius(scene) == pytest.approx(expected, abs=1e-12)
-    assert {round(mode.limits.limit, 1) for mode in gx.stability.modes(scene)} == {80.1, 91.8}
+    assert {round(require(mode.limits).limit, 1) for mode in gx.stability.modes(scene)} == {80.1, 91.8}
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -67,9 +70,9 @@ def test_a_squeeze_adds_what_preloaded_says_of_a_run(d: int) -> None:
     """Displacements and forces of a run that has come to rest; the preload's entries to 1e-5 of the stiffness."""
     scene = attached(d, "exact", squeeze=0.004)
     found = linearise(scene)
-    rec = gx.run(scene.replace({"finger.*.device.friction": 2.0, "object.viscosity": 3.0}), duration=6.0)
+    rec = gx.run(scene.replace({"finger.*.device.damping": 2.0, "object.viscosity": 3.0}), duration=6.0)
     contacts = found.contacts - rec.object_position[-1]
-    displacement = rec.true_position[-1] - rec.contact_position[-1]
+    displacement = require(rec.true_position)[-1] - rec.contact_position[-1]
     expected = gx.stability.preloaded(contacts, displacement, rec.finger_force[-1])
     assert found.at == ("squeezed",)
     assert found.linear.preload == pytest.approx(expected.preload, abs=1e-5 * KIP)
@@ -96,7 +99,7 @@ def test_without_friction_forces_are_along_the_normals() -> None:
 def test_arms_are_point_devices_at_their_posture() -> None:
     """paper-spring-arms against point devices with the arms' mass and friction there: limits to 1 %."""
     arms = gx.load("paper-spring-arms")
-    points = arms.replace({"finger.*.device": {"name": "simulated", "mass": 0.15, "friction": 0.2}})
+    points = arms.replace({"finger.*.device": {"name": "simulated", "mass": 0.15, "damping": 0.2}})
     from graspfx.certificate.limit_sweep import limits_of_scene
 
     one, other = limits_of_scene(arms), limits_of_scene(points)
@@ -123,7 +126,7 @@ def test_delays_and_the_mass_metric_are_those_of_the_scene() -> None:
     assert inner.T @ linear.stiffness @ (inner / shares[:, None]) == pytest.approx(KIP * inner.T @ inner, abs=1e-9)
 
 
-def test_a_device_that_tells_no_mass_is_named(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_device_that_tells_no_mass_is_named(tmp_path: Path) -> None:
     (tmp_path / "mute.py").write_text(
         "from dataclasses import replace\n"
         "from graspfx.plugins import load\n"
@@ -133,7 +136,7 @@ def test_a_device_that_tells_no_mass_is_named(tmp_path) -> None:  # type: ignore
         "    def features(self):\n"
         "        return replace(super().features, mass=None)\n"
         "def connect(*, dimensions):\n"
-        "    return Mute(mass=0.1, friction=0.2, fingers=1, dimensions=dimensions, resolution=0.0,\n"
+        "    return Mute(mass=0.1, damping=0.2, fingers=1, dimensions=dimensions, resolution=0.0,\n"
         "                velocity_window=1, delay=0, force_limit=None, workspace=None)\n"
     )
     scene = attached(1).replace({"finger.1.device": {"name": str(tmp_path / "mute.py")}, "finger.1.name": "thumb"})

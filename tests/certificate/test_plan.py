@@ -11,6 +11,7 @@ from graspfx.build.run import run
 from graspfx.certificate.plan import PlanRow, equal_gains, packages, plan
 from graspfx.certificate.prospect import kernels
 from graspfx.coupling import approach
+from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.scene.model import Scene
 
 
@@ -128,12 +129,11 @@ def test_the_split_is_made_as_often_as_the_plan_says(changes: dict[str, Any], mo
     """Counted in a run as it stands, in which the fingers slide as the hands pull them along."""
     made = 0
 
-    def counted(*arguments: Any) -> int:
+    def counted(*arguments: Any) -> Any:
         nonlocal made
         made += 1
-        return modes(*arguments)
+        return rigid_modes(*arguments)
 
-    modes = approach.rigid_modes
     monkeypatch.setattr(approach, "rigid_modes", counted)
     given = scene(**changes, engine="interpreted", object__velocity=[0.0, 0.02])
     run(given, duration=20 * given.period)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.resolve import resolve
 from graspfx.certificate.notes.settling import unsettled
 
 T, M, B = 0.005, 0.1, 0.5  # [s, kg, N s/m]
@@ -18,7 +19,7 @@ GAP = 0.02
 
 def scene(kep: float = 10.0, kip: float = 10.0, free: bool = True, rest: tuple[float, float] = (0.0, 0.0)) -> gx.Scene:
     """Two devices on a line that never let go, each behind a spring of 5 N/m whose rest is shifted by `rest` [m]."""
-    device = {"name": "simulated", "mass": M, "friction": B}
+    device = {"name": "simulated", "mass": M, "damping": B}
     return gx.Scene(
         dimensions=1,
         period=T,
@@ -33,7 +34,7 @@ def scene(kep: float = 10.0, kip: float = 10.0, free: bool = True, rest: tuple[f
 
 
 def named_factor(made: gx.Scene) -> float:
-    [said] = unsettled(made)
+    [said] = unsettled(resolve(made))
     return float(re.findall(r"grows ([\d.]+)-fold", said)[0])
 
 
@@ -52,7 +53,7 @@ def test_a_grasp_that_swings_with_its_object_grows_in_a_run_as_it_says(kep: floa
 def test_with_the_mass_metric_the_gains_are_as_the_masses() -> None:
     """The modes of unequal devices are then those of equal ones, if friction and hands are as the masses too."""
     alike = scene(kip=1000.0)
-    values = {"device.mass": M, "device.friction": B, "hand.stiffness": 5.0, "hand.damping": 0.1}
+    values = {"device.mass": M, "device.damping": B, "hand.stiffness": 5.0, "hand.damping": 0.1}
     unequal = {f"finger.{i}.{key}": c * value for i, c in enumerate((0.5, 1.5)) for key, value in values.items()}
     assert named_factor(alike.replace(unequal | {"coupling.metric": "mass"})) == named_factor(alike)
 
@@ -73,7 +74,7 @@ def test_the_limit_of_a_held_spring() -> None:
     assert limit == pytest.approx(2.0 * B / T, rel=0.02)  # k T/2 = b, less what the mass gives
 
     def lone(kip: float) -> list[str]:
-        return unsettled(scene(kip=kip).replace({"finger.*.hand": {"stiffness": 0.0}}))
+        return unsettled(resolve(scene(kip=kip).replace({"finger.*.hand": {"stiffness": 0.0}})))
 
     assert not lone(0.999 * limit)
     assert lone(1.5 * limit)
@@ -88,9 +89,9 @@ def test_the_limit_of_a_held_spring() -> None:
     ],
 )
 def test_what_it_knows_nothing_of_is_passed_over(changes: dict[str, Any]) -> None:
-    assert not unsettled(scene().replace(changes))
+    assert not unsettled(resolve(scene().replace(changes)))
 
 
 @pytest.mark.parametrize("name", ["paper-waving", "paper-spring-arms", "pick-and-place", "mug", "prism"])
 def test_the_shelf_settles(name: str) -> None:
-    assert not unsettled(gx.load(name))
+    assert not unsettled(resolve(gx.load(name)))

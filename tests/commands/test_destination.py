@@ -12,7 +12,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.__main__ import main
-from graspfx.bench.page import NAME as PAGE
+from graspfx.bench.report.page import NAME as PAGE
 from graspfx.commands.destination import OUT
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import LATEST
@@ -123,8 +123,9 @@ def test_plot_picture_stability_and_bench_refuse_too(
         f"a/{PAGE}": ["bench", "eq4", "--quick", "--out", "a"],
         "a/pictures/bench/eq4.png": ["bench", "eq4", "--quick", "--out", "a"],
     }
-    for module in ("show.plot.figure", "show.portrait.picture", "scene.limits.sweep.swept_limits", "bench.run.bench"):
-        monkeypatch.setattr(f"graspfx.{module}", None)
+    drawing = ["show.plot.figure", "show.picture.portrait.picture"]
+    for work in (*drawing, "certificate.limit_sweep.swept_limits", "bench.session.bench"):
+        monkeypatch.setattr(f"graspfx.{work}", None)
     for there, command in cases.items():
         Path(there).parent.mkdir(parents=True, exist_ok=True)
         Path(there).write_bytes(b"mine")

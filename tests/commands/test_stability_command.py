@@ -75,9 +75,9 @@ def test_other_keys_make_a_scene_for_each_point(tmp_path: Path, capsys: pytest.C
 
 
 def test_a_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    keys = ["--sweep", "object.viscosity=0.8:1.5:30", "--sweep", "finger.*.device.friction=0.1:0.4:20"]
+    keys = ["--sweep", "object.viscosity=0.8:1.5:30", "--sweep", "finger.*.device.damping=0.1:0.4:20"]
     found = told(capsys, "paper-spring", *keys, "--out", str(tmp_path))
-    assert np.shape(found["external_limit"]) == (30, 20)
+    assert np.array(found["external_limit"]).shape == (30, 20)
     assert [len(values) for values in found["sweep"]] == [30, 20]  # type: ignore[arg-type]
     assert (tmp_path / "stability.png").stat().st_size > 10_000
 

@@ -104,10 +104,10 @@ def test_a_user_without_a_folder_compiles_every_time(monkeypatch: pytest.MonkeyP
 
     monkeypatch.delenv("GRASPFX_CACHE")
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setattr(cache.Path, "home", homeless)
+    monkeypatch.setattr(Path, "home", homeless)
     program = compiled(SOURCE)
     assert works(program) and not program.cached
-    assert "GRASPFX_CACHE" in program.note and "GRASPFX_CACHE" in cache.shown()
+    assert "GRASPFX_CACHE" in program.note and "GRASPFX_CACHE" in cache.folder_text()
     with pytest.raises(InputError, match="GRASPFX_CACHE"):
         cache.require_room()
 
@@ -129,7 +129,7 @@ def test_the_folder_stays_within_its_limit(folder: Path, monkeypatch: pytest.Mon
         path = folder / f"k{k}{cache.SUFFIX}"
         os.utime(path, (k, k))
     assert sorted(path.stem for path in folder.iterdir()) == ["k4", "k5"]
-    assert cache.stored("k5") == bytes(400) and cache.stored("k0") is None
+    assert cache.load("k5") == bytes(400) and cache.load("k0") is None
 
 
 def test_without_llvm_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,13 +141,13 @@ def test_without_llvm_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch
 
 def test_where_the_folder_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("GRASPFX_CACHE")
-    monkeypatch.setattr(cache.sys, "platform", "linux")
+    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache.folder() == tmp_path / "xdg" / "graspfx"
-    monkeypatch.setattr(cache.sys, "platform", "win32")
+    monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
     assert cache.folder() == tmp_path / "local" / "graspfx" / "Cache"
-    monkeypatch.setattr(cache.sys, "platform", "darwin")
+    monkeypatch.setattr(sys, "platform", "darwin")
     assert cache.folder().parts[-3:] == ("Library", "Caches", "graspfx")
 
 
@@ -161,7 +161,7 @@ def kept_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache with an entry, two folders below one that is the test's own."""
     place = folder / "above" / "cache"
     monkeypatch.setenv("GRASPFX_CACHE", str(place))
-    assert cache.store("key", b"content") == "" and cache.stored("key") == b"content"
+    assert cache.store("key", b"content") == "" and cache.load("key") == b"content"
     return place
 
 
@@ -219,21 +219,21 @@ def forge(name: str, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_others_could_have_forged_is_not_used(name: str, kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     forge(name, kept_in, monkeypatch)
     with pytest.warns(cache.CacheWarning, match="is not used: .*GRASPFX_CACHE") as caught:
-        assert cache.stored("key") is None
+        assert cache.load("key") is None
     assert len(caught) == 1 and "\n" not in str(caught[0].message)
 
 
 @users
 def test_a_sticky_folder_above_is_no_danger(kept_in: Path) -> None:
     kept_in.parent.chmod(0o1777)
-    assert cache.stored("key") == b"content"
+    assert cache.load("key") == b"content"
 
 
 @users
 def test_a_link_of_ones_own_is_followed(kept_in: Path) -> None:
     kept_in.rename(kept_in.parent / "elsewhere")
     kept_in.symlink_to("elsewhere")
-    assert cache.stored("key") == b"content"
+    assert cache.load("key") == b"content"
 
 
 @users
@@ -250,7 +250,7 @@ def test_nothing_is_kept_where_others_write(kept_in: Path) -> None:
 def test_where_users_have_no_numbers_nothing_is_asked(kept_in: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept_in.chmod(0o777)
     monkeypatch.delattr(os, "getuid", raising=False)
-    assert cache.stored("key") == b"content"
+    assert cache.load("key") == b"content"
 
 
 @users

@@ -13,7 +13,7 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.compile.native import compiled, interpreted
 from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Known, Later, Memory
+from graspfx.compile.specialise.values import Dynamic, Memory, Static
 from graspfx.coupling import block as at
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
@@ -48,7 +48,7 @@ def test_a_sample_is_the_same_specialised_and_compiled(name: str) -> None:
         frozen = {("MEM", k): float(S[k]) for k in STRUCTURE}
         if S[at.SHAPE] == proxy.MESH:
             frozen |= {("MEM", k): float(S[k]) for k in (at.MESH, at.WALKS)}
-        program = Program(frozen)
+        program: Any = Program(frozen)
         program.add(sample, [Memory("MEM", 0)])
         source = program.source()
         blocks = [S.copy() for _ in range(3)]
@@ -75,11 +75,11 @@ def test_a_sample_is_the_same_specialised_and_compiled(name: str) -> None:
         assert pressed > states // 2
 
 
-def writes(S: memoryview, o: int) -> None:
+def writes(S: Any, o: int) -> None:
     S[o + 1] = S[o] * 2.0
 
 
-def chooses(S: memoryview, o: int) -> int:
+def chooses(S: Any, o: int) -> int:
     kind = int(S[o])
     S[o + 5] = kind
     if kind == 1:
@@ -91,7 +91,7 @@ def chooses(S: memoryview, o: int) -> int:
     return kind
 
 
-def first_turn(S: memoryview, o: int) -> float:
+def first_turn(S: Any, o: int) -> float:
     for k in range(3):
         S[o] += 1.0
         return S[o] + k
@@ -102,7 +102,7 @@ def same_for_all(a: float) -> float:
     return 7.0
 
 
-def edges(S: memoryview, o: int, on: int, zero: float) -> None:
+def edges(S: Any, o: int, on: int, zero: float) -> None:
     x = S[o + 1]
     S[o + 2] = (x and on) + (x or zero) * -1.0
     S[o + 3] = (on and x) or zero
@@ -114,61 +114,61 @@ def edges(S: memoryview, o: int, on: int, zero: float) -> None:
     S[o + 9] = S[o + int(x) - 1] * (-x) ** 2.0
 
 
-def counts(S: memoryview, o: int) -> tuple[float, float]:
+def counts(S: Any, o: int) -> tuple[float, float]:
     S[o] = S[o] + 1.0
     return 1.0, S[o]
 
 
-def asks_for_effect(S: memoryview, o: int) -> None:
+def asks_for_effect(S: Any, o: int) -> None:
     two = 2.0
     S[o + 1] = 2.0 if counts(S, o)[1] > 0.0 else two
     S[o + 2] = counts(S, o)[0]
 
 
-def lists(S: memoryview, o: int) -> None:
+def lists(S: Any, o: int) -> None:
     S[o] = sum([S[o], 1.0])
 
 
-def shadows(S: memoryview, o: int) -> None:
+def shadows(S: Any, o: int) -> None:
     MEM = S[o] + 1.0
     S[o] = MEM * MEM
 
 
-def itself(S: memoryview, o: int) -> None:
+def itself(S: Any, o: int) -> None:
     itself(S, o + 1)
 
 
 def test_an_entry_that_never_changes_is_not_to_be_written() -> None:
-    program = Program({("MEM", 5): 1.0})
-    program.add(writes, [Memory("MEM", 0), Known(3)])
+    program: Any = Program({("MEM", 5): 1.0})
+    program.add(writes, [Memory("MEM", 0), Static(3)])
     with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+.*never to change"):
-        program.add(writes, [Memory("MEM", 0), Known(4)])
+        program.add(writes, [Memory("MEM", 0), Static(4)])
 
 
-def turns_over_entries(S: memoryview, o: int) -> None:
+def turns_over_entries(S: Any, o: int) -> None:
     for x in (S[o], S[o + 1]):
         S[o + 1] = S[o + 1] + x
 
 
-def moves_on(S: memoryview, o: int) -> None:
+def moves_on(S: Any, o: int) -> None:
     o, S[o] = o + 1, 9.0
 
 
-def looks_back(S: memoryview, o: int) -> None:
+def looks_back(S: Any, o: int) -> None:
     S[o] = S[-1]
 
 
 @pytest.mark.parametrize("kernel", [lists, itself, shadows, turns_over_entries, moves_on, looks_back])
 def test_what_no_kernel_may_hold_is_said_with_file_and_line(kernel: object) -> None:
     with pytest.raises(InputError, match=r"test_compile_specialise\.py:\d+"):
-        Program({}).add(kernel, [Memory("MEM", 0), Known(0)])  # type: ignore[arg-type]
+        Program({}).add(kernel, [Memory("MEM", 0), Static(0)])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("unroll", [1, 4])
 @pytest.mark.parametrize("x", [0.0, -0.0, 3.0])
 def test_folding_changes_no_value_and_drops_no_effect(x: float, unroll: int) -> None:
-    program = Program({}, unroll)
-    program.add(edges, [Memory("MEM", 0), Known(1), Known(1), Known(0.0)])
+    program: Any = Program({}, unroll)
+    program.add(edges, [Memory("MEM", 0), Static(1), Static(1), Static(0.0)])
     source = program.source()
     A = np.arange(16.0) / 8.0
     A[2] = x
@@ -181,8 +181,8 @@ def test_folding_changes_no_value_and_drops_no_effect(x: float, unroll: int) -> 
 
 
 def test_what_is_asked_for_its_effect_is_asked() -> None:
-    program = Program({})
-    program.add(asks_for_effect, [Memory("MEM", 0), Known(0)])
+    program: Any = Program({})
+    program.add(asks_for_effect, [Memory("MEM", 0), Static(0)])
     A, B = np.zeros(3), np.zeros(3)
     asks_for_effect(memoryview(A), 0)
     interpreted(program.source()).bind(B).brief()
@@ -191,9 +191,9 @@ def test_what_is_asked_for_its_effect_is_asked() -> None:
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
 def test_what_is_known_leaves_no_trace(kind: int) -> None:
-    program = Program({("MEM", 10): float(kind)}, unroll=4)
-    made = program.add(chooses, [Memory("MEM", 10), Known(0)])
-    assert isinstance(made.result, Known) and made.result.value == kind
+    program: Any = Program({("MEM", 10): float(kind)}, unroll=4)
+    made = program.add(chooses, [Memory("MEM", 10), Static(0)])
+    assert isinstance(made.result, Static) and made.result.value == kind
     source = program.source()
     assert ("sqrt" in source, "-1.5" in source, "for" in source) == (kind == 1, kind == 2, False)
     A = np.arange(16.0) / 4.0
@@ -206,7 +206,7 @@ def test_what_is_known_leaves_no_trace(kind: int) -> None:
     np.testing.assert_array_equal(A, C)
 
 
-def runs_over(S: memoryview, o: int, n: int) -> float:
+def runs_over(S: Any, o: int, n: int) -> float:
     total = 0.0
     for i in range(n):
         S[o + i] = 2.0 * S[o + i]
@@ -216,12 +216,12 @@ def runs_over(S: memoryview, o: int, n: int) -> float:
 
 @pytest.mark.parametrize(("most", "loops"), [(7, 1), (8, 0)])
 def test_a_loop_is_written_out_if_that_is_little(most: int, loops: int) -> None:
-    program = Program({}, unroll=most)
-    program.add(runs_over, [Memory("MEM", 0), Known(0), Known(4)])
+    program: Any = Program({}, unroll=most)
+    program.add(runs_over, [Memory("MEM", 0), Static(0), Static(4)])
     assert program.source().count("for ") == loops
 
 
-def two_buffers(S: memoryview, Z: memoryview) -> float:
+def two_buffers(S: Any, Z: Any) -> float:
     S[1] = 3.0 * S[0] + Z[0]
     return S[1]
 
@@ -233,9 +233,9 @@ def run(k):
     value = two(A, F) + two(B, F) + two(C, F) + two(D, F) + two(E, F) + two(A, B)
     F[1] = value
 """
-    program = Program(frozen)
+    program: Any = Program(frozen)
     names = {name: Memory(name, 0) for name in "ABCDEF"}
-    program.add_text(text, {**names, "two": two_buffers}, [Later(ast.Name("k", ast.Load()))])
+    program.add_text(text, {**names, "two": two_buffers}, [Dynamic(ast.Name("k", ast.Load()))])
     source = program.source()
     assert source.count("def two_buffers") == 5
     blocks = {name: np.array([frozen.get((name, 0), 0.5), 7.0]) for name in "ABCDEF"}

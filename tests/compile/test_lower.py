@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from graspfx.compile import cache, records
 from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
+from graspfx.compile.lower.store import Lowering, Store
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
@@ -111,9 +116,9 @@ def everything(grasp: Grasp) -> int:
         row[0] = -f.z
     product, difference = both(force, grasp.force)
     grasp.force, k = difference, product
-    a = b = k
+    a = b = k  # type: ignore[assignment] # a kernel's numbers are floats from there on
     while a > 1.0:
-        a *= 0.5
+        a *= 0.5  # type: ignore[assignment]
     grasp.rest[0] = a + b + weigh(grasp.fingers.part(Finger.site), grasp.rest) + residual(None)
     grasp.problem.residual += residual(grasp.problem)
     M = outer(force, difference)
@@ -218,9 +223,9 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
         (own_vector, "only the running program knows"),
     ],
 )
-def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: object, why: str) -> None:
+def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: Any, why: str) -> None:
     with pytest.raises(InputError, match=why) as error:
-        lowered_text(written(function))  # type: ignore[type-var] # a kernel
+        lowered_text(written(function))
     assert "test_lower.py:" in str(error.value)
 
 
@@ -323,3 +328,21 @@ def test_a_kernel_by_itself_is_compiled() -> None:
     run = compiled(add_up)
     result = run(S, places.offset, places.stride, places.count, S, table.offset, table.columns)
     assert Vector(*result) == add_up(places, table)
+
+
+def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
+    function: Any = written(everything)
+    text, callees, _ = lowered_text(function)
+    names = {alias: (callee.__module__, callee.__qualname__) for alias, callee in callees.items()}
+    code = compile(text, "test", "exec")
+    first = Store("lowered-test")
+    first.add(function, Lowering(text, code, names, (__file__,)))
+    assert first.find(function) is None  # no source of ours: the key would not know of a change
+    first.add(function, Lowering(text, code, names, (records.__file__,)))
+    first.save()
+    content = cache.load("lowered-test")
+    assert content is not None
+    again = Store("lowered-test", json.loads(content)).find(function)
+    assert again is not None
+    assert (again.text, again.code, again.callees, again.files) == (text, code, names, (records.__file__,))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -140,8 +141,8 @@ def test_a_branch_on_data_marks_lanes_that_take_another():
 def test_numbers_answer_as_they_are_and_are_noted():
     graph = Graph()
     cells = Cells("S", lambda slot: graph.node("input", (slot,), 2.5, steady=True))
-    x = cells[0]
-    assert isinstance(x, Node)
+    assert isinstance(cells[0], Node)
+    x: Any = cells[0]
     assert (1.0 * x) is x
     assert (x * 1.0) is x
     assert (x - 0.0) is x

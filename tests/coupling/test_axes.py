@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.build.axes import axes_notes
+from graspfx.build.resolve import resolve
 from graspfx.certificate.linearise import linearise
 from graspfx.coupling.closed_motion import worst_turn
 from graspfx.coupling.grasped import GraspedObject
@@ -113,9 +114,10 @@ def test_the_implicit_and_the_frictional_samples_have_the_objects_axes(friction:
     for integrator in ("exact", "implicit"):
         forces = []
         for axes, turn in (("object", np.eye(2)), ("world", R)):
+            rules["axes"] = axes
             gains = law(turn @ A @ turn.T, turn @ B @ turn.T, 0.1, 0.2, form="symmetric")
-            settings = {"inertia": 4e-5, "orientation": angle, "integrator": integrator}
-            g = grasped(2, 2, gains, Rules(axes=axes, **rules), shape=Box((0.05, 0.05)), **settings)
+            settings: dict[str, Any] = {"inertia": 4e-5, "orientation": angle, "integrator": integrator}
+            g = grasped(2, 2, gains, Rules(**rules), shape=Box((0.05, 0.05)), **settings)
             if g.implicit:
                 NativeBody(g.body_state).free_motion(0.005)
             g.meet(1.2 * fingers)
@@ -179,8 +181,8 @@ def scene(**coupling: Any) -> gx.Scene:
 
 
 def test_check_and_run_warn_of_world_axes_with_the_figure() -> None:
-    assert axes_notes(scene()) == []
-    (note,) = axes_notes(scene(axes="world"))
+    assert axes_notes(resolve(scene())) == []
+    (note,) = axes_notes(resolve(scene(axes="world")))
     assert "world axes create energy on object as it turns: up to " in note and "axes = 'object'" in note
     with pytest.warns(ActiveCouplingWarning, match="world axes create energy"):
         gx.run(scene(axes="world"), duration=0.05)
@@ -245,7 +247,7 @@ def test_a_meshs_gains_stand_in_the_axes_of_its_file() -> None:
             "coupling": {"external": matrix, "internal": matrix, "friction": "stick", "form": "symmetric"},
             "finger": [
                 {
-                    "device": {"name": "simulated", "mass": 0.15, "friction": 0.2},
+                    "device": {"name": "simulated", "mass": 0.15, "damping": 0.2},
                     "hand": {"stiffness": 100.0, "squeeze": 0.004, "squeeze_ramp": 0.02, "motion": motion},
                     "start": [s * 0.021, 0.004, 0.003 * s],
                 }

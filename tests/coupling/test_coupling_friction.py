@@ -137,7 +137,7 @@ def test_damping_is_passive_and_stays_in_the_cones(damping: tuple[float, float],
     rng = np.random.default_rng(6)
     for k in range(24):
         n, d, mu = int(rng.integers(1, 5)), 3 if soft else 1 + k % 3, float(rng.choice([0.1, 0.5, 1.5]))
-        turning = {"inertia": INERTIA[d], **({"rotational_viscosity": 0.0} if d == 1 else {})}
+        turning: dict[str, Any] = {"inertia": INERTIA[d], **({"rotational_viscosity": 0.0} if d == 1 else {})}
         rules = Rules(fade=None, friction=mu, patch=0.005 if soft else 0.0)
         g = grasped(n, d, law(40.0, 160.0, *damping), rules, shape=Box((0.05,) * d), **turning)
         respond(g, rng.uniform(-0.028, 0.028, size=(n, d)))
@@ -235,7 +235,7 @@ def pinch(duration: float, mu: object, *, opening: float = 0.0, above: float = 0
         path["positions"] = [[float(x) for x in row] for row in path["positions"]]  # type: ignore[attr-defined]
         rest = [side * (0.02 - 0.005 * kip / hand), above]
         return {
-            "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+            "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
             "start": [side * 0.02, above],
             "hand": {"stiffness": hand, "damping": 5.0, "rest": rest, "motion": path},
         }

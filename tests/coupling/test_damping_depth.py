@@ -58,7 +58,8 @@ def random_state(rng: np.random.Generator, kind: str, matrices: bool) -> State:
     results = []
     for damped in (0.0, 1.0):
         values = (kep, kip, damped * ked, damped * kid)
-        gains = law(*(np.full(n, v) if matrices else v for v in values), form="symmetric")
+        kep_n, kip_n, ked_n, kid_n = (np.full(n, v) if matrices else v for v in values)
+        gains = law(kep_n, kip_n, ked_n, kid_n, "symmetric")
         g = finger_grasp(n, d, gains, kind, damped * depth, shape=shape, share=share)
         respond(g, first)
         results.append(respond(g, then, rate))
@@ -67,7 +68,7 @@ def random_state(rng: np.random.Generator, kind: str, matrices: bool) -> State:
     normals = g.inward()
     s = np.clip((results[0] * normals).sum(axis=1) / (w * kip * depth), 0.0, 1.0)
     D = law(kep, kip, ked, kid).damping(split)
-    return State(kind, *results, rate, normals, D, s, w, max(ked, kid))
+    return State(kind, results[0], results[1], rate, normals, D, s, w, max(ked, kid))
 
 
 @pytest.mark.parametrize("count", [50, pytest.param(2000, marks=pytest.mark.stress)])
@@ -222,7 +223,7 @@ def touches(rng: np.random.Generator, kind: str, depth: float) -> tuple[float, f
         results.append(each)
     D = gains.damping(gx.Grasp(g.contact_position).split())
     scale = np.linalg.norm(D, 2) * np.linalg.norm(rate)
-    ours, whole = (float(np.linalg.norm(a - b)) / scale for a, b in zip(*results, strict=True))
+    ours, whole = (float(np.linalg.norm(a - b) / scale) for a, b in zip(*results, strict=True))
     # the same touch with S^(1/2) D S^(1/2): the last finger's rows go to nothing, the others keep D as if it carried
     s = np.repeat(np.append(np.minimum(1.0, depths[:-1] / depth), 0.0), d)
     rest = s > 0.0
@@ -231,7 +232,7 @@ def touches(rng: np.random.Generator, kind: str, depth: float) -> tuple[float, f
     gone = np.sqrt(s[rest])[:, None] * before * np.sqrt(s[rest])
     scaled = float(np.linalg.norm((root[np.ix_(rest, rest)] - gone) @ rate.ravel()[rest])) / scale
     rows = np.linalg.eigvalsh(s[:, None] * D + (s[:, None] * D).T)[0] / np.linalg.norm(D, 2)
-    return ours, whole, scaled, float(rows)
+    return ours, whole, float(scaled), float(rows)
 
 
 @pytest.mark.parametrize("kind", ["stick", "rough"])

@@ -141,7 +141,7 @@ def closing(**changes: Any) -> gx.Scene:
         finger=[
             {
                 "start": ((0.033 + 0.0007 * i) * out[i]).tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+                "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
                 "hand": {"stiffness": 300.0, "damping": 3.0, "squeeze": 0.01, "squeeze_ramp": 0.1},
             }
             for i in range(3)

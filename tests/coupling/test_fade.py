@@ -10,7 +10,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.grasps import grasps
-from graspfx.certificate.certificate import lines
+from graspfx.build.resolve import resolve
+from graspfx.certificate.certificate_lines import lines
 from graspfx.certificate.notes.blend import arms, blend_notes
 from graspfx.coupling import block as at
 from graspfx.coupling.fade import release_compliance
@@ -34,7 +35,7 @@ def held(radius: float = 0.025, kep: Any = 60.0, kip: Any = 150.0, squeeze: floa
             "coupling": {"external": {"stiffness": kep}, "internal": {"stiffness": kip}, **coupling},
             "finger": [
                 {
-                    "device": {"name": "simulated", "mass": 0.15, "friction": 0.4},
+                    "device": {"name": "simulated", "mass": 0.15, "damping": 0.4},
                     "hand": {"stiffness": 50.0, "damping": 1.0, "squeeze": squeeze, "squeeze_ramp": 0.4},
                     "start": (radius * point).tolist(),
                 }
@@ -45,7 +46,7 @@ def held(radius: float = 0.025, kep: Any = 60.0, kip: Any = 150.0, squeeze: floa
 
 
 def gaps(scene: gx.Scene) -> tuple[float, float]:
-    (one,) = grasps(scene)
+    (one,) = grasps(resolve(scene))
     return float(one.grasped.block[at.NEAR]), float(one.grasped.block[at.FAR])
 
 
@@ -111,20 +112,20 @@ def test_a_grasp_in_the_band_is_told_with_its_figure() -> None:
     b = t * t * (3.0 - 2.0 * t)
     made = 150.0 + (60.0 - 150.0) * b
     small = held(0.0008, contact="attached", squeeze=0.0)
-    (note,) = blend_notes(small)
+    (note,) = blend_notes(resolve(small))
     assert "of 0.8 mm arm" in note
     assert f"it has {made:.4g} N/m where eq. (4) has kep = 60 N/m ({100.0 * (made / 60.0 - 1.0):+.2g} %)" in note
     assert gx.run(small, duration=0.1).summary()["blended"] == 1.0
     off = small.replace({"coupling.blend": "off"})
-    assert blend_notes(off) == [] and gx.run(off, duration=0.1).summary()["blended"] is None
-    assert blend_notes(held()) == [] and gx.run(held(), duration=0.1).summary()["blended"] is None
+    assert blend_notes(resolve(off)) == [] and gx.run(off, duration=0.1).summary()["blended"] is None
+    assert blend_notes(resolve(held())) == [] and gx.run(held(), duration=0.1).summary()["blended"] is None
 
 
 def test_without_the_blend_a_small_grasp_has_the_forces_of_the_split() -> None:
     """Three fingers on a disc of 0.8 mm, displaced at random: eq. (4) by gx.Split to 1e-14, 3 % off with the blend."""
     forces = []
     for blend in ("off", [0.00025, 0.001]):
-        (one,) = grasps(held(0.0008, contact="attached", squeeze=0.0, blend=blend))
+        (one,) = grasps(resolve(held(0.0008, contact="attached", squeeze=0.0, blend=blend)))
         g = one.grasped
         contacts = g.contact_position.copy()
         e = 1e-4 * np.array([[1.0, 0.3], [-0.2, 0.8], [0.5, -0.4]])

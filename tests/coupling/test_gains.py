@@ -67,7 +67,7 @@ def test_they_are_those_of_the_law(outer: str, inner: str, d: int, form: str) ->
         weights = rng.uniform(0.2, 2.0, n)
         contacts = rng.normal(size=(n, d)) * 0.03
         inertia = {1: None, 2: 4e-5, 3: (1e-5, 2e-5, 3e-5)}[d]
-        rules = Rules(attached=True, share=weights, axes="world")
+        rules = Rules(attached=True, share=weights.tolist(), axes="world")
         g = grasped(n, d, gains, rules, contacts=contacts, inertia=inertia, orientation=turned(d))
         K, D = sampled(g, rng.normal(size=(n, d)))
         R = g.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)[:d, :d]
@@ -185,7 +185,7 @@ def test_they_are_made_anew_where_something_has_changed(outer: str, axes: Any, t
 def test_a_run_warns_once_of_gains_that_create_energy() -> None:
     """Kep 80|40 with kip 60|30 as in the analysis: the skew part of 2.5 N/m, when the run is over."""
     finger = {
-        "device": {"name": "simulated", "mass": 0.15, "friction": 0.2},
+        "device": {"name": "simulated", "mass": 0.15, "damping": 0.2},
         "hand": {"stiffness": 33.0, "rest": [0.0]},
         "start": [0.002],
     }

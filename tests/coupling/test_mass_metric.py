@@ -23,7 +23,7 @@ def waved(metric: str, amplitudes: tuple[float, float], friction: tuple[float, f
 
     def finger(mass: float, b: float, amplitude: float) -> dict[str, Any]:
         return {
-            "device": {"name": "simulated", "mass": mass, "friction": b}, "start": [0.0],
+            "device": {"name": "simulated", "mass": mass, "damping": b}, "start": [0.0],
             "hand": {
                 "stiffness": 300.0 * mass, "damping": 10.0 * mass,
                 "motion": {"kind": "sine", "amplitude": amplitude, "frequency": 2.0, "axis": "x"},

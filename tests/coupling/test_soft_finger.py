@@ -20,6 +20,7 @@ from graspfx.errors import InputError, SceneError
 from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
 from graspfx.spatial import exponential_numbers as exponential
 from graspfx.spatial import product
@@ -42,7 +43,7 @@ def turn(g: GraspedObject, x: float, y: float, z: float) -> None:
     """Turns the object by a rotation vector in world axes [rad]."""
     S = g.body_state
     S[body.QUATERNION : body.QUATERNION + 4] = product(*exponential(x, y, z), *S[body.QUATERNION : body.QUATERNION + 4])
-    orient(memoryview(S), 0)
+    orient(BodyState(memoryview(S)))
 
 
 def scaled(K: np.ndarray, n: int) -> np.ndarray:
@@ -196,7 +197,7 @@ def test_torsion_at_the_fingertip_creates_no_energy(at_contact: bool, low: float
         p = c * 0.95 + 0.004 * np.sin(t + np.arange(9).reshape(3, 3))
         S = g.body_state
         S[body.QUATERNION : body.QUATERNION + 4] = exponential(*a)
-        orient(memoryview(S), 0)
+        orient(BodyState(memoryview(S)))
         respond(g, p)
         now = (p.copy(), S[body.QUATERNION : body.QUATERNION + 4].copy(), g.force.copy(), g.wrench.copy())
         if before is not None:
@@ -266,7 +267,7 @@ def pinch(model: str, **coupling: Any) -> gx.Scene:
 
     def finger(side: float) -> dict[str, Any]:
         return {
-            "device": {"name": "simulated", "mass": 0.1, "friction": 0.5}, "start": [side * 0.02, 0.0, 0.005],
+            "device": {"name": "simulated", "mass": 0.1, "damping": 0.5}, "start": [side * 0.02, 0.0, 0.005],
             "hand": {"stiffness": 300.0, "damping": 5.0, "rest": [side * (0.02 - 2.5 / 300.0), 0.0, 0.005]}, **more,
         }  # fmt: skip
 

@@ -34,7 +34,7 @@ ARMS: dict[str, dict[str, Any]] = {
 
 
 def points(settings: dict[str, Any]) -> tuple[Any, Any, Hand]:
-    device = connect(mass=0.15, friction=0.2, fingers=2, dimensions=2, **settings)
+    device = connect(mass=0.15, damping=0.2, fingers=2, dimensions=2, **settings)
     return ready(device, START)
 
 
@@ -64,7 +64,7 @@ CASES = [(points, settings) for settings in POINTS.values()] + [(arm, settings) 
 def test_blocks_alone_are_the_methods_to_the_bit(make: Any, settings: dict[str, Any]) -> None:
     device, plant, hand = make(settings)
     assert isinstance(device, FusedDevice)
-    arena = Arena(*make(settings), T, on_memory)
+    arena = Arena(make(settings), T, on_memory)
     for _ in range(300):
         np.testing.assert_array_equal(arena.tick(wall), called(device, plant, hand, T, wall))
     structure = device.structure
@@ -77,7 +77,7 @@ def test_blocks_alone_are_the_methods_to_the_bit(make: Any, settings: dict[str, 
 def test_compiled_it_is_the_same_to_rounding(make: Any, settings: dict[str, Any]) -> None:
     # Rounding of positions around 0.1 m, that of velocities over 5 ms and of forces by 150 N/m; no count of these runs
     # is so near to a half that it falls on its other side.
-    interpreted, machine = (Arena(*make(settings), T, kernels) for kernels in (on_memory, compiled))
+    interpreted, machine = (Arena(make(settings), T, kernels) for kernels in (on_memory, compiled))
     for _ in range(300):
         x, y = interpreted.tick(wall), machine.tick(wall)
         np.testing.assert_allclose(y[[0, 3]], x[[0, 3]], rtol=0, atol=1e-14)
@@ -86,7 +86,8 @@ def test_compiled_it_is_the_same_to_rounding(make: Any, settings: dict[str, Any]
 
 def test_codes_say_what_the_methods_say() -> None:
     device, plant, _ = points({"workspace": ([-0.1, -0.1], [0.1, 0.1]), "delay": 1})
-    S, ports = memoryview(device.state), device.ports
+    S: Any = memoryview(device.state)
+    ports = device.ports
     device.write(np.ones((2, 2)))
     S[ports.command + 3] = math.nan
     code = device.writing(S, 0)
@@ -107,7 +108,8 @@ def test_codes_say_what_the_methods_say() -> None:
 
 def test_an_arm_says_what_stops_it() -> None:
     device, _, _ = arm({"delay": 1})
-    S, ports = memoryview(device.state), device.ports
+    S: Any = memoryview(device.state)
+    ports = device.ports
     device.write(np.array([[1.0, 0.0]]))
     S[ports.command] = math.inf
     assert "cannot be displayed" in device.fault_text(device.writing(S, 0))
@@ -145,7 +147,7 @@ def test_a_class_that_reads_or_moves_in_its_own_way_is_not_fused() -> None:
             return "thumb"
 
     settings = {
-        "mass": 0.1, "friction": 0.0, "fingers": 1, "dimensions": 1, "resolution": 0.0, "velocity_window": 1,
+        "mass": 0.1, "damping": 0.0, "fingers": 1, "dimensions": 1, "resolution": 0.0, "velocity_window": 1,
         "delay": 0, "force_limit": None, "workspace": None,
     }  # fmt: skip
     plain, shaking, named = PointDevice(**settings), Shaking(**settings), Named(**settings)
@@ -163,7 +165,9 @@ def test_a_class_that_reads_or_moves_in_its_own_way_is_not_fused() -> None:
     plant = PointDevice.plant([plain])
     assert fused_plant(plant) is plant
 
-    class Slow(type(plant)):
+    Plant: Any = type(plant)
+
+    class Slow(Plant):
         def advance(self, force: Any, hand: Any, T: float) -> None:
             super().advance(force, hand, 0.5 * T)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mpmath
 import numpy as np
 import pytest
@@ -185,7 +187,7 @@ def test_fingers_that_nothing_couples_move_to_the_bit_as_each_alone():
     # Three fingers of two hands and two devices with other masses, in space, against one plant each.
     rng = np.random.default_rng(9)
     start, forces = rng.normal(0.0, 0.01, (3, 3)), rng.normal(0.0, 0.5, (100, 3, 3))
-    pair = connect(mass=0.1, friction=0.3, fingers=2, dimensions=3)
+    pair = connect(mass=0.1, damping=0.3, fingers=2, dimensions=3)
     single = connect(mass=0.2, dimensions=3)
     plant = PointDevice.plant([pair, single])
     plant.place(start)
@@ -258,8 +260,9 @@ def test_the_kernel_on_the_block_is_the_plant_to_the_bit(n, d):
     got = drive(other, efforts, hand, T)
     np.testing.assert_array_equal(got, expected)
     np.testing.assert_array_equal(other.position, expected[-1, 0])  # the block is where the plant itself looks
-    assert other.time == one.time == 300 * T
-    np.testing.assert_array_equal(*(advanced(plant, efforts[:5], hand, T) for plant in (one, other)))
+    plants: list[Any] = [one, other]
+    assert [plant.time for plant in plants] == [300 * T, 300 * T]
+    np.testing.assert_array_equal(advanced(one, efforts[:5], hand, T), advanced(other, efforts[:5], hand, T))
 
 
 def test_the_compiled_kernel_moves_a_block_that_stands_anywhere():
@@ -315,7 +318,8 @@ def test_a_hand_that_stands_still_is_held_as_one_that_could_move():
 
     still, could = Hand(rest, 30.0, 0.4), Restless(rest, 30.0, 0.4)
     closing = Hand(rest, 30.0, 0.4, squeeze=0.01, inward=[[1.0, 0.0], [-1.0, 0.0]])
-    assert [hand.still for hand in (still, could, closing, join([still, still]), join([still, could]))] == [
+    hands: list[Any] = [still, could, closing, join([still, still]), join([still, could])]
+    assert [hand.still for hand in hands] == [
         True, False, False, True, False,
     ]  # fmt: skip
     plants = [PointDevice.plant([connect(mass=0.1, dimensions=2, fingers=2)]) for _ in range(2)]

@@ -17,7 +17,7 @@ M, B = 0.15, 0.2  # [kg], [N s/m]
 def made(start, mass=M, friction=B, **settings):
     """A device with a finger for each row of `start`, on its plant, placed and open."""
     start = np.array(start, dtype=float)
-    device = connect(mass=mass, friction=friction, fingers=len(start), dimensions=start.shape[1], **settings)
+    device = connect(mass=mass, damping=friction, fingers=len(start), dimensions=start.shape[1], **settings)
     plant = PointDevice.plant([device])
     plant.place(start)
     device.open(T)

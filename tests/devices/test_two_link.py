@@ -204,7 +204,7 @@ def test_a_real_arm_is_not_a_simulated_one() -> None:
     assert isinstance(two_link.connect(), SimulatedDevice)
     assert real.features.mass is real.features.friction is real.features.delay is None
     assert real.features.resolution == pytest.approx(1.34e-5, rel=1e-3)
-    with pytest.raises(InputError, match="masses and friction"):
+    with pytest.raises(InputError, match="masses and damping"):
         real.effective_mass((0.1, 0.1))
     known = two_link.connect(board=board, **two_link.PRESET)
     assert known.features.mass == pytest.approx(0.1498, abs=1e-4)
@@ -223,7 +223,7 @@ def test_a_real_arm_is_not_a_simulated_one() -> None:
         ({"gear": (15.0, 0.0)}, "gear: .* other than zero"),
         ({"counts": 0}, "counts: .* above zero"),
         ({"torque_limit": math.inf}, "torque_limit: .* two finite numbers"),
-        ({"joint_friction": -1.0}, "joint_friction: .* zero or more"),
+        ({"joint_damping": -1.0}, "joint_damping: .* zero or more"),
         ({"link_masses": 0.0, "link_inertias": 0.0, "rotor_inertias": 0.0}, "link_masses: .* inertia in every posture"),
         ({"delay": -1}, "delay: .* whole number"),
         ({"delay": 1, "board": FakeBoard(0, 0)}, "delay: .* only a simulated arm"),

@@ -35,7 +35,7 @@ ODD: dict[str, Any] = {  # nothing equal to anything else
     "link_inertias": (9e-5, 6e-5),
     "link_centres": (0.05, 0.08),
     "rotor_inertias": (4e-6, 3e-6),
-    "joint_friction": (2e-3, 5e-3),
+    "joint_damping": (2e-3, 5e-3),
 }
 FREE = Hand([[0.0, 0.0]], 0.0)
 
@@ -136,7 +136,7 @@ def test_acceleration_against_lagrange(drive: str) -> None:
             right = mp.matrix(2, 1)
             for k, i in enumerate(unit):
                 lever = mp.diff(reach, tuple(q), i)
-                right[k] = tau[k] - ODD["joint_friction"][k] * w[k] + lever.real * F[0] + lever.imag * F[1]
+                right[k] = tau[k] - ODD["joint_damping"][k] * w[k] + lever.real * F[0] + lever.imag * F[1]
                 right[k] += mp.diff(E, at, (*i, 0, 0))
                 right[k] -= sum(mp.diff(E, at, (*j, *i)) * w[n] for n, j in enumerate(unit))
             acceleration = mp.lu_solve(M, right)
@@ -165,7 +165,7 @@ def test_effective_mass_and_friction() -> None:
 
 def test_energy_is_kept() -> None:
     """No friction, no hand: after 5 s of free whirling (up to 20 rad/s) the energy is the first to 1e-9."""
-    device = two_link.connect(**ODD | {"joint_friction": 0.0})
+    device = two_link.connect(**ODD | {"joint_damping": 0.0})
     plant = type(device).plant([device])
     plant.place(np.array([[0.15, 0.1]]))
     plant.angles(0)[2], plant.angles(0)[3] = 12.0, -9.0
@@ -203,7 +203,7 @@ def exact_motion(devices: list[Any], hand: Any, start: FloatArray, torques: Floa
             right = (
                 by_direction
                 + J[i].T @ F[i]
-                - m.friction_matrix() @ w[i]
+                - m.damping_matrix() @ w[i]
                 + swing * np.array([w[i, 1] ** 2, -(w[i, 0] ** 2)])
             )
             out[i] = np.linalg.solve(m.mass_matrix(*a[i]), right)
@@ -287,8 +287,9 @@ def test_the_kernel_on_the_block_is_the_plant_to_the_bit(drives: tuple[str, ...]
     got = drive(other, torques, hand, T)
     np.testing.assert_array_equal(got, expected)
     np.testing.assert_array_equal(other.position, expected[-1, 0])  # the block is where the plant itself looks
-    assert other.time == one.time == 200 * T
-    np.testing.assert_array_equal(*(advanced(plant, torques[:5], hand, T) for plant in (one, other)))
+    plants: list[Any] = [one, other]
+    assert [plant.time for plant in plants] == [200 * T, 200 * T]
+    np.testing.assert_array_equal(advanced(one, torques[:5], hand, T), advanced(other, torques[:5], hand, T))
 
 
 def test_the_compiled_kernel_moves_a_block_that_stands_anywhere() -> None:

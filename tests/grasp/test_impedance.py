@@ -353,9 +353,9 @@ def test_what_does_not_fit_is_refused():
         with pytest.raises(InputError, match="de: given"):
             law.force(split, [0.0, 0.0], bad)
     with pytest.raises(UnknownNameError, match="did you mean 'symmetric'"):
-        gx.Coupling(gx.Impedance(1.0), gx.Impedance(1.0), form="symetric")
+        gx.Coupling(gx.Impedance(1.0), gx.Impedance(1.0), form="symetric")  # type: ignore[arg-type] # misspelt
     with pytest.raises(InputError, match="external"):
-        gx.Coupling(30.0, gx.Impedance(70.0))
+        gx.Coupling(30.0, gx.Impedance(70.0))  # type: ignore[arg-type] # a number
     with pytest.raises(InputError, match="gain"):
         gx.Coupling(gx.Impedance([1.0, 2.0, 3.0]), gx.Impedance(70.0)).stiffness(split)
     # a (d, d) matrix says nothing about torsion

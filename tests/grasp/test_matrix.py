@@ -55,7 +55,7 @@ def test_line_is_a_row_of_ones():
 def test_plane_by_hand():
     # moments x f_y - y f_x about (0.5, 0); the full contact adds its own t_z
     G = gx.grasp_matrix([[1.0, 2.0], [0.0, -1.0]], model=["hard", "full"], origin=[0.5, 0.0])
-    assert np.array_equal(G, [[1, 0, 1, 0, 0], [0, 1, 0, 1, 0], [-2.0, 0.5, 1.0, -0.5, 1.0]])
+    assert np.array_equal(G, [[1.0, 0.0, 1.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0, 0.0], [-2.0, 0.5, 1.0, -0.5, 1.0]])
 
 
 def test_locked_freedoms_leave_rows_out():

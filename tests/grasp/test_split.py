@@ -211,8 +211,8 @@ def test_arguments_that_do_not_fit():
     for bad in (-1e-6, 1.0, np.nan):
         with pytest.raises(InputError, match="tolerance"):
             gx.Split(np.ones((1, 3)), tolerance=bad)
-    for bad in (np.ones(3), [[np.nan, 1.0]], np.ones((2, 0))):
+    for matrix in (np.ones(3), [[np.nan, 1.0]], np.ones((2, 0))):
         with pytest.raises(InputError, match="G"):
-            gx.Split(bad)
+            gx.Split(matrix)
     with pytest.raises(InputError, match="metric"):
         gx.Split(np.ones((1, 3)), metric=np.ones(2))

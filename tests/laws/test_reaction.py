@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ def triangles() -> object:
     return make_mesh(CORNERS, [half for a, b, c, d in QUADS for half in ((a, b, c), (a, c, d))])
 
 
-def touched(shape: object, rules: Rules, position: np.ndarray, gains: gx.Coupling) -> GraspedObject:
+def touched(shape: Any, rules: Rules, position: np.ndarray, gains: gx.Coupling) -> GraspedObject:
     def fill(state: np.ndarray) -> None:
         fill_body(state, dimensions=3, mass=0.1, inertia=4e-5)
 
@@ -38,14 +39,14 @@ def touched(shape: object, rules: Rules, position: np.ndarray, gains: gx.Couplin
 
 
 @pytest.mark.parametrize("make", [lambda: Box((EDGE,) * 3), triangles], ids=["box", "mesh"])
-def test_a_ball_at_faces_edges_and_corners_is_pushed_once(make: object) -> None:
+def test_a_ball_at_faces_edges_and_corners_is_pushed_once(make: Any) -> None:
     """k (r - distance) away from the nearest point of the box, for 200 balls that touch 1, 2 or 3 faces at once."""
     rng = np.random.default_rng(5)
     inside = rng.uniform(-0.45, 0.45, (200, 3)) * EDGE
     beyond = rng.permuted(np.tile([True, False, False], (200, 1)), axis=1) | (rng.random((200, 3)) < 0.5)
     rise = rng.uniform(0.1, 0.55, (200, 3)) * RADIUS * beyond  # the three together stay below the radius
     centre = np.where(beyond, np.sign(inside) * 0.5 * EDGE, inside) + np.sign(inside) * rise
-    g = touched(make(), Rules(fade=None), centre, law(GAIN, GAIN))  # type: ignore[operator]
+    g = touched(make(), Rules(fade=None), centre, law(GAIN, GAIN))
     distance = np.linalg.norm(rise, axis=1)
     expected = -(GAIN * (RADIUS - distance) / distance)[:, None] * np.sign(inside) * rise
     assert {int(k) for k in beyond.sum(axis=1)} == {1, 2, 3}

@@ -18,6 +18,9 @@ from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
 from tests.support import foreign_parts
 from tests.support.engines import recorded, same
+from tests.support.optional import require
+
+pytestmark = pytest.mark.quick  # a program for each kind of limit, once
 
 TORQUE = 0.0012  # of a motor [N m], at a gear of 15 and links of 128 mm: 0.14 N at the finger
 
@@ -43,7 +46,7 @@ def pinch(d: int = 2, n: int = 3, **changes: Any) -> gx.Scene:
         finger=[
             {
                 "start": (0.0255 * each).tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "friction": 0.2},
+                "device": {"name": "simulated", "mass": 0.1, "damping": 0.2},
                 "hand": {"stiffness": 150.0, "damping": 1.0, "squeeze": 0.006, "closing": (-each).tolist(),
                          "motion": motion},
             }
@@ -53,7 +56,7 @@ def pinch(d: int = 2, n: int = 3, **changes: Any) -> gx.Scene:
     return made.replace({key.replace("__", "."): value for key, value in changes.items()})
 
 
-LIMIT = {"finger__0__device__force_limit": 0.2}
+LIMIT: dict[str, Any] = {"finger__0__device__force_limit": 0.2}
 COUPLINGS: dict[str, dict[str, Any]] = {
     "frictionless": {},
     "friction": {"coupling__friction": 0.5},
@@ -89,7 +92,7 @@ def require_consistent(rec: Recording, limits: np.ndarray, moment_error: float =
         else:
             moment = np.cross(arm, force).sum(axis=1)
         np.testing.assert_allclose(rec.wrench[:, d:], moment, rtol=0.0, atol=moment_error)
-    work = (rec.displayed_force[:-1] * np.diff(rec.true_position, axis=0)).sum(axis=2).cumsum(axis=0)
+    work = (rec.displayed_force[:-1] * np.diff(require(rec.true_position), axis=0)).sum(axis=2).cumsum(axis=0)
     np.testing.assert_allclose(rec.device_energy[1:], work, rtol=0.0, atol=1e-15)
 
 
@@ -155,7 +158,7 @@ def test_batches_are_single_runs() -> None:
     hits = 0
     for index in np.ndindex(batch.shape):
         alone = gx.run(scene.replace({key: float(v[index]) for key, v in batch.values.items()}), duration=0.2)
-        assert alone.rows.tobytes() == batch.recordings[index].rows.tobytes()
+        assert alone.rows.tobytes() == require(batch.recordings).item(index).rows.tobytes()
         assert alone.saturated is not None
         hits += bool(alone.saturated.any())
     assert 6 <= hits < 12
@@ -240,12 +243,12 @@ def test_a_device_of_ones_own_is_limited_as_ours(tmp_path: Path) -> None:
     driver.write_text(
         "from graspfx.devices import simulated\n\n\nclass Called(simulated.PointDevice):\n"
         "    def write(self, forces):\n        super().write(forces)\n\n\n"
-        "def connect(*, mass, dimensions, friction=0.0, force_limit=None):\n"
-        "    return Called(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0,\n"
+        "def connect(*, mass, dimensions, damping=0.0, force_limit=None):\n"
+        "    return Called(mass=mass, damping=damping, fingers=1, dimensions=dimensions, resolution=0.0,\n"
         "                  velocity_window=1, delay=0, force_limit=force_limit, workspace=None)\n"
     )
     ours = recorded(pinch(**LIMIT), "interpreted", ticks=200)
-    device = {"name": str(driver), "mass": 0.1, "friction": 0.2, "force_limit": 0.2}
+    device = {"name": str(driver), "mass": 0.1, "damping": 0.2, "force_limit": 0.2}
     for engine in ("interpreted", "compiled"):
         assert same(ours, recorded(pinch(finger__0__device=device), engine, ticks=200))
     require_consistent(ours, np.array([0.2, np.inf, np.inf]))
@@ -267,7 +270,7 @@ def arms(**settings: Any) -> gx.Scene:
     fingers = [
         {
             "start": [side * 0.0255, 0.0],
-            "device": {"name": "two-link", "base": [side * 0.04, -0.18], "elbow": elbow, **settings},
+            "device": {"name": "two-link", "base": [side * 0.04, -0.18], "elbow": elbow} | settings,
             "hand": {"stiffness": 150.0, "damping": 1.0, "squeeze": 0.006, "closing": [-side, 0.0]},
         }
         for side, elbow in ((-1.0, "left"), (1.0, "right"))
@@ -289,7 +292,11 @@ def test_torque_limits_are_the_frameworks_too(drive: str) -> None:
     assert rec.saturated is not None
     assert rec.saturated.mean() > 0.2
     device = two_link.connect(base=[-0.04, -0.18], drive=drive, torque_limit=TORQUE)
-    positions, forces, limits = rec.true_position[::25, 0], rec.displayed_force[::25, 0], rec.saturated[::25, 0]
+    positions, forces, limits = (
+        require(rec.true_position)[::25, 0],
+        rec.displayed_force[::25, 0],
+        rec.saturated[::25, 0],
+    )
     for p, f, at_limit in zip(positions, forces, limits, strict=True):
         J = device.arm.jacobian(*device.arm.angles(*p))
         if drive == "elbow":
@@ -346,8 +353,8 @@ class Weaker(simulated.PointDevice):
         return super().{method}(*given)
 
 
-def connect(*, mass, dimensions, friction=0.0):
-    return Weaker(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0,
+def connect(*, mass, dimensions, damping=0.0):
+    return Weaker(mass=mass, damping=damping, fingers=1, dimensions=dimensions, resolution=0.0,
                   velocity_window=1, delay=0, force_limit=None, workspace=None)
 """
 
@@ -356,7 +363,7 @@ def test_a_limit_may_change_from_sample_to_sample(tmp_path: Path) -> None:
     """A driver in Python that grows weaker: each sample keeps what it told at that sample's reading."""
     driver = tmp_path / "weaker.py"
     driver.write_text(WEAKER.format(largest="0.3 if self.ticks < 120 else 0.1", method="read"))
-    scene = pinch(finger__0__device={"name": str(driver), "mass": 0.1, "friction": 0.2})
+    scene = pinch(finger__0__device={"name": str(driver), "mass": 0.1, "damping": 0.2})
     rec = recorded(scene, "interpreted", ticks=200)
     assert same(rec, recorded(scene, "compiled", ticks=200))
     limit = np.where(np.arange(1, 201) < 120, 0.3, 0.1)
@@ -390,8 +397,8 @@ def test_a_peak_force_that_is_none_is_refused(tmp_path: Path, peak: object) -> N
         "from dataclasses import replace\nfrom graspfx.devices import simulated\n\n\n"
         "class Odd(simulated.PointDevice):\n    @property\n    def features(self):\n"
         f"        return replace(super().features, peak_force=float('{peak}') if {peak is not True} else True)\n\n\n"
-        "def connect(*, mass, dimensions, friction=0.0):\n"
-        "    return Odd(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0,\n"
+        "def connect(*, mass, dimensions, damping=0.0):\n"
+        "    return Odd(mass=mass, damping=damping, fingers=1, dimensions=dimensions, resolution=0.0,\n"
         "               velocity_window=1, delay=0, force_limit=None, workspace=None)\n"
     )
     with pytest.raises(InputError, match=r"features.peak_force.*above zero"):

@@ -157,7 +157,7 @@ def test_nothing_jumps_where_the_parts_of_a_handling_join():
 
 def follow(steps, end=1.2):
     """Where three unequal points are after `end` behind `handling`, in equal samples."""
-    devices = [connect(mass=m, friction=b, dimensions=3) for m, b in ((0.1, 0.3), (0.2, 0.0), (0.15, 0.5))]
+    devices = [connect(mass=m, damping=b, dimensions=3) for m, b in ((0.1, 0.3), (0.2, 0.0), (0.15, 0.5))]
     plant, hand = PointDevice.plant(devices), handling()
     plant.place(STARTS)
     for _ in range(steps):

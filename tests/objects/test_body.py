@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, VISCOUS_LIMIT, Body, NativeBody, create, fill_body
-from graspfx.objects.state import BodyState, Motion
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Vector
 
 Array = NDArray[np.float64]

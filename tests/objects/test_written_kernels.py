@@ -15,12 +15,12 @@ from graspfx.compile.machine import compiled
 from graspfx.compile.records import size_of
 from graspfx.objects import energy, guest, integrators
 from graspfx.objects.body import INTEGRATORS, fill_body
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.objects.energy import SampleStart
 from graspfx.objects.floor import floor, rest
 from graspfx.objects.floor.floor import FloorBody
 from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.guest import GuestState
-from graspfx.objects.state import BodyState, Motion
 from graspfx.objects.surroundings import Meeting, Member, placed
 from graspfx.spatial import Quaternion, Vector
 from graspfx.surfaces.closed_form.shape import Box, Cylinder, Ellipsoid, HalfSpace, Sphere

@@ -59,7 +59,8 @@ def test_grasp_matrix_is_the_transpose_of_the_contact_jacobian(seed):
     assert data.ncon == len(dimensions)
     R, origin = data.xmat[1].reshape(3, 3), data.xpos[1]
 
-    points, frames, models, sides, order = [], [], [], [], []
+    points, frames, models, sides = [], [], [], []
+    order: list[int] = []
     for contact in data.contact:
         normal, *tangents = contact.frame.reshape(3, 3)
         body_is_second = model.geom_bodyid[contact.geom2] == 1

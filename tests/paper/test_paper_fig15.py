@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 import graspfx as gx
+from tests.support.optional import require
 
 T, M, B, SPRING, M_V = 0.005, 0.15, 0.2, 33.0, 0.1
 
@@ -40,7 +41,7 @@ def growth(kep: float, b_v: float, name: str = "paper-spring", duration: float =
     bilateral = {"coupling.contact": "attached", "coupling.external.stiffness": kep, "object.viscosity": b_v}
     rec = gx.run(gx.load(name, bilateral | more), duration=duration)
     assert not rec.faults
-    x_e = rec.true_position[:, :, 0].mean(axis=1)
+    x_e = require(rec.true_position)[:, :, 0].mean(axis=1)
     window = round(2.0 / T)
     size = np.sqrt((x_e[: len(x_e) // window * window].reshape(-1, window) ** 2).mean(axis=1))
     time = (np.arange(len(size)) + 0.5) * 2.0
@@ -75,7 +76,7 @@ def test_the_internal_mode_is_lost_at_80() -> None:
     """The squeeze of the same system, started by the springs: it decays 3 % below 80.1 N/m and grows 3 % above."""
     for kip, sign in ((0.97 * 80.1, -1.0), (1.03 * 80.1, 1.0)):
         squeezed = {"coupling.contact": "attached", "coupling.internal.stiffness": kip, "object.velocity": [0.0]}
-        x = gx.run(gx.load("paper-spring", squeezed), duration=60.0).true_position[:, :, 0]
+        x = require(gx.run(gx.load("paper-spring", squeezed), duration=60.0).true_position)[:, :, 0]
         x_i = (x[:, 1] - x[:, 0]) / 2
         windows = (x_i - x_i[-2000:].mean())[: len(x_i) // 400 * 400].reshape(-1, 400).std(axis=1)
         assert np.polyfit(np.arange(len(windows)), np.log(windows), 1)[0] * sign > 0.0

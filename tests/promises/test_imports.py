@@ -63,7 +63,7 @@ def test_every_public_name_exists(name: str) -> None:
 
 def test_a_name_that_does_not_exist_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'grasp_matirx'"):
-        _ = graspfx.grasp_matirx  # type: ignore[attr-defined]
+        _ = graspfx.grasp_matirx
 
 
 def test_type_checkers_see_the_names_that_users_get() -> None:

@@ -52,7 +52,10 @@ CALLS: dict[str, tuple[Callable[[gx.Scene], Any], str]] = {
     "key of a driver": (assign("mass", lambda scene: scene.finger[0].device), "Device.mass: given 3.0"),
     "new key": (assign("novel", lambda scene: scene), "Scene.novel: given 3.0, expected no value"),
     "deletion": (lambda scene: delattr(scene, "period"), "Scene.period: given nothing, expected no value"),
-    "scene from a table": (lambda scene: gx.Scene(scene.to_dict()), "expected keys and values: Scene(dimensions=1"),
+    "scene from a table": (
+        lambda scene: gx.Scene(scene.to_dict()),  # type: ignore[arg-type] # a table in place of keys
+        "expected keys and values: Scene(dimensions=1",
+    ),
 }  # fmt: skip
 
 

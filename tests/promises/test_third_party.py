@@ -41,7 +41,7 @@ FILES = {
         from graspfx import plugins
 
         def connect(*, carriage=0.2, dimensions=1):
-            return plugins.load("devices", "simulated").connect(mass=carriage, friction=1.0, dimensions=dimensions)
+            return plugins.load("devices", "simulated").connect(mass=carriage, damping=1.0, dimensions=dimensions)
     ''',
     "acme_rig/push.toml": """
         title = "Two rails push a block through syrup"

@@ -27,11 +27,11 @@ contact = "attached"
 external = { stiffness = 30.0 }
 internal = { stiffness = 70.0 }
 [[finger]]
-device = { name = "simulated", mass = 0.15, friction = 0.2 }
+device = { name = "simulated", mass = 0.15, damping = 0.2 }
 hand = { stiffness = 33.0, rest = [0.0] }
 start = [0.002]
 [[finger]]
-device = { name = "simulated", mass = 0.15, friction = 0.2 }
+device = { name = "simulated", mass = 0.15, damping = 0.2 }
 hand = { stiffness = 33.0, rest = [0.0] }
 start = [0.002]
 """
@@ -102,7 +102,7 @@ def test_faults_that_only_a_connected_device_shows_have_their_lines_too() -> Non
 
 
 def test_a_start_out_of_reach_has_its_line() -> None:
-    scene = load(write(GOOD.replace("friction = 0.2", "workspace = [[-1.0], [0.0]]", 1)))
+    scene = load(write(GOOD.replace("damping = 0.2", "workspace = [[-1.0], [0.0]]", 1)))
     with pytest.raises(SceneError, match=r"scene\.toml:14: finger\.0\.start: outside the device's workspace"):
         scene.require_reach()
     with pytest.raises(SceneError, match=r"scene\.toml: finger\.0\.start: .* \(set by an override\)"):
@@ -268,7 +268,7 @@ def test_paths_in_a_scene_are_relative_to_its_file(folder: Path, monkeypatch: py
     write(DRIVER, "deep/mine.py")
     motion = 'rest = [0.0], motion = { kind = "path", file = "path.csv" }'
     write(
-        GOOD.replace("rest = [0.0]", motion).replace('"simulated", mass = 0.15, friction = 0.2', '"mine.py"'),
+        GOOD.replace("rest = [0.0]", motion).replace('"simulated", mass = 0.15, damping = 0.2', '"mine.py"'),
         "deep/s.toml",
     )
     monkeypatch.chdir("/")

@@ -111,7 +111,7 @@ def test_a_fault_is_one_line_whatever_its_key() -> None:
 
 LEGITIMATE = {
     "300 fingers": BASE + "".join(
-        f"\n[[finger]]\nstart = [{x}.0]\ndevice = {{ name = 'simulated', mass = 0.1, friction = 0.2 }}\n"
+        f"\n[[finger]]\nstart = [{x}.0]\ndevice = {{ name = 'simulated', mass = 0.1, damping = 0.2 }}\n"
         for x in range(300)
     ),
     "19 000 vertices": "v = [" + ",\n".join(["[0.123456789012345, -1.23456789012345e-05, 0.3]"] * 19_000) + "]\n"

@@ -18,7 +18,7 @@ from graspfx.scene.model import Scene, schema
 
 def line() -> dict[str, Any]:
     """Two fingers on a line, attached: the least that a scene needs."""
-    finger = {"device": {"name": "simulated", "mass": 0.15, "friction": 0.2}, "start": [0.002]}
+    finger = {"device": {"name": "simulated", "mass": 0.15, "damping": 0.2}, "start": [0.002]}
     return {
         "dimensions": 1,
         "period": 0.005,
@@ -79,7 +79,7 @@ def test_defaults_are_those_of_the_reference() -> None:
     )
     assert (coupling.fade, coupling.blend) == ("auto", (0.00025, 0.001))
     assert (finger.channel, finger.model, finger.hand) == (0, "hard", None)
-    assert finger.device.settings == {"mass": 0.15, "friction": 0.2}  # type: ignore[union-attr]
+    assert finger.device.settings == {"mass": 0.15, "damping": 0.2}  # type: ignore[union-attr]
     assert scene.finger_names == ("finger0", "finger1")
     assert scene.finger_objects == (0, 0)
 
@@ -104,7 +104,7 @@ def test_round_trip_through_a_table_json_and_pickle(make: Any) -> None:
     assert json.loads(json.dumps(table)) == table
     assert Scene(**table) == scene
     assert pickle.loads(pickle.dumps(scene)) == scene
-    assert table["finger"][0]["device"] == {"name": "simulated", "mass": 0.15, "friction": 0.2}
+    assert table["finger"][0]["device"] == {"name": "simulated", "mass": 0.15, "damping": 0.2}
 
 
 def test_a_scene_cannot_be_changed_but_replaced() -> None:

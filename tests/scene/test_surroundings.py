@@ -29,7 +29,7 @@ def thing(name: str = "box", x: float = 0.0, **changes: Any) -> dict[str, Any]:
 
 def finger(x: float, sign: float, **changes: Any) -> dict[str, Any]:
     hand = {"stiffness": 500.0, "damping": 12.0, **changes}
-    device = {"name": "simulated", "mass": 0.1, "friction": 1.0}
+    device = {"name": "simulated", "mass": 0.1, "damping": 1.0}
     return {"start": [x - 0.03 * sign, 0.0, 0.025], "device": device, "hand": hand}
 
 
@@ -68,7 +68,7 @@ def row(scene: gx.Scene, step: str) -> Any:
     return found
 
 
-LYING = {"name": "rod", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "inertia": 1e-5}
+LYING: dict[str, Any] = {"name": "rod", "shape": {"kind": "half-space", "normal": [0.0, 0.0, 1.0]}, "inertia": 1e-5}
 CASES: list[tuple[list[dict[str, Any]], dict[str, Any], str]] = [
     ([], {"obstacle": [FLOOR, BLOCK]}, "obstacle.1.shape.kind: box with native dynamics can meet a half-space or a"),
     ([], {"world": {"restitution": 0.5}}, "world.restitution: box with native dynamics does not bounce"),

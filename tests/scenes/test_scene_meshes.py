@@ -47,7 +47,7 @@ def test_the_files_are_what_the_maker_makes(maker: ModuleType, name: str) -> Non
     made, kept = maker.MAKERS[name](), loaded(name)
     corners, ours = np.unique(made.vertices, axis=0), 1e3 * kept.vertices
     for a, b in ((corners, ours), (ours, corners)):
-        assert cKDTree(a).query(b)[0].max() < np.sqrt(3.0) * SINGLE
+        assert np.max(cKDTree(a).query(b)[0]) < np.sqrt(3.0) * SINGLE
     assert volume(1e3 * kept.vertices, kept.faces) == pytest.approx(volume(made.vertices, made.faces), rel=1e-7)
 
 

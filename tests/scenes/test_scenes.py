@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import graspfx as gx
 from graspfx import plugins
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.model import Scene
+from tests.support.optional import require
 
 FloatArray = NDArray[np.float64]
 
@@ -59,7 +61,7 @@ def total_force_in_the_end(recording: Recording) -> FloatArray:
 
 def turned_in_the_end(recording: Recording) -> FloatArray:
     """The rotation vector from the first pose to the last [rad]."""
-    first, last = (Rotation.from_quat(recording.object_orientation[k]) for k in (0, -1))
+    first, last = (Rotation.from_quat(require(recording.object_orientation)[k]) for k in (0, -1))
     return (last * first.inv()).as_rotvec()
 
 
@@ -73,14 +75,14 @@ def depth_once_squeezed(recording: Recording) -> FloatArray:
 def contacts_apart(recording: Recording) -> FloatArray:
     """How far the second finger's contact is from the first one's along the plate's normal, at every tick [m]."""
     _, orientation = recording.described_pose("object")
-    normal = Rotation.from_quat(orientation).apply([0.0, 0.0, 1.0])
+    normal = Rotation.from_quat(require(orientation)).apply([0.0, 0.0, 1.0])
     return np.einsum("ki,ki->k", recording.contact_position[:, 1] - recording.contact_position[:, 0], normal)
 
 
 def weight(mesh: str, density: float) -> float:
     """m g [N] of a mesh of the shelf in millimetres."""
     file = plugins.find("scenes", "mug").parent / "meshes" / f"{mesh}.ply"
-    return float(trimesh.load(file).volume) * 1e-9 * density * 9.81
+    return float(trimesh.load_mesh(file).volume) * 1e-9 * density * 9.81
 
 
 def turn_about_z(recording: Recording) -> FloatArray:
@@ -185,7 +187,7 @@ TORSION = WEIGHT * 0.015 * np.cos(TILT) / 2
 SLIPPING = np.hypot(WEIGHT / 2, TORSION / RHO) / 0.6
 # density x s/2 R^2 sin(2 pi/s) h of a prism with s = 6 sides, a third of its weight for each finger
 CARRIED = 600.0 * 3 * 0.03**2 * np.sin(np.pi / 3) * 0.05 * 9.81 / 3
-NUMBERS = {
+NUMBERS: dict[str, Any] = {
     # e = (2, -1) mm: kep times the mean of 0.5 mm, and kip times 1.5 mm from it
     "reference-1dof": (first_forces, [30.0 * 0.0005 + 70.0 * 0.0015, 30.0 * 0.0005 - 70.0 * 0.0015], 1e-15),
     "paper-waving": WAVING,

@@ -25,14 +25,14 @@ from tests.support.recordings import layout, recording, waving
 
 FloatArray = NDArray[np.float64]
 
-SOLIDS = {
+SOLIDS: dict[str, tuple[Any, Any, Any]] = {
     "box": ({"size": [0.02, 0.03, 0.05]}, 3e-5, 1e-12),
     "sphere": ({"radius": 0.03}, 4 / 3 * pi * 0.03**3, 2e-3),
     "capsule": ({"radius": 0.02, "length": 0.05}, pi * 0.02**2 * (0.05 + 4 / 3 * 0.02), 2e-3),
     "cylinder": ({"radius": 0.02, "length": 0.05}, pi * 0.02**2 * 0.05, 2e-3),
     "ellipsoid": ({"semi_axes": [0.01, 0.02, 0.03]}, 4 / 3 * pi * 6e-6, 2e-3),
 }  # volume [m^3], and how much the facets may take: a polygon of 96 sides has 0.07 % less area than its circle
-FLAT = {
+FLAT: dict[str, tuple[Any, Any, Any]] = {
     "box": ({"size": [0.02, 0.03]}, 6e-4, 1e-12),
     "sphere": ({"radius": 0.03}, pi * 9e-4, 1e-3),
     "capsule": ({"radius": 0.02, "length": 0.05}, pi * 4e-4 + 0.04 * 0.05, 1e-3),

@@ -74,7 +74,7 @@ def test_vibration_finds_a_tremor_in_a_wave_at_any_rate(period: float) -> None:
 
 def test_vibration_is_blind_to_a_cubic() -> None:
     # fourth differences of a cubic are zero: what is left is rounding, 1e-16 of 1 m, times q^(1/2) = 1600
-    assert vibration((T - 3.0)[:, None, None] ** 3 / 343.0, PERIOD) == pytest.approx(0.0, abs=1e-11)
+    assert vibration(np.array((T - 3.0)[:, None, None] ** 3 / 343.0), PERIOD) == pytest.approx(0.0, abs=1e-11)
 
 
 def test_vibration_is_what_whittakers_smoother_leaves() -> None:

@@ -37,7 +37,7 @@ def random_body(rng: np.random.Generator, d: int, integrator: str, **more: Any) 
     z = decades(rng, 1e-9, most) if rng.random() < 0.8 else 0.0
     away = 1e3 * (rng.random() < 0.5)
     state = np.zeros(at.SIZE)
-    inertia = None
+    inertia: Any = None
     if d == 2:
         inertia = 0.2 * m * size**2
     if d == 3:

@@ -14,13 +14,13 @@ SETTINGS = family("devices: bad settings", "an error of GraspFX, or a device")
 
 GOOD: dict[str, dict[str, Any]] = {
     "simulated": {
-        "mass": 0.1, "dimensions": 2, "friction": 0.2, "fingers": 1, "resolution": 1e-5, "velocity_window": 8,
+        "mass": 0.1, "dimensions": 2, "damping": 0.2, "fingers": 1, "resolution": 1e-5, "velocity_window": 8,
         "delay": 1, "force_limit": 5.0, "workspace": ([-1.0, -1.0], [1.0, 1.0]),
     },
     "two-link": {
         "base": [0.0, 0.0], "elbow": "left", "links": [0.128, 0.128], "link_masses": [0.1, 0.1], "counts": 4000,
         "gear": 15.0, "zero": [0.0, 0.0], "torque_limit": 0.06, "margin": 0.01, "velocity_window": 8, "delay": 0,
-        "drive": "base", "joint_friction": [1e-4, 1e-4],
+        "drive": "base", "joint_damping": [1e-4, 1e-4],
     },
 }  # fmt: skip
 

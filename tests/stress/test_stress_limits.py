@@ -143,7 +143,7 @@ def test_units(cases: int) -> None:
         label = f"case {case}: {m:.2e} and {heavy:.2e} kg, {1e3 * T:.2g} ms"
         s, p, rate, stiff = gx.stability, gx.passivity, mass / time, mass / time**2
         kind = str(rng.choice(list(s.INTEGRATORS)))
-        calls = [
+        calls: list[Any] = [
             (s.wall_limit, {"spring": spring, "wall_damping": 0.1 * b}, (m, b, T)),
             (s.external_limit, {"spring": spring, "integrator": kind}, (m, b, T, heavy, viscosity)),
             (s.stable_intervals, {"spring": spring, "integrator": kind, "upper": 100.0 * m / T**2},

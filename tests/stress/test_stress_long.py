@@ -16,7 +16,7 @@ from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
-from graspfx.objects.state import BodyState
+from graspfx.objects.body_state import BodyState
 from tests.support.exact_bodies import spinning
 from tests.support.families import efforts, family
 

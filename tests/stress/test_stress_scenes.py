@@ -59,7 +59,7 @@ def line_table(rng: np.random.Generator) -> dict[str, Any]:
     rest = away + decades(rng, 1e-6, 1.0) * rng.normal(size=n)
     fingers = [
         {
-            "device": {"name": "simulated", "mass": mass * float(rng.uniform(0.5, 2.0)), "friction": 0.1 * mass / T},
+            "device": {"name": "simulated", "mass": mass * float(rng.uniform(0.5, 2.0)), "damping": 0.1 * mass / T},
             "hand": {"stiffness": 0.01 * mass / T**2, "damping": 0.01 * mass / T, "rest": [float(x)]},
             "start": [float(x + 1e-3 * rng.normal())],
         }
@@ -85,7 +85,7 @@ def line_run(table: dict[str, Any]) -> tuple[list[Any], list[Any]]:
     w, step = [real(0)] * n, []
     for finger in table["finger"]:
         device, hand = finger["device"], finger["hand"]
-        M, B, K = real(device["mass"]), real(device["friction"]) + real(hand["damping"]), real(hand["stiffness"])
+        M, B, K = real(device["mass"]), real(device["damping"]) + real(hand["damping"]), real(hand["stiffness"])
         A = mp.matrix([[0, 1, 0], [-K / M, -B / M, 1 / M], [0, 0, 0]]) * T
         step.append((mp.expm(A), K * real(hand["rest"][0])))
     implicit = thing["integrator"] == "implicit"
@@ -163,7 +163,7 @@ def test_a_hundred_fingers_in_space(contact: str) -> None:
     start = 0.03 * u / np.linalg.norm(u, axis=1, keepdims=True) * rng.uniform(0.97, 1.0, (100, 1))
     gains = {"external": {"stiffness": 0.3}, "internal": {"stiffness": 30.0}}
     body = {"mass": 0.1, "viscosity": 0.5, "rotational_viscosity": 1e-4, "shape": {"kind": "sphere", "radius": 0.03}}
-    fingers = [{"device": {"name": "simulated", "mass": 0.1, "friction": 0.5}, "start": x.tolist()} for x in start]
+    fingers = [{"device": {"name": "simulated", "mass": 0.1, "damping": 0.5}, "start": x.tolist()} for x in start]
     table = {"dimensions": 3, "period": 0.001, "duration": 0.004, "object": body, "finger": fingers}
     recording = gx.run(gx.Scene(**table, coupling={"contact": contact, "absent": "follow", **gains}))
     assert not recording.faults
@@ -207,7 +207,7 @@ def resting(d: int, mass: float, period: float, stiffness: float, integrator: st
         obstacle=[{"shape": {"kind": "half-space", "normal": [*up, 1.0]}}],
         world={"stiffness": stiffness},
         coupling={"external": {"stiffness": 10.0}, "internal": {"stiffness": 10.0}},
-        finger=[{"device": {"name": "simulated", "mass": 0.1, "friction": 1.0}, "start": [*up, 1.0]}],
+        finger=[{"device": {"name": "simulated", "mass": 0.1, "damping": 1.0}, "start": [*up, 1.0]}],
     )  # fmt: skip
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from graspfx.bench.brute_force import brute_force
+from graspfx.bench.oracles.brute_force import brute_force
 from graspfx.surfaces.closed_form import proxy, shape
 from graspfx.surfaces.triangles.mesh import make_mesh, new_fingers
 from tests.support import exact_surfaces as exact
@@ -77,9 +79,10 @@ def test_shapes_in_other_units(cases: int) -> None:
             sizes = shape.HalfSpace(tuple(rng.normal(size=3))).normal
         p, before = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
         radius, unit = 0.01 * float(rng.random() < 0.5), 2.0 ** int(rng.integers(-15, 15))
-        here = proxy.closest_to_ball(kind, d, *sizes, radius, *p, -1, *before)
+        closest: Any = proxy.closest_to_ball
+        here = closest(kind, d, *sizes, radius, *p, -1, *before)
         other = sizes if kind in (proxy.HALF_SPACE, proxy.PLANE) else tuple(unit * size for size in sizes)
-        there = proxy.closest_to_ball(kind, d, *other, unit * radius, *(unit * p), -1, *(unit * before))
+        there = closest(kind, d, *other, unit * radius, *(unit * p), -1, *(unit * before))
         scaled = np.array(here) * [1.0, unit, unit, unit, 1.0, 1.0, 1.0, unit]
         UNITS.check(
             0.0 if np.array_equal(scaled, there) else 1.0, 0.0, f"case {case}: kind {kind}, {sizes}, p {p}, {unit}"

@@ -104,7 +104,7 @@ def test_the_law_with_and_without_friction(cases: int) -> None:
         ratio = decades(rng, 1.0, 1e6)
         _, normals, K, loosen, e = grip(rng, n, d, ratio)
         mu = rng.uniform(0.0, 1.5, n) if rng.random() < 0.7 else np.zeros(n)
-        touch = gx.unilateral_force(K, e, normals, mu if mu.any() else None)
+        touch = gx.unilateral_force(K, e, normals, mu.tolist() if mu.any() else None)
         scale = float(np.abs(K @ e).max())
         label = f"case {case}: {n} fingers in {d}-D, ratio {ratio:.1e}, mu up to {mu.max():.2f}, {touch.law}"
         assert np.isfinite(touch.force).all()

@@ -40,9 +40,9 @@ class OnCalledPlant(simulated.PointDevice):
     def plant(devices):
         return Plant(simulated.PointDevice.plant(devices), devices[0].fails)
 
-def connect(*, what, mass, dimensions, friction=0.0, fails=None):
+def connect(*, what, mass, dimensions, damping=0.0, fails=None):
     kind = {"device": Called, "plant": OnCalledPlant}[what]
-    made = kind(mass=mass, friction=friction, fingers=1, dimensions=dimensions, resolution=0.0, velocity_window=1,
+    made = kind(mass=mass, damping=damping, fingers=1, dimensions=dimensions, resolution=0.0, velocity_window=1,
                 delay=0, force_limit=None, workspace=None)
     made.fails = fails
     return made

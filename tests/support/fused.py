@@ -41,7 +41,8 @@ def drive(
 class Arena:
     """One simulated device, its plant and its hand on one array, each block somewhere in it; nan between them."""
 
-    def __init__(self, device: Any, plant: Any, hand: Any, T: float, kernels: Callable[[Any], Any]) -> None:
+    def __init__(self, parts: tuple[Any, Any, Any], T: float, kernels: Callable[[Any], Any]) -> None:
+        device, plant, hand = parts
         plant.hold(hand, T)
         self.device, self.plant, self.hand, self.T, self.ticks = device, plant, hand, T, 0
         gap = np.full(3, np.nan)

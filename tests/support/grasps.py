@@ -18,13 +18,13 @@ SHARP = (1e-9, 2e-9)  # a blend that is over before any contact is so near a lin
 MU = 0.6
 
 
-def law(kep: object, kip: object, ked: object = 0.0, kid: object = 0.0, form: str = "literal") -> gx.Coupling:
+def law(kep: Any, kip: Any, ked: Any = 0.0, kid: Any = 0.0, form: Any = "literal") -> gx.Coupling:
     return gx.Coupling(external=gx.Impedance(kep, ked), internal=gx.Impedance(kip, kid), form=form)
 
 
 def grasped(
-    n: int, d: int, gains: gx.Coupling, rules: Rules, *, period: float = 0.005, contacts: object = None,
-    shape: object = None, **settings: object,
+    n: int, d: int, gains: gx.Coupling, rules: Rules, *, period: float = 0.005, contacts: Any = None,
+    shape: Any = None, **settings: Any,
 ) -> GraspedObject:  # fmt: skip
     def fill(state: np.ndarray) -> None:
         fill_body(state, **{"dimensions": d, "mass": 0.1, "inertia": 4e-5, "rotational_viscosity": 1e-4, **settings})
@@ -35,7 +35,7 @@ def grasped(
     return g
 
 
-def respond(g: GraspedObject, position: object, velocity: object = 0.0) -> np.ndarray:
+def respond(g: GraspedObject, position: Any, velocity: Any = 0.0) -> np.ndarray:
     g.finger_position[:] = position
     g.finger_velocity[:] = velocity
     assert g.sample() == 0

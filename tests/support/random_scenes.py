@@ -13,6 +13,7 @@ from scipy.optimize import linprog
 import graspfx as gx
 from graspfx.analysis.preload import preloaded
 from graspfx.analysis.stability import Linearisation, spectral_radius
+from tests.support.optional import require
 
 WIDTH = {1: 1, 2: 3, 3: 6}
 
@@ -65,7 +66,7 @@ def random_case(seed: int, size: float = 1e-9) -> Case:
     contacts = R * u
     grasp = gx.Grasp(contacts, free=free)
     split = grasp.split(metric=masses / masses.mean() if metric == "mass" else None)
-    law = gx.Coupling(*(gx.Impedance(*pair) for pair in gains), form="symmetric")
+    law = gx.Coupling(gx.Impedance(*gains[0]), gx.Impedance(*gains[1]), form="symmetric")
     K, D = law.stiffness(split), law.damping(split)
     whole = all(each.all() or not each.any() for each in (free[:d], free[d:]))  # else the split turns with world axes
     depth = _depths(grasp.matrix @ K, u) if squeezed and whole else None
@@ -137,7 +138,7 @@ def random_case(seed: int, size: float = 1e-9) -> Case:
         },
         "finger": [
             {
-                "device": {"name": "simulated", "mass": masses[i], "friction": friction[i], "delay": int(delay[i])},
+                "device": {"name": "simulated", "mass": masses[i], "damping": friction[i], "delay": int(delay[i])},
                 "hand": {"stiffness": hand[i].tolist(), "damping": hand_damping[i], "rest": rest[i].tolist()},
                 "start": start[i].tolist(),
             }
@@ -220,9 +221,9 @@ def _depths(wrench: np.ndarray, u: np.ndarray) -> np.ndarray | None:
         b_eq=np.zeros(len(kept)) if len(kept) else None,
         bounds=[(0.0, 1.0)] * n + [(0.0, 1.0)],
     )
-    if not found.success or found.x[-1] < 0.2:
+    if not found.success or require(found.x)[-1] < 0.2:
         return None
-    depth = found.x[:n]
+    depth = require(found.x)[:n]
     if len(kept):  # to the last digit
         depth = depth - np.linalg.pinv(kept) @ (kept @ depth)
     return depth / depth.max()

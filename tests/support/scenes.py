@@ -16,7 +16,7 @@ UNITS: dict[str, tuple[int, int, int]] = {  # powers of length, mass and time, b
     "length": (1, 0, 0), "semi_axes": (1, 0, 0), "position": (1, 0, 0), "velocity": (1, 0, -1),
     "angular_velocity": (0, 0, -1), "stiffness": (0, 1, -2), "damping": (0, 1, -1), "fade": (1, 0, 0),
     "blend": (1, 0, 0), "start": (1, 0, 0), "finger.radius": (1, 0, 0), "patch": (1, 0, 0),
-    "device.friction": (0, 1, -1), "resolution": (1, 0, 0), "force_limit": (1, 1, -2), "rest": (1, 0, 0),
+    "device.damping": (0, 1, -1), "resolution": (1, 0, 0), "force_limit": (1, 1, -2), "rest": (1, 0, 0),
     "amplitude": (1, 0, 0), "displacement": (1, 0, 0), "vertices": (1, 0, 0),
 }  # fmt: skip
 COLUMNS: dict[str, tuple[int, int, int]] = {
@@ -94,7 +94,7 @@ def random_table(rng: np.random.Generator, most: int = 6) -> dict[str, Any]:
     for i in range(n):
         start = reach(u[i]) * float(rng.uniform(0.9, 1.4)) * u[i]
         finger: dict[str, Any] = {
-            "device": {"name": "simulated", "mass": float(rng.uniform(0.05, 0.2)), "friction": 0.3},
+            "device": {"name": "simulated", "mass": float(rng.uniform(0.05, 0.2)), "damping": 0.3},
             "hand": {
                 "stiffness": float(rng.uniform(50.0, 200.0)),
                 "damping": float(rng.uniform(0.0, 1.0)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,10 @@ def askew(
         hand: dict[str, Any] = {"stiffness": 100.0, "damping": 1.0}
         if ramp:
             aside = [side * squeeze, side * skew / 2]
-            hand |= {"squeeze": float(np.hypot(*aside)), "squeeze_ramp": ramp, "closing": aside, "damping": 4.0}
+            hand |= {"squeeze": math.hypot(*aside), "squeeze_ramp": ramp, "closing": aside, "damping": 4.0}
         else:
             hand |= {"rest": [side * (squeeze - 0.025), side * skew / 2]}
-        device = {"name": "simulated", "mass": 0.15, "friction": 0.2}
+        device = {"name": "simulated", "mass": 0.15, "damping": 0.2}
         fingers.append({"start": [-0.025 * side, 0.0], "device": device, "hand": hand})
     return gx.Scene(
         dimensions=2,
@@ -74,7 +75,7 @@ def slid_grasp(seed: int) -> gx.Scene:
         fingers.append(
             {
                 "start": p.tolist(),
-                "device": {"name": "simulated", "mass": float(rng.uniform(0.1, 0.2)), "friction": 0.4},
+                "device": {"name": "simulated", "mass": float(rng.uniform(0.1, 0.2)), "damping": 0.4},
                 "hand": {
                     "stiffness": float(rng.uniform(80.0, 150.0)),
                     "damping": float(rng.uniform(1.5, 2.5)),
@@ -130,7 +131,7 @@ def standing(integrator: str) -> gx.Scene:
     fingers = [
         {
             "start": [0.025 * side, 0.03],
-            "device": {"name": "simulated", "mass": 0.15, "friction": 0.4},
+            "device": {"name": "simulated", "mass": 0.15, "damping": 0.4},
             "hand": {
                 "stiffness": 100.0,
                 "damping": 1.5,

@@ -11,7 +11,7 @@ import graspfx as gx
 M, B, SPRING, M_V, B_V = 0.12, 0.3, 40.0, 0.2, 0.9
 KEP, KIP = 25.0, 60.0
 
-POINT = {"name": "simulated", "mass": 0.15, "friction": 0.2}
+POINT = {"name": "simulated", "mass": 0.15, "damping": 0.2}
 LINE: dict[str, Any] = {
     "dimensions": 1,
     "period": 0.005,
@@ -38,7 +38,7 @@ def attached(d: int, integrator: str = "exact", squeeze: float = 0.0, **device: 
     directions = {1: [[-1], [1]], 2: [[-1, 0], [1, 0], [0, 1]], 3: [[-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1]]}[d]
     start = [(0.5 * np.array(size) * np.array(u)).tolist() for u in directions]
     rest = [(np.array(p) * (1.0 - squeeze / np.linalg.norm(p))).tolist() for p in start]
-    table = {"name": "simulated", "mass": M, "friction": B} | device
+    table = {"name": "simulated", "mass": M, "damping": B} | device
     return gx.Scene(
         dimensions=d,
         period=0.004,

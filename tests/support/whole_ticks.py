@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 
 import graspfx as gx
 from graspfx.build.build import build
+from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of
 from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor.planes import FloorState
 from graspfx.spatial import exponential_numbers as exponential
 from graspfx.spatial import product
@@ -43,7 +46,7 @@ class RestedRun:
         self._stack.close()
 
     def run(self, ticks: int) -> gx.Recording:
-        with Recorder(self.servo.layout, header_of(self.scene)) as recorder:
+        with Recorder(self.servo.layout, header_of(resolve(self.scene))) as recorder:
             self.servo.run(ticks, recorder)
             return recorder.finish()
 
@@ -60,8 +63,9 @@ class RestedRun:
         self.restore()
         self.set_external(external)
         rng = np.random.default_rng(1)
-        for moved in self.servo.moved:
-            velocity = moved.plant.state[moved.plant.ports.velocity :][: moved.plant.position.size]
+        for moved in self.servo.plants:
+            plant: Any = moved.plant
+            velocity = plant.state[plant.ports.velocity :][: plant.position.size]
             velocity += speed * rng.normal(size=velocity.shape)
         self.run(skip)
         force = self.run(ticks).finger_force.reshape(ticks, -1)
@@ -108,12 +112,14 @@ class RestedRun:
         turns = [2] if d == 2 else [0, 1, 2]
         found: list[tuple[np.ndarray, int]] = []
         for which in ("position", "velocity"):
-            for moved in self.servo.moved:
-                state, start = moved.plant.state, getattr(moved.plant.ports, which)
-                found += [(state, start + k) for k in range(moved.plant.position.size)]
+            for moved in self.servo.plants:
+                plant: Any = moved.plant
+                state, start = plant.state, getattr(plant.ports, which)
+                found += [(state, start + k) for k in range(plant.position.size)]
         newest = start_of(VelocityEstimate, "positions")
         for station in self.servo.stations:
-            found += [(station.device.state, e.offset + newest) for e in station.device._estimates]
+            device: Any = station.device
+            found += [(device.state, estimate.offset + newest) for estimate in device._estimates]
         for first, axes in ((body.POSITION, range(d)), (body.VELOCITY, range(d)), (body.ANGULAR_VELOCITY, turns)):
             found += [(self.state, first + a) for a in axes]
         floor = getattr(self.servo.movers[0].body, "buffer", None)
@@ -135,7 +141,8 @@ class RestedRun:
         if origin is None:
             return np.array([*values, *q])
         x, y, z, w = origin[-4:]
-        a, b, c, _ = product(*q.tolist(), -x, -y, -z, w)  # the turn since then, small
+        i, j, k, u = q.tolist()
+        a, b, c, _ = product(i, j, k, u, -x, -y, -z, w)  # the turn since then, small
         return np.array([*values, 2 * a, 2 * b, 2 * c])
 
     def _move(self, i: int, length: float) -> None:
@@ -151,4 +158,4 @@ class RestedRun:
             turn[i - len(parts)] = length
             q = self.state[body.QUATERNION : body.QUATERNION + 4]
             q[:] = product(*exponential(*turn), *q.tolist())
-        body.orient(self.state, 0)
+        body.orient(BodyState(self.state))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from itertools import count
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from graspfx.testing import ConformanceError, check_device
 CORNERS = [-0.1, -0.1], [0.2, 0.1]
 SETTINGS = {
     "mass": 0.15,
-    "friction": 0.2,
+    "damping": 0.2,
     "fingers": 2,
     "dimensions": 2,
     "resolution": 1e-5,
@@ -34,7 +35,7 @@ SETTINGS = {
     "settings",
     [
         {},
-        {"fingers": 5, "dimensions": 3, "delay": 2, "friction": 0.2},
+        {"fingers": 5, "dimensions": 3, "delay": 2, "damping": 0.2},
         {"dimensions": 2, "fingers": 2, "resolution": 1e-5, "force_limit": 3.0, "workspace": CORNERS},
         {"resolution": 1e-3, "delay": 1, "force_limit": 0.05},
     ],
@@ -339,7 +340,7 @@ class OnAMechanism(PointDevice):
     @staticmethod
     def plant(devices):
         (device,) = devices
-        plant = Rounding([device.mass] * 2, [device.friction] * 2, 2)
+        plant = Rounding([device.mass] * 2, [device.damping] * 2, 2)
         device._plant, device._true = plant, plant.position
         return plant
 
@@ -349,7 +350,7 @@ def test_a_plant_may_round_where_it_is_placed():
 
 
 class SharedPlant(PointDevice):
-    everybodys = None
+    everybodys: Any = None
 
     @classmethod
     def plant(cls, devices):
@@ -423,6 +424,6 @@ def test_a_factory_that_gives_one_device_twice():
 
 def test_what_is_no_device():
     with pytest.raises(InputError, match="device"):
-        check_device(3)
+        check_device(3)  # type: ignore[arg-type] # no device
     with pytest.raises(InputError, match=r"start.*\(2, 2\)"):
         check_device(connect(mass=0.1, dimensions=2, fingers=2), start=[0.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ def scene(d: int = 3, n: int = 3, away: float = 0.028, **changes: Any) -> gx.Sce
         "finger": [
             {
                 "start": each.tolist(),
-                "device": {"name": "simulated", "mass": 0.1, "friction": 0.5},
+                "device": {"name": "simulated", "mass": 0.1, "damping": 0.5},
                 "hand": {"stiffness": 300.0, "damping": 3.0, "squeeze": 0.006},
             }
             for each in start
@@ -55,7 +56,7 @@ def scene(d: int = 3, n: int = 3, away: float = 0.028, **changes: Any) -> gx.Sce
     [("explicit", "fingertip"), ("semi-implicit", "contact"), ("exact", "fingertip"), ("implicit", "contact")],
 )
 def test_sound_scenes_pass(d: int, integrator: str, reaction: str) -> None:
-    check_scene(scene(d, **{"object.integrator": integrator, "coupling.reaction": reaction}), duration=0.06)
+    check_scene(scene(d).replace({"object.integrator": integrator, "coupling.reaction": reaction}), duration=0.06)
 
 
 def test_a_name_a_path_and_a_maker_are_scenes(tmp_path: Path) -> None:
@@ -136,9 +137,12 @@ def test_a_body_that_breaks_a_promise(fault: str, tmp_path: Path, monkeypatch: p
     step, promise = FAULTS[fault]
     driver = tmp_path / "strange.py"
     driver.write_text(BODY.format(step=step.replace("{runs}", str(2 * 50))))
-    light = {"object.viscosity": 0.0, "object.velocity": [0.1, 0.0]}  # and free: nothing near it to give it energy
+    light: dict[str, Any] = {
+        "object.viscosity": 0.0,
+        "object.velocity": [0.1, 0.0],
+    }  # and free: nothing near it to give it energy
     with pytest.raises(ConformanceError, match=promise):
-        check_scene(scene(2, away=0.07, **{"object.dynamics": str(driver)}, **light), duration=0.1)
+        check_scene(scene(2, away=0.07).replace({"object.dynamics": str(driver)} | light), duration=0.1)
 
 
 def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,9 +176,7 @@ def doctored(column: str, change: Callable[[Any], Any], **changes: Any) -> tuple
 def test_a_wrench_that_is_not_the_forces(reaction: str) -> None:
     turn = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1e-9])
     for change, unit in ((turn, "N m"), (turn[::-1], "N")):
-        made, recording = doctored(
-            "objects/object/wrench", lambda w, c=change: w + c, **{"coupling.reaction": reaction}
-        )
+        made, recording = doctored("objects/object/wrench", partial(np.add, change), **{"coupling.reaction": reaction})
         with pytest.raises(ConformanceError, match=f"{unit} of difference on object"):
             _check_wrench(made, recording)
 

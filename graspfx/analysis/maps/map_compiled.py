@@ -24,7 +24,7 @@ SHARE = 4096  # points handed to a core at once: more than the handing costs, an
 
 
 def is_compiled(engine: str, points: int, *, covered: bool) -> bool:
-    """Whether a map is made by the compiled kernel; `auto` asks it only where compiling pays.
+    """Tell whether a map is made by the compiled kernel; `auto` asks for it only where compiling pays.
 
     Args:
         covered: whether the kernel knows the case, without delay and dampers of the coupling.
@@ -46,12 +46,12 @@ def is_compiled(engine: str, points: int, *, covered: bool) -> bool:
 
 
 def wall_limits(*parameters: FloatArray) -> FloatArray:
-    """Limits of walls from m, b, T and k_s, each (points,) or one number."""
+    """Compute limits of walls from m, b, T and k_s, each (points,) or one number."""
     return _shared_out(compiled(map_kernel.wall_limits).unlocked, _flat(parameters), map_kernel.WALL_WIDTH)
 
 
 def external_limits(*parameters: FloatArray, integrator: int) -> FloatArray:
-    """Limits of devices that move an object from m, b, T, k_s, m_v/n and b_v/n, each (points,) or one number."""
+    """Compute limits of devices that move an object from m, b, T, k_s, m_v/n and b_v/n, each (points,) or a number."""
     return _shared_out(
         compiled(map_kernel.external_limits).unlocked, _flat(parameters), map_kernel.EXTERNAL_WIDTH, integrator
     )
@@ -76,6 +76,6 @@ def _shared_out(kernel: Callable[..., None], points: FloatArray, width: int, *mo
     from concurrent.futures import ThreadPoolExecutor  # takes longer to load than one limit to find
 
     with ThreadPoolExecutor(cores) as pool:
-        for done in [pool.submit(kernel, points, limits, *ends, *more) for ends in pairwise(bounds)]:
-            done.result()
+        for future in [pool.submit(kernel, points, limits, *ends, *more) for ends in pairwise(bounds)]:
+            future.result()
     return limits

@@ -45,9 +45,9 @@ def external_limits(points: Sequence[float], limits: list[float], start: int, st
             rate = points[j + 5] / M
             by_v, by_u, decay, gained = object_step(integrator, rate, T)
         at, above = (by_u * decay + by_v * gained) / M, by_u / M
-        ahead = integrator == 3
+        is_exact = integrator == 3
         limits[i] = external_limit(
-            m / (T * T), d0, d1, n0, n1, decay, at, at + above if ahead else above, above if ahead else 0.0
+            m / (T * T), d0, d1, n0, n1, decay, at, at + above if is_exact else above, above if is_exact else 0.0
         )
 
 

@@ -30,21 +30,21 @@ def wall_limit_map(
     spring_damping: ArrayLike = 0.0,
     engine: str = "auto",
 ) -> FloatArray:
-    """`wall_limit` for arrays of parameters that broadcast against one another, in their common shape.
+    """Compute `wall_limit` for arrays of parameters that broadcast against one another, in their common shape.
 
     Args:
         engine: as in `external_limit_map`.
     """
-    given = _device(mass, damping, period, spring, spring_damping)
-    given.append(numbers("wall_damping", wall_damping, "N s/m", negative=True))
+    arrays = _device(mass, damping, period, spring, spring_damping)
+    arrays.append(numbers("wall_damping", wall_damping, "N s/m", negative=True))
     lag = samples("delay", delay)
-    shape = _common_shape(given)
+    shape = _common_shape(arrays)
     limit = np.empty(shape).reshape(-1)
-    if map_compiled.is_compiled(engine, limit.size, covered=not lag and not given[-1].any()):
-        for start, (m, b, T, k_s, b_s, _) in _blocks(given, shape, map_compiled.BLOCK):
+    if map_compiled.is_compiled(engine, limit.size, covered=not lag and not arrays[-1].any()):
+        for start, (m, b, T, k_s, b_s, _) in _blocks(arrays, shape, map_compiled.BLOCK):
             limit[start : start + map_compiled.BLOCK] = map_compiled.wall_limits(m, b + b_s, T, k_s)
         return limit.reshape(shape)
-    for start, (m, b, T, k_s, b_s, B) in _blocks(given, shape):
+    for start, (m, b, T, k_s, b_s, B) in _blocks(arrays, shape):
         D, N = characteristic.wall(m, b + b_s, T, spring=k_s, damping=B, delay=lag)
         limit[start : start + BLOCK] = first_loss(*edges(D, N, m / T**2))[0].ravel()
     return limit.reshape(shape)
@@ -66,22 +66,22 @@ def external_limit_map(
     spring_damping: ArrayLike = 0.0,
     engine: str = "auto",
 ) -> FloatArray:
-    """`external_limit` for arrays of parameters that broadcast against one another, in their common shape.
+    """Compute `external_limit` for arrays of parameters that broadcast against one another, in their common shape.
 
     Args:
         engine: "numpy", or "compiled", which is compiled once on a machine and takes a fraction of the time from then
             on, for maps without delay and damping of the coupling; "auto" compiles only for maps of millions of points.
     """
-    given = _external(
+    arrays = _external(
         mass, damping, period, object_mass, object_damping, fingers, spring, coupling_damping, spring_damping
     )
-    shape = _common_shape(given)
+    shape = _common_shape(arrays)
     limit = np.empty(shape).reshape(-1)
     kind, lag, object_lag = _names(integrator, delay, object_delay)
     covered = not lag and not object_lag and not np.any(coupling_damping)
     if map_compiled.is_compiled(engine, limit.size, covered=covered):
         place = INTEGRATORS.index(kind)
-        for start, (m, b, T, m_v, b_v, n, k_s, _, b_s) in _blocks(given, shape, map_compiled.BLOCK):
+        for start, (m, b, T, m_v, b_v, n, k_s, _, b_s) in _blocks(arrays, shape, map_compiled.BLOCK):
             limit[start : start + map_compiled.BLOCK] = map_compiled.external_limits(
                 m, b + b_s, T, k_s, m_v / n, b_v / n, integrator=place
             )
@@ -120,16 +120,16 @@ def external_limit_blocks(
     coupling_damping: ArrayLike = 0.0,
     spring_damping: ArrayLike = 0.0,
 ) -> Iterator[tuple[int, FloatArray]]:
-    """The limits of `external_limit_map` a block at a time, as (first index, values) in the order of the flat array.
+    """Compute `external_limit_map` a block at a time, as (first index, values) in the order of the flat array.
 
     Whatever the number of points, only one block is held: parameters that broadcast are not spread out.
     """
-    given = _external(
+    arrays = _external(
         mass, damping, period, object_mass, object_damping, fingers, spring, coupling_damping, spring_damping
     )
     kind, lag, object_lag = _names(integrator, delay, object_delay)
-    shape = _common_shape(given)
-    for start, (m, b, T, m_v, b_v, n, k_s, B, b_s) in _blocks(given, shape):
+    shape = _common_shape(arrays)
+    for start, (m, b, T, m_v, b_v, n, k_s, B, b_s) in _blocks(arrays, shape):
         D, N = characteristic.external(
             m, b + b_s, T, m_v / n, b_v / n, spring=k_s, damping=B, integrator=kind, delay=lag, object_delay=object_lag
         )
@@ -152,15 +152,15 @@ def external_stable_map(
     coupling_damping: ArrayLike = 0.0,
     spring_damping: ArrayLike = 0.0,
 ) -> NDArray[np.bool_]:
-    """Whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
-    given = _external(
+    """Tell whether given k_ep [N/m] are stable: Jury's conditions, by Routh's array in w = (z - 1)/(z + 1)."""
+    arrays = _external(
         mass, damping, period, object_mass, object_damping, fingers, spring, coupling_damping, spring_damping
     )
-    given.append(numbers("gain", gain, "N/m"))
+    arrays.append(numbers("gain", gain, "N/m"))
     kind, lag, object_lag = _names(integrator, delay, object_delay)
-    shape = _common_shape(given)
+    shape = _common_shape(arrays)
     stable = np.empty(shape, dtype=bool).reshape(-1)
-    for start, (m, b, T, m_v, b_v, n, k_s, B, b_s, k) in _blocks(given, shape):
+    for start, (m, b, T, m_v, b_v, n, k_s, B, b_s, k) in _blocks(arrays, shape):
         D, N = characteristic.external(
             m, b + b_s, T, m_v / n, b_v / n, spring=k_s, damping=B, integrator=kind, delay=lag, object_delay=object_lag
         )
@@ -211,21 +211,21 @@ def _names(integrator: str, delay: int, object_delay: int) -> tuple[str, int, in
     return kind, samples("delay", delay), lag_of_object(object_delay, kind)
 
 
-def _common_shape(given: list[FloatArray]) -> tuple[int, ...]:
-    shapes = [a.shape for a in given]
+def _common_shape(arrays: list[FloatArray]) -> tuple[int, ...]:
+    shapes = [a.shape for a in arrays]
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError as error:
-        told = ", ".join(str(shape) for shape in shapes if shape)
-        raise InputError("parameters", f"shapes {told}", "arrays that broadcast against one another") from error
+        text = ", ".join(str(shape) for shape in shapes if shape)
+        raise InputError("parameters", f"shapes {text}", "arrays that broadcast against one another") from error
 
 
 def _blocks(
-    given: list[FloatArray], shape: tuple[int, ...], size: int = BLOCK
+    arrays: list[FloatArray], shape: tuple[int, ...], size: int = BLOCK
 ) -> Iterator[tuple[int, list[FloatArray]]]:
-    """Consecutive points of the common shape: the first index, and each parameter there, constants as one number."""
+    """Divide the common shape into consecutive points: the first index, and each parameter, constants as numbers."""
     total = int(np.prod(shape, dtype=np.int64))
-    views = [np.broadcast_to(a, shape) if a.size != 1 else a.reshape(()) for a in given]
+    views = [np.broadcast_to(a, shape) if a.size != 1 else a.reshape(()) for a in arrays]
     if 0 < total <= size:
         yield 0, [a.reshape(-1) if a.ndim else a for a in views]
         return

@@ -1,4 +1,4 @@
-"""What a sampled display answers: H(z) from device positions to held forces, as a function of z or as matrices."""
+"""Responses of a sampled display: H(z) from device positions to held forces, as a function of z or as matrices."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ class StateSpace:
         return np.linalg.eigvals(self.A).astype(complex)
 
     def stable(self) -> bool:
-        """Whether all poles lie inside the unit circle."""
+        """Tell whether all poles lie inside the unit circle."""
         return not self.states or bool(np.abs(self.poles()).max() < 1.0)
 
     def response(self, angles: FloatArray) -> ComplexArray:
-        """H(e^{j th}) for angles (k,), (k, n, n)."""
+        """Evaluate H(e^{j th}) for angles (k,), (k, n, n)."""
         z = np.exp(1j * angles)[:, None, None]
         return np.asarray(self.C @ np.linalg.solve(z * np.eye(self.states) - self.A, self.B + 0j) + self.D)
 
     def static(self) -> FloatArray:
-        """H(1), the stiffness that a finger at rest feels, (n, n) [N/m]; for a stable H."""
+        """Evaluate H(1), the stiffness that a finger at rest feels, (n, n) [N/m]; for a stable H."""
         return np.asarray(self.C @ np.linalg.solve(np.eye(self.states) - self.A, self.B) + self.D)
 
 
@@ -68,10 +68,10 @@ class Function:
     channels: int
 
     def response(self, angles: FloatArray) -> ComplexArray:
-        """H(e^{j th}) for angles (k,), (k, n, n)."""
+        """Evaluate H(e^{j th}) for angles (k,), (k, n, n)."""
         n = self.channels
-        found = [np.asarray(self.evaluate(cmath.exp(1j * th)), dtype=complex).reshape(n, n) for th in angles.tolist()]
-        H = np.array(found)
+        values = [np.asarray(self.evaluate(cmath.exp(1j * th)), dtype=complex).reshape(n, n) for th in angles.tolist()]
+        H = np.array(values)
         if not np.isfinite(H).all():
             raise InputError("H", self.evaluate, "a function that is finite on the unit circle", "H has to be stable")
         return H
@@ -81,7 +81,7 @@ Display = StateSpace | Function
 
 
 def display(H: object, period: float) -> Display:
-    """A display from a function of z, (A, B, C, D), an object that has them (python-control, SciPy), or a stiffness.
+    """Make a display from a function of z, (A, B, C, D), an object with these (python-control, SciPy), or a stiffness.
 
     Raises:
         InputError: shapes that do not fit, values that are not finite, a continuous system, another sampling period.
@@ -114,15 +114,15 @@ def display(H: object, period: float) -> Display:
     return StateSpace(A, B.reshape(s, n), C.reshape(n, s), D)
 
 
-def symmetric(name: str, given: ArrayLike, n: int) -> FloatArray:
-    """A damping or a mass as (n, n), from one number, one per direction, or a symmetric matrix.
+def symmetric(name: str, matrix: ArrayLike, n: int) -> FloatArray:
+    """Give a damping or a mass as (n, n), from one number, one per direction, or a symmetric matrix.
 
     Raises:
         InputError: another shape, not finite, not symmetric.
     """
-    b = _real(name, given)
+    b = _real(name, matrix)
     if b.shape not in ((), (n,), (n, n)):
-        raise InputError(name, given, f"one number, {n} numbers or a matrix ({n}, {n})")
+        raise InputError(name, matrix, f"one number, {n} numbers or a matrix ({n}, {n})")
     if b.ndim < 2:
         return np.diag(np.broadcast_to(b, n)).astype(float)
     if b.size and np.abs(b - b.T).max() > SYMMETRIC * np.abs(b).max():
@@ -130,18 +130,18 @@ def symmetric(name: str, given: ArrayLike, n: int) -> FloatArray:
     return np.asarray((b + b.T) / 2)
 
 
-def never_passive(found: Display, scale: float) -> bool:
-    """Whether no device damping is enough: H unstable, or its static stiffness H(1) not symmetric or negative.
+def never_passive(system: Display, scale: float) -> bool:
+    """Tell whether no device damping is enough: H unstable, or its static stiffness H(1) not symmetric or negative.
 
     A skew part of H(1) gives energy to a slow enough circle, and a negative stiffness to a long enough push: both grow
     faster than friction takes, which for slow motion goes to zero. `scale` is the size of H elsewhere [N/m].
     """
-    if isinstance(found, StateSpace):
-        if not found.stable():
+    if isinstance(system, StateSpace):
+        if not system.stable():
             return True
-        K, allowed = found.static(), SYMMETRIC
+        K, allowed = system.static(), SYMMETRIC
     else:
-        K, allowed = found.response(np.array([AT_REST]))[0].real, ROUNDED
+        K, allowed = system.response(np.array([AT_REST]))[0].real, ROUNDED
     allowed *= max(scale, float(np.abs(K).max()))
     return bool(np.abs(K - K.T).max() > allowed or np.linalg.eigvalsh((K + K.T) / 2)[0] < -allowed)
 
@@ -154,12 +154,12 @@ def _check_sampling(H: object, period: float) -> None:
         raise InputError("H", H, f"a system sampled every {period} s", f"its own period is {dt} s")
 
 
-def _real(name: str, given: object) -> FloatArray:
-    return finite(name, given, "finite real numbers")
+def _real(name: str, value: object) -> FloatArray:
+    return finite(name, value, "finite real numbers")
 
 
-def _square(name: str, given: object) -> FloatArray:
-    value = np.atleast_2d(_real(name, given))
+def _square(name: str, matrix: object) -> FloatArray:
+    value = np.atleast_2d(_real(name, matrix))
     if value.ndim != 2 or value.shape[0] != value.shape[1] or not value.size:
         raise InputError(name, value, "a square matrix")
     return value

@@ -30,7 +30,7 @@ class QuantisedWall:
 
 
 def quantised_wall_limit(damping: float, period: float, *, friction: float, resolution: float) -> float:
-    """K = min(2 b/T, 2 f_c/Delta) [N/m] (Abbott and Okamura 2005).
+    """Compute K = min(2 b/T, 2 f_c/Delta) [N/m] (Abbott and Okamura 2005).
 
     A mass with viscous and Coulomb friction in a wall K x, held over a sample, x rounded to an encoder's steps: passive
     to every operator below, and for no stiffness above. Rounding is Delta/2 off at most, so that the force is wrong by
@@ -49,7 +49,7 @@ def quantised_wall_limit(damping: float, period: float, *, friction: float, reso
 def quantised_wall(
     stiffness: float, damping: float, period: float, *, friction: float, resolution: float, delay: float = 0.0
 ) -> QuantisedWall:
-    """How a wall K x through an encoder behaves where the two frictions are not both enough; see `QuantisedWall`.
+    """Judge a wall K x through an encoder where the two frictions are not both enough; see `QuantisedWall`.
 
     Over time the hold creates up to b_n v^2 per second, b_n the damping that makes K the limit of
     `graspfx.analysis.passivity.guaranteed_wall_limit` (K T/2 without a delay), and rounding up to K Delta/2 |v|;
@@ -83,11 +83,11 @@ def quantised_wall(
 
 def _check(damping: float, period: float, friction: float, resolution: float, delay: float) -> None:
     number("period", period, "s", zero=False)
-    given = {
+    arguments = {
         "damping": (damping, "N s/m"),
         "friction": (friction, "N"),
         "resolution": (resolution, "m"),
         "delay": (delay, "s"),
     }
-    for name, (value, unit) in given.items():
+    for name, (value, unit) in arguments.items():
         number(name, value, unit)

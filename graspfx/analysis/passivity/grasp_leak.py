@@ -36,7 +36,7 @@ class CouplingLimits:
 
 
 def external_limit(damping: float, period: float, object_viscosity: float, *, coupling_damping: float = 0.0) -> float:
-    """k = (2/T) (b B/(b + B) - ked): a device and a viscous object on the two ends of a held spring [N/m].
+    """Compute k = (2/T) (b B/(b + B) - ked): a device and a viscous object on the two ends of a held spring [N/m].
 
     The leak of the spring, T/2 k per D^2/T of what it is stretched in a sample, is spread over two dampings in series.
     Passive at the device's port, to every operator, for every mass of device and object, if k is below; above it,
@@ -53,8 +53,8 @@ def external_limit(damping: float, period: float, object_viscosity: float, *, co
         The largest stiffness, 0 if the damping alone leaks too much.
     """
     number("period", period, "s", zero=False)
-    for name, given in (("damping", damping), ("object_viscosity", object_viscosity)):
-        _damping_or_rigid(name, given)
+    for name, value in (("damping", damping), ("object_viscosity", object_viscosity)):
+        _damping_or_rigid(name, value)
     number("coupling_damping", coupling_damping, "N s/m", negative=True)
     return max(0.0, 2 / period * (_in_series(damping, object_viscosity) - abs(coupling_damping)))
 
@@ -68,7 +68,7 @@ def coupling_limits(
     external_damping: float = 0.0,
     internal_damping: float = 0.0,
 ) -> CouplingLimits:
-    """The limits of kep and kip for equal devices of damping b in all directions; see `CouplingLimits`.
+    """Compute the limits of kep and kip for equal devices of damping b in all directions; see `CouplingLimits`.
 
     The leak matrix of K = kep P + kip (I - P) falls apart: squeezing moves no object, and in the frame (G G')^1/2 every
     external mode has the same kep on both sides. So the two limits do not depend on each other.
@@ -91,8 +91,8 @@ def coupling_limits(
     Bo = symmetric("object_viscosity", object_viscosity, w)
     internal = max(0.0, 2 / period * (damping - abs(internal_damping)))
     left, sizes, _ = np.linalg.svd(G, full_matrices=False)
-    kept = sizes > max(SMALLEST, max(w, m) * np.finfo(float).eps * max(sizes, default=0.0))
-    shape = left[:, kept] / sizes[kept]  # the columns of (G G')^-1/2 that count, up to a rotation
+    significant = sizes > max(SMALLEST, max(w, m) * np.finfo(float).eps * max(sizes, default=0.0))
+    shape = left[:, significant] / sizes[significant]  # the columns of (G G')^-1/2 that count, up to a rotation
     viscosity = np.linalg.eigvalsh(shape.T @ Bo @ shape)
     external = (
         external_limit(damping, period, max(0.0, float(viscosity[0])), coupling_damping=external_damping)
@@ -103,7 +103,7 @@ def coupling_limits(
 
 
 def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike | None = None) -> FloatArray:
-    """L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: what holding eq. (4) over a sample can create.
+    """Compute L = [I; -G] (T/2 K + |D|) [I, -G'], (m + w, m + w) [N s/m]: the most that holding eq. (4) can create.
 
     On increments y = (Dx, Dq) of fingers and object a held force takes f_k'De = V_{k+1} - V_k - 1/2 De'K De, with
     De = Dx - G'Dq and V = 1/2 e'K e: it creates 1/2 De'K De = y'L y/T beyond what is stored. Damping on the backward
@@ -122,12 +122,12 @@ def leak_matrix(K: ArrayLike, G: ArrayLike, period: float, *, damping: ArrayLike
     number("period", period, "s", zero=False)
     G = _matrix("G", G)
     m = G.shape[1]
-    held = period / 2 * _stiffness(K, m)
+    loss = period / 2 * _stiffness(K, m)
     if damping is not None:
         values, axes = np.linalg.eigh(symmetric("damping", damping, m))
-        held = held + (axes * np.abs(values)) @ axes.T
+        loss = loss + (axes * np.abs(values)) @ axes.T
     stretch = np.vstack([np.eye(m), -G])
-    return np.asarray(stretch @ held @ stretch.T)
+    return np.asarray(stretch @ loss @ stretch.T)
 
 
 def leak_margin(
@@ -139,7 +139,7 @@ def leak_margin(
     *,
     coupling_damping: ArrayLike | None = None,
 ) -> float:
-    """The smallest eigenvalue of diag(B_d, B_o) - L, not negative iff frictions take all that holding can create.
+    """Compute the least eigenvalue of diag(B_d, B_o) - L: not negative iff frictions take all that holding can create.
 
     Its sign is the answer, also with rotations among the object's freedoms; its size mixes their units.
 
@@ -167,7 +167,7 @@ def grasp_display(
     damping: ArrayLike | None = None,
     integrator: Integrator = "exact",
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """H(z) that the devices feel from an object behind eq. (4), as (A, B, C, D) for `required_damping` and others.
+    """Compute H(z) that devices feel from an object behind eq. (4), as (A, B, C, D) for `required_damping` and others.
 
     f = K e + D (e - e_{k-1})/T, e = x - G'q, M_o q'' + B_o q' = G f held over a sample; states q, q', e_{k-1}. Exact
     for this one object, where `leak_margin` holds for every mass. Contacts are fixed in the object, it turns little.
@@ -217,11 +217,11 @@ def grasp_display(
     return A, B, C, D
 
 
-def _damping_or_rigid(name: str, given: object) -> None:
-    if not (isinstance(given, float) and given == math.inf):
-        value = finite(name, given, "a damping [N s/m], zero or above")
+def _damping_or_rigid(name: str, argument: object) -> None:
+    if not (isinstance(argument, float) and argument == math.inf):
+        value = finite(name, argument, "a damping [N s/m], zero or above")
         if value.ndim or value < 0.0:
-            raise InputError(name, given, "a damping [N s/m], zero or above")
+            raise InputError(name, argument, "a damping [N s/m], zero or above")
 
 
 def _in_series(b: float, B: float) -> float:
@@ -245,8 +245,8 @@ def _stiffness(K: ArrayLike, m: int) -> FloatArray:
     return k
 
 
-def _matrix(name: str, given: ArrayLike) -> FloatArray:
-    value = finite(name, given, "a finite matrix")
+def _matrix(name: str, argument: ArrayLike) -> FloatArray:
+    value = finite(name, argument, "a finite matrix")
     if value.ndim != 2:
         raise InputError(name, value, "a finite matrix")
     return value

@@ -32,7 +32,7 @@ class WorstMotion:
 
 
 def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> WorstMotion:
-    """min over D of E = sum_k D_k'B D_k/T + f_k'D_k, f_k = sum_{j <= k} h_{k-j} x_j, x_k = sum_{i < k} D_i.
+    """Minimise E = sum_k D_k'B D_k/T + f_k'D_k over D, f_k = sum_{j <= k} h_{k-j} x_j, x_k = sum_{i < k} D_i.
 
     D_k = x_{k+1} - x_k; of all motions between two samples the even one loses least to friction, D'B D/T. The smallest
     eigenvalue of that form falls to the damping margin as N grows, about as 1/N^2, and never passes it: a negative one
@@ -47,19 +47,19 @@ def worst_motion(H: object, damping: ArrayLike, period: float, samples: int) -> 
     Raises:
         InputError: a function of z, no samples, or more than N n allows.
     """
-    found = display(H, period)
-    if not isinstance(found, StateSpace):
+    system = display(H, period)
+    if not isinstance(system, StateSpace):
         raise InputError("H", H, "matrices (A, B, C, D)", "a function of z has no impulse response to start from")
     samples = count("samples", samples, 1)
-    if samples * found.channels > LONGEST:
-        most = f"at most {LONGEST // found.channels} samples"
+    if samples * system.channels > LONGEST:
+        most = f"at most {LONGEST // system.channels} samples"
         raise InputError("samples", samples, most, "the margin has converged long before: it falls as 1/N^2")
-    n, B = found.channels, symmetric("damping", damping, found.channels)
-    h = [found.D]  # impulse response
-    x = found.B
+    n, B = system.channels, symmetric("damping", damping, system.channels)
+    h = [system.D]  # impulse response
+    x = system.B
     for _ in range(samples - 1):
-        h.append(found.C @ x)
-        x = found.A @ x
+        h.append(system.C @ x)
+        x = system.A @ x
     step = np.cumsum(h, axis=0)  # force on a unit step, (N, n, n)
     E = np.zeros((samples, n, samples, n))
     for k in range(samples):

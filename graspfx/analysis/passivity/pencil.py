@@ -23,24 +23,24 @@ class PositiveReal:
     real lemma, Hitz and Anderson 1969). For a stable H whose H(1) is symmetric.
     """
 
-    def __init__(self, found: StateSpace, B: FloatArray, T: float) -> None:
-        K = found.static()
+    def __init__(self, system: StateSpace, B: FloatArray, T: float) -> None:
+        K = system.static()
         self.rest = B - T / 4 * (K + K.T)
-        self.A, self.B = found.A, found.B
-        self.C = -T * np.linalg.solve((np.eye(found.states) - found.A).T, found.C.T).T
+        self.A, self.B = system.A, system.B
+        self.C = -T * np.linalg.solve((np.eye(system.states) - system.A).T, system.C.T).T
         sizes = np.linalg.norm(self.B), np.linalg.norm(self.C)
         if min(sizes) > 0.0:  # states in units that make the pencil's blocks alike
             ratio = np.sqrt(sizes[1] / sizes[0])
             self.B, self.C = self.B * ratio, self.C / ratio
 
     def lack(self, angles: FloatArray) -> FloatArray:
-        """The damping that is missing at angles (k,): largest eigenvalue of -T Herm W(e^{j th}) [N s/m]."""
+        """Compute the damping that is missing at angles (k,): largest eigenvalue of -T Herm W(e^{j th}) [N s/m]."""
         z = np.exp(1j * angles)[:, None, None]
         X = self.C @ np.linalg.solve(z * np.eye(len(self.A)) - self.A, self.B + 0j)
         return np.asarray(np.linalg.eigvalsh(-self.rest - (X + X.conj().transpose(0, 2, 1)) / 2)[:, -1])
 
     def crossings(self, level: float, near: float = NEAR) -> FloatArray:
-        """Angles in [0, pi] at which some eigenvalue of -T Herm W equals `level`, sorted.
+        """Find the angles in [0, pi] at which some eigenvalue of -T Herm W equals `level`, sorted.
 
         On the unit circle: z x = A x + B u, p = z (A'p + C'u), 0 = C x + B'p + 2 (rest + level) u, a symplectic pencil
         whose eigenvalues there are these angles.
@@ -60,7 +60,7 @@ class PositiveReal:
         return np.sort(np.abs(np.angle(over[on] / under[on])))
 
     def worst(self) -> tuple[float, float]:
-        """max over th of `lack` [N s/m] and th: no level above it is crossed.
+        """Maximise `lack` [N s/m] over th, and give th: no level above it is crossed.
 
         Each round takes the crossings of the largest value so far, between which the values above it lie, and looks at
         the middles of those intervals: it converges quadratically (Boyd and Balakrishnan 1990; Bruinsma and Steinbuch
@@ -87,5 +87,5 @@ class PositiveReal:
         return polished(self.lack, best, at)
 
     def holds(self) -> bool:
-        """Whether Herm W > 0 on the whole circle, from the pencil's eigenvalues and one evaluation alone."""
+        """Tell whether Herm W > 0 on the whole circle, from the pencil's eigenvalues and one evaluation alone."""
         return bool(self.lack(np.array([np.pi]))[0] < 0.0) and not len(self.crossings(0.0, near=1e-9))

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
-    """K = (b - |B|)/(T/2 + t_d) [N/m]: b > K (T/2 + t_d) + |B| (Colgate and Schenkel 1997; Diolaiti et al. 2006).
+    """Compute K = (b - |B|)/(T/2 + t_d): b > K (T/2 + t_d) + |B| [N/m] (Colgate, Schenkel 1997; Diolaiti et al. 2006).
 
     The wall's force K x + B (x_k - x_{k-1})/T is held over a sample and reaches the device t_d late.
 
@@ -44,7 +44,7 @@ def wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, dela
 
 
 def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float = 0.0, delay: float = 0.0) -> float:
-    """K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))]), a = 1/2 + t_d/T, p the fraction of a sample in t_d [N/m].
+    """Compute K = 2 (b - |B|)/(T [a + sqrt(a^2 + p (1 - p))]) [N/m], a = 1/2 + t_d/T, p the part of a sample in t_d.
 
     Safe for every operator, delay and B, and exact for B = 0: an operator may move fast while the force is still the
     old one and slowly afterwards, which costs up to 7.2 % of the stiffness of `wall_limit` (at t_d = T/4). For delays
@@ -59,7 +59,7 @@ def guaranteed_wall_limit(damping: float, period: float, *, wall_damping: float 
 
 
 def required_damping(H: object, period: float) -> float:
-    """sup over w in (0, pi/T] of T/(2 (1 - cos wT)) Re{(1 - e^{-jwT}) H(e^{jwT})} [N s/m].
+    """Compute sup over w in (0, pi/T] of T/(2 (1 - cos wT)) Re{(1 - e^{-jwT}) H(e^{jwT})} [N s/m].
 
     A device of mass and damping b that shows H through a hold is passive to every operator iff b exceeds this
     (Colgate and Schenkel 1997). With n channels: largest eigenvalue of the Hermitian part, for devices of equal b.
@@ -79,12 +79,12 @@ def required_damping(H: object, period: float) -> float:
     Raises:
         InputError: matrices that do not fit, a continuous system, another sampling period than `period`.
     """
-    found = display(H, period)
-    return _lack(found, np.zeros((found.channels, found.channels)), period)
+    system = display(H, period)
+    return _lack(system, np.zeros((system.channels, system.channels)), period)
 
 
 def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
-    """The smallest eigenvalue over th of B - T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} [N s/m].
+    """Compute the least eigenvalue over th of B - T/(2 (1 - cos th)) Herm{(1 - e^{-j th}) H(e^{j th})} [N s/m].
 
     Not negative iff a device with damping B shows H passively at all its channels together (the Loewner order), to
     every operator who may hold all of them; minus infinity where no damping is enough.
@@ -93,17 +93,17 @@ def damping_margin(H: object, damping: ArrayLike, period: float) -> float:
         H, period: as `required_damping`.
         damping: B, one number, (n,) or a symmetric (n, n) [N s/m].
     """
-    found = display(H, period)
-    return -_lack(found, symmetric("damping", damping, found.channels), period)
+    system = display(H, period)
+    return -_lack(system, symmetric("damping", damping, system.channels), period)
 
 
-def _lack(found: Display, B: FloatArray, T: float) -> float:
-    scale = float(np.abs(required_at(found, np.array([np.pi]), T)).max()) / T
-    if never_passive(found, scale):
+def _lack(system: Display, B: FloatArray, T: float) -> float:
+    scale = float(np.abs(required_at(system, np.array([np.pi]), T)).max()) / T
+    if never_passive(system, scale):
         return math.inf
-    if isinstance(found, StateSpace):
-        return PositiveReal(found, B, T).worst()[0]
-    return worst_on_grid(found, B, T)[0]
+    if isinstance(system, StateSpace):
+        return PositiveReal(system, B, T).worst()[0]
+    return worst_on_grid(system, B, T)[0]
 
 
 def _wall(damping: float, period: float, wall_damping: float, delay: float) -> tuple[float, float, float]:

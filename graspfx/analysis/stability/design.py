@@ -46,7 +46,7 @@ def largest_gains(
     object_delay: int = 0,
     pushing: bool = True,
 ) -> Gains:
-    """Gains that may be `margin` times as large, and all smaller, before n fingers along one axis become unstable.
+    """Find gains that may be `margin` times as large, and all smaller, before n fingers along one axis become unstable.
 
     k_ip is the wall's limit over the margin, k_ep that of the object of mass m_v/n. With `pushing`, k_ep is lowered
     until any s of the n fingers can push too: they see 1/[(1 - s/n)/k_ip + (s/n)/k_ep] and an object of mass m_v/s.
@@ -77,11 +77,11 @@ def largest_gains(
     external = largest(n)
     conventional = min(internal, external)
     for s in range(1, n) if pushing else ():
-        seen = largest(s)
-        softness = (1.0 / seen if seen > 0.0 else math.inf) - (1.0 - s / n) / internal if internal > 0.0 else math.inf
+        gain = largest(s)
+        softness = (1.0 / gain if gain > 0.0 else math.inf) - (1.0 - s / n) / internal if internal > 0.0 else math.inf
         if softness > 0.0:
             external = min(external, s / n / softness)
-        conventional = min(conventional, seen)
+        conventional = min(conventional, gain)
     return Gains(external, internal, conventional)
 
 
@@ -95,7 +95,7 @@ def least_wall_friction(
     wall_damping: float = 0.0,
     delay: int = 0,
 ) -> float:
-    """The smallest viscous friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
+    """Find the least viscous friction b of a device whose wall is stable up to `margin` times a stiffness [N s/m].
 
     The first crossing on a logarithmic grid of b T/m from 1e-6 to 1e3, refined; inf if none is enough.
     """
@@ -122,7 +122,7 @@ def least_friction(
     object_delay: int = 0,
     coupling_damping: float = 0.0,
 ) -> float:
-    """The smallest b of devices that move an object stably with k_ep up to `margin` times a stiffness [N s/m].
+    """Find the least b of devices that move an object stably with k_ep up to `margin` times a stiffness [N s/m].
 
     Found as in `least_wall_friction`; inf if no friction is enough: the object's own viscosity may be too small.
     """
@@ -157,7 +157,7 @@ def integrators_compared(
     spring: float = 0.0,
     delay: int = 0,
 ) -> dict[str, Limits]:
-    """The limits of k_ep under every integrator of the object, by name."""
+    """Compare the limits of k_ep under every integrator of the object, by name."""
     return {
         name: external_limits(
             mass,
@@ -174,16 +174,16 @@ def integrators_compared(
     }
 
 
-def _least(limit: Callable[[FloatArray], FloatArray], wanted: float, unit: float) -> float:
-    """The first friction at which a limit reaches what is wanted."""
+def _least(limit: Callable[[FloatArray], FloatArray], target: float, unit: float) -> float:
+    """Find the least friction at which a limit reaches the target."""
     b = np.concatenate([[0.0], unit * np.logspace(*DECADES, GRID)])
     points, times = REFINED
     for _ in range(times):
-        enough = limit(b) >= wanted
+        enough = limit(b) >= target
         if not enough.any():
             return math.inf
         i = int(np.argmax(enough))
         if i == 0:
             return float(b[0])
         b = np.linspace(b[i - 1], b[i], points)
-    return float(b[int(np.argmax(limit(b) >= wanted))])
+    return float(b[int(np.argmax(limit(b) >= target))])

@@ -17,7 +17,7 @@ Motions = tuple[FloatArray, ...]
 
 
 def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatArray:
-    """A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), the ground's wrench, forces not displayed, wrenches not felt).
+    """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), ground's wrench, forces undisplayed, wrenches unfelt).
 
     Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
     wrench is there under "implicit", whose prediction holds it.
@@ -44,31 +44,31 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
 
     rate = (at["x"] - at["old"]) / T if differenced else at["v"]
     E, H, p, q, R, s = uncoupled(linear) if motions is None else motions
-    moved, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
+    translation, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
     N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
     K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
-    pose, speed = (moved, spun) if implicit else (at["q"], at["w"])
+    pose, speed = (translation, spun) if implicit else (at["q"], at["w"])
     if implicit and grounded:
-        pose, speed = moved + q @ at["g"], spun + s @ at["g"]
+        pose, speed = translation + q @ at["g"], spun + s @ at["g"]
     f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
     extra = N @ np.concatenate([at["x"], pose])
     if implicit and linear.G_contact is not None:
         # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
         stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
-        held = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
-        u = np.linalg.solve(held, q @ (c @ K @ stretch + G @ D @ slip))
+        implicit_part = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
+        u = np.linalg.solve(implicit_part, q @ (c @ K @ stretch + G @ D @ slip))
         f = f - K @ c.T @ u - D @ G.T @ u / T
     elif implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
         yields = K @ G_e.T @ q + D @ G.T @ s
         f = np.linalg.solve(np.eye(m) + yields @ G, f + yields @ extra[m:])
-    shown, felt = f + extra[:m], G @ f - extra[m:]
+    display_force, felt = f + extra[:m], G @ f - extra[m:]
 
-    late = [shown, *(at[f"f{i}"] for i in range(1, lag + 1))]
+    late = [display_force, *(at[f"f{i}"] for i in range(1, lag + 1))]
     displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
     wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
     state = E @ np.concatenate([at["x"], at["v"]]) - H @ displayed
-    borne = wrench + ground_wrench(linear, s, moved + q @ wrench, spun + s @ wrench)
-    rows = [state, moved + q @ borne, spun + s @ borne]
+    borne = wrench + ground_wrench(linear, s, translation + q @ wrench, spun + s @ wrench)
+    rows = [state, translation + q @ borne, spun + s @ borne]
     rows += [at["x"]] if differenced else []
     rows += [borne - wrench] if implicit and grounded else []
     rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
@@ -76,7 +76,7 @@ def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatA
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
-    """F_g = -(K_g q_1 + B_g w_1) of the motion that it brings about, from the position and speed without it.
+    """Compute F_g = -(K_g q_1 + B_g w_1) of the motion that it brings about, from position and speed without it.
 
     F_g = -Y [K_g (q + a w) + B_g w], Y = [I + (T K_g + B_g) s]^-1, with a as `objects.floor.rest` looks ahead, so that
     every integrator meets the ground as q_0 + T w_1.
@@ -84,19 +84,19 @@ def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, sp
     if linear.ground is None:
         return np.zeros_like(position)
     K, B = linear.ground
-    ahead = {"explicit": 1.0, "exact": 0.5}.get(linear.integrator, 0.0) * linear.period
-    met = K @ (position + ahead * speed) + B @ speed
+    lead = {"explicit": 1.0, "exact": 0.5}.get(linear.integrator, 0.0) * linear.period
+    met = K @ (position + lead * speed) + B @ speed
     return np.asarray(-np.linalg.solve(np.eye(len(K)) + (linear.period * K + B) @ s, met))
 
 
 def uncoupled(linear: Linearisation) -> Motions:
-    """`held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
-    moved = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
-    return *held_devices(linear), *moved
+    """Give `held_devices`, then `object_matrices`: how devices and object move under forces held over a sample."""
+    matrices = object_matrices(linear.integrator, linear.inertia, linear.viscosity, linear.period)
+    return *held_devices(linear), *matrices
 
 
 def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
-    """(x, x') after T from (x, x') and from forces on the devices held: (2 m, 2 m), (2 m, m)."""
+    """Map (x, x') and forces held on the devices to (x, x') after T: (2 m, 2 m), (2 m, m)."""
     from scipy.linalg import expm
 
     m, T = len(linear.mass), linear.period
@@ -116,7 +116,7 @@ def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
 def object_matrices(
     integrator: str, inertia: FloatArray, viscosity: FloatArray, T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
+    """Compute (p, q, r, s) of q+ = q + p w + q F, w+ = r w + s F under a wrench F held over T, each (r, r).
 
     Under "implicit" q and s are also what the force is solved with.
     """
@@ -143,7 +143,7 @@ def object_matrices(
 
 
 def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
-    """Largest |z| of the eigenvalues of `loop_matrix`; free motions of everything are left out unless `drift`."""
+    """Find the largest |z| of the eigenvalues of `loop_matrix`, without free motions of everything unless `drift`."""
     A = loop_matrix(linear)
     if not drift:
         A = without_drift(linear, A)
@@ -151,13 +151,13 @@ def radius_of(linear: Linearisation, *, drift: bool = False) -> float:
 
 
 def without_drift(linear: Linearisation, A: FloatArray) -> FloatArray:
-    """A on the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
+    """Restrict A to the states up to the motions (x, q) that change no force: those stay where they are, A s = s."""
     basis = drift_free(linear, len(A))
     return A if basis is None else np.asarray(basis.T @ A @ basis, dtype=float)
 
 
 def drift_free(linear: Linearisation, states: int) -> FloatArray | None:
-    """An orthonormal basis of the states without the motions that change no force; None where all of them count."""
+    """Find an orthonormal basis of the states without motions that change no force; None where all of them count."""
     m, r = linear.coordinates
     K = np.zeros((m + r, m + r))
     K[:m, :m] = linear.stiffness

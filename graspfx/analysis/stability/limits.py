@@ -53,20 +53,20 @@ class Limits:
 
     @property
     def loss(self) -> Loss | None:
-        """What happens at `limit`; None where it is 0 or inf."""
+        """Kind of instability at `limit`; None where it is 0 or inf."""
         return next((loss for loss in self.losses if loss.gain == self.limit), None)
 
     @property
     def frequency(self) -> float:
-        """At which stability is lost at `limit` [Hz]; nan where it is 0 or inf."""
+        """Frequency at which stability is lost at `limit` [Hz]; nan where it is 0 or inf."""
         return math.nan if self.loss is None else self.loss.frequency
 
     def is_stable(self, gain: float) -> bool:
-        """Whether a gain [N/m] lies in one of the intervals."""
+        """Tell whether a gain [N/m] lies in one of the intervals."""
         return any(low < gain < high for low, high in self.intervals)
 
     def margin(self, gain: float) -> tuple[float, float]:
-        """Factors by which a gain may shrink and grow before stability is lost; (1, 1) for an unstable one.
+        """Give the factors by which a gain may shrink and grow before stability is lost; (1, 1) for an unstable one.
 
         The first is 0 where it may shrink to nothing, the second inf where it may grow without end.
         """
@@ -76,13 +76,13 @@ class Limits:
         return 1.0, 1.0
 
     def spectral_radius(self, gain: float) -> float:
-        """Largest |z| of the roots of D + k N; a motion of everything together that no force opposes is left out."""
+        """Find the largest |z| of the roots of D + k N, without a motion of everything that no force opposes."""
         s = np.roots((self._D + gain * self._N)[::-1])
         return float(np.abs(1.0 + s).max())
 
 
 def limits_of(D: FloatArray, N: FloatArray, unit: float, period: float) -> Limits:
-    """The limits of D + k N, D and N (n + 1,) in ascending powers of s = z - 1; unit: m/T^2 [N/m]."""
+    """Find the limits of D + k N, D and N (n + 1,) in ascending powers of s = z - 1; unit: m/T^2 [N/m]."""
     k, y, stable = edges(D, N, unit)
     intervals: list[list[float]] = []
     losses: dict[float, Loss] = {}

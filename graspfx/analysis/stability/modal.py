@@ -47,7 +47,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class _Device:
-    """What all devices are, once each is measured in its own mass."""
+    """A device in units of its own mass: all devices alike."""
 
     mass: float
     friction: float
@@ -55,7 +55,7 @@ class _Device:
 
 
 def modes(linear: Linearisation) -> list[Mode]:
-    """Internal modes, then external ones, of identical devices at zero preload.
+    """List internal modes, then external ones, of identical devices at zero preload.
 
     m - r internal copies of "device + wall k_ip"; r external modes "device + object" with M_i the eigenvalues of
     (G G')^-1/2 M_o (G G')^-1/2 and b_i, k_i likewise, one coupled block if those matrices do not commute. Devices with
@@ -76,10 +76,10 @@ def modes(linear: Linearisation) -> list[Mode]:
     for name, A in (("stiffness", K), ("damping", D)):
         if np.abs(inner.T @ A @ U).max(initial=0.0) + np.abs(U.T @ A @ inner).max(initial=0.0) > SAME * np.abs(A).max():
             raise InputError(name, A, "gains that do not mix external and internal forces")
-    found = _internal(linear, device, inner, inner.T @ K @ inner, inner.T @ D @ inner)
+    modes_ = _internal(linear, device, inner, inner.T @ K @ inner, inner.T @ D @ inner)
     per_root = left @ np.diag(1.0 / sizes) @ left.T  # (G G')^-1/2
     parts = [U.T @ K @ U, U.T @ D @ U, per_root @ linear.inertia @ per_root, per_root @ linear.viscosity @ per_root]
-    return found + _external(linear, device, U, parts)
+    return modes_ + _external(linear, device, U, parts)
 
 
 def _devices(linear: Linearisation) -> tuple[_Device, FloatArray]:
@@ -118,7 +118,7 @@ def _internal(linear: Linearisation, device: _Device, inner: FloatArray, K: Floa
     motions = inner @ turn
     scale = np.abs(gains).max(axis=0) + 1e-300
     order = np.lexsort(np.round(gains / scale, 9).T[::-1])
-    found: list[Mode] = []
+    modes: list[Mode] = []
     while len(order):
         k, d = gains[order[0]]
         same = (np.abs(gains[order] - gains[order[0]]) <= SAME * scale).all(axis=1)
@@ -133,8 +133,8 @@ def _internal(linear: Linearisation, device: _Device, inner: FloatArray, K: Floa
         )
         limits = limits_of(P, N, device.mass / linear.period**2, linear.period)
         radius = limits.spectral_radius(float(k))
-        found.append(Mode("internal", len(members), float(k), float(d), 0.0, 0.0, radius, motions[:, members], limits))
-    return found
+        modes.append(Mode("internal", len(members), float(k), float(d), 0.0, 0.0, radius, motions[:, members], limits))
+    return modes
 
 
 def _external(linear: Linearisation, device: _Device, U: FloatArray, parts: Sequence[FloatArray]) -> list[Mode]:
@@ -159,7 +159,7 @@ def _external(linear: Linearisation, device: _Device, U: FloatArray, parts: Sequ
             integrator=linear.integrator,
         )
         return [Mode("coupled", r, K, D, M, B, radius_of(block), U, None)]
-    found = []
+    modes = []
     for i in range(U.shape[1]):
         k, d, M_i, b_i = (float(turn[:, i] @ A @ turn[:, i]) for A in parts)
         P, N = characteristic.external(
@@ -176,12 +176,12 @@ def _external(linear: Linearisation, device: _Device, U: FloatArray, parts: Sequ
         )
         limits = limits_of(P, N, device.mass / linear.period**2, linear.period)
         motion = (U @ turn[:, i])[:, None]
-        found.append(Mode("external", 1, k, d, M_i, b_i, limits.spectral_radius(k), motion, limits))
-    return found
+        modes.append(Mode("external", 1, k, d, M_i, b_i, limits.spectral_radius(k), motion, limits))
+    return modes
 
 
 def together(matrices: Sequence[FloatArray]) -> FloatArray | None:
-    """Orthonormal columns that diagonalise all of the matrices, or None where there are none."""
+    """Find orthonormal columns that diagonalise all of the matrices; None where there are none."""
     sizes = [max(float(np.abs(A).max(initial=0.0)), 1e-300) for A in matrices]
     if any(np.abs(A - A.T).max(initial=0.0) > SAME * size for A, size in zip(matrices, sizes, strict=True)):
         return None

@@ -23,7 +23,7 @@ def wall_limit(
     delay: int = 0,
     spring_damping: float = 0.0,
 ) -> float:
-    """The first loss of stability of a wall as its stiffness grows from zero [N/m], inf where there is none.
+    """Find the first loss of stability of a wall as its stiffness grows from zero [N/m], inf where there is none.
 
         m x'' + (b + b_s) x' + k_s x = -f,    f = k x_j + B (x_j - x_(j-1))/T,    f held over T, `delay` samples late
 
@@ -33,7 +33,7 @@ def wall_limit(
 
     Args:
         mass: m of the device [kg].
-        damping: b, its viscous friction [N s/m].
+        damping: b, its viscous damping [N s/m].
         period: T [s].
         spring: k_s, between the device and the ground, as the operator's finger is [N/m].
         wall_damping: B [N s/m], on the backward difference of the position, as `simulated` devices without encoders
@@ -59,7 +59,7 @@ def wall_limits(
     delay: int = 0,
     spring_damping: float = 0.0,
 ) -> Limits:
-    """All stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
+    """Find all stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
     m, b, T, k_s, b_s = _device(mass, damping, period, spring, spring_damping)
     D, N = characteristic.wall(
         m,
@@ -87,7 +87,7 @@ def external_limit(
     coupling_damping: float = 0.0,
     spring_damping: float = 0.0,
 ) -> float:
-    """The first loss of stability of fingers that move an object as k_ep grows from zero [N/m], inf without one.
+    """Find the first loss of stability of fingers that move an object as k_ep grows from zero [N/m], inf without one.
 
     n equal fingers along one axis are one device of mass m coupled to an object of mass m_v/n and viscosity b_v/n:
 
@@ -100,7 +100,7 @@ def external_limit(
 
     Args:
         mass: m of a device [kg].
-        damping: b, its viscous friction [N s/m].
+        damping: b, its viscous damping [N s/m].
         period: T [s].
         object_mass: m_v [kg].
         object_damping: b_v [N s/m].
@@ -147,7 +147,7 @@ def external_limits(
     coupling_damping: float = 0.0,
     spring_damping: float = 0.0,
 ) -> Limits:
-    """All stable k_ep of fingers that move an object; the arguments are those of `external_limit`."""
+    """Find all stable k_ep of fingers that move an object; the arguments are those of `external_limit`."""
     m, b, T, k_s, b_s = _device(mass, damping, period, spring, spring_damping)
     n = count("fingers", fingers, 1)
     D, N = characteristic.external(
@@ -181,11 +181,11 @@ def stable_intervals(
     spring_damping: float = 0.0,
     upper: float = 1e4,
 ) -> list[tuple[float, float]]:
-    """Every interval of stable k_ep up to `upper` [N/m], in order; the other arguments are those of `external_limit`.
+    """List the intervals of stable k_ep up to `upper` [N/m]; the other arguments are those of `external_limit`.
 
     There can be several: more stiffness may stabilise again what less has made unstable.
     """
-    found = external_limits(
+    limits = external_limits(
         mass,
         damping,
         period,
@@ -200,11 +200,11 @@ def stable_intervals(
         spring_damping=spring_damping,
     )
     top = number("upper", upper, "N/m", zero=False)
-    return [(low, min(high, top)) for low, high in found.intervals if low < top]
+    return [(low, min(high, top)) for low, high in limits.intervals if low < top]
 
 
 def spectral_radius(linear: Linearisation | Linearisable, *, drift: bool = False) -> float:
-    """Largest |z| of the sampled closed loop about a grasp at rest; below 1 it is stable.
+    """Find the largest |z| of the sampled closed loop about a grasp at rest; below 1 it is stable.
 
     Motions of fingers and object together that change no force (no operator's spring) are left out unless `drift`.
     """
@@ -212,16 +212,16 @@ def spectral_radius(linear: Linearisation | Linearisable, *, drift: bool = False
 
 
 def modes(linear: Linearisation | Linearisable) -> list[Mode]:
-    """The internal and external modes of a grasp of equal devices at zero preload (`analysis.stability.modal`)."""
+    """List the internal and external modes of a grasp of equal devices at zero preload (`analysis.stability.modal`)."""
     return modes_of(_linear(linear))
 
 
-def _linear(given: Linearisation | Linearisable) -> Linearisation:
-    if isinstance(given, Linearisation):
-        return given
-    if isinstance(given, Linearisable):
-        return given.linearise()
-    raise InputError("linear", given, "a Linearisation, or what has a method `linearise` that gives one")
+def _linear(subject: Linearisation | Linearisable) -> Linearisation:
+    if isinstance(subject, Linearisation):
+        return subject
+    if isinstance(subject, Linearisable):
+        return subject.linearise()
+    raise InputError("linear", subject, "a Linearisation, or what has a method `linearise` that gives one")
 
 
 def _device(m: float, b: float, T: float, k_s: float, b_s: float) -> tuple[float, float, float, float, float]:

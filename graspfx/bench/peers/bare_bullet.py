@@ -22,20 +22,20 @@ class BareBullet:
         wrench: (N, w) of a run on PyBullet; velocity (N, d) and spin (N, ...) of that run, for the exact viscosity.
     """
 
-    def __init__(self, given: Springs, wrench: FloatArray, velocity: FloatArray, spin: FloatArray | None) -> None:
-        d, T = given.dimensions, given.T
+    def __init__(self, scene: Springs, wrench: FloatArray, velocity: FloatArray, spin: FloatArray | None) -> None:
+        d, T = scene.dimensions, scene.T
         self._dimensions = d
         self._bullet = bullet = pybullet()
         self._client = client = new_client()
         weakref.finalize(self, bullet.disconnect, client)
-        self._body = free_body(bullet, client, given.mass, [given.inertia] * 3, T)
+        self._body = free_body(bullet, client, scene.mass, [scene.inertia] * 3, T)
         count = len(wrench)
         pushes, twists = np.zeros((count, 3)), np.zeros((count, 3))
-        share = decay_integrals(given.viscosity * T / given.mass)[1]
-        pushes[:, :d] = share * (wrench[:, :d] - given.viscosity * velocity)
+        share = decay_integrals(scene.viscosity * T / scene.mass)[1]
+        pushes[:, :d] = share * (wrench[:, :d] - scene.viscosity * velocity)
         if spin is not None:
-            b = given.rotational_viscosity
-            share = decay_integrals(b * T / given.inertia)[1]
+            b = scene.rotational_viscosity
+            share = decay_integrals(b * T / scene.inertia)[1]
             twists[:, 2 if d == 2 else 0 :] = share * (wrench[:, d:] - b * spin.reshape(count, -1))
         self._pushes: list[Three] = [(x, y, z) for x, y, z in pushes.tolist()]
         self._twists: list[Three] = [(x, y, z) for x, y, z in twists.tolist()]
@@ -48,7 +48,7 @@ class BareBullet:
         self._where, self._turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
     def run(self) -> None:
-        """All the samples."""
+        """Run all samples."""
         bullet, client, body = self._bullet, self._client, self._body
         force, torque, step = bullet.applyExternalForce, bullet.applyExternalTorque, bullet.stepSimulation
         place, motion, frame = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.WORLD_FRAME

@@ -85,10 +85,10 @@ class ByPyBullet:
         self._bullet = bullet = pybullet()
         self._client = client = new_client()
         weakref.finalize(self, bullet.disconnect, client)
-        given: dict[str, Any] = {"vertices": vertices.tolist()}
+        shape: dict[str, Any] = {"vertices": vertices.tolist()}
         if concave:
-            given |= {"indices": faces.ravel().tolist(), "flags": bullet.GEOM_FORCE_CONCAVE_TRIMESH}
-        mesh = bullet.createCollisionShape(bullet.GEOM_MESH, physicsClientId=client, **given)
+            shape |= {"indices": faces.ravel().tolist(), "flags": bullet.GEOM_FORCE_CONCAVE_TRIMESH}
+        mesh = bullet.createCollisionShape(bullet.GEOM_MESH, physicsClientId=client, **shape)
         ball = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=self.RADIUS, physicsClientId=client)
         self._mesh = bullet.createMultiBody(0.0, mesh, physicsClientId=client)
         self._ball = bullet.createMultiBody(1.0, ball, physicsClientId=client)
@@ -102,16 +102,16 @@ class ByPyBullet:
         return answers
 
     def read(self, answers: Any) -> FloatArray:
-        """From the nearest of the points that it gives: its normal is from the mesh to the sphere, its gap signed."""
+        """Read the nearest of PyBullet's points: its normal is from the mesh to the sphere, its gap signed."""
         ways = np.zeros((len(answers), 3))
-        for way, found in zip(ways, answers, strict=True):
-            if found:
-                normal, gap = min(((point[7], point[8]) for point in found), key=lambda each: each[1])
+        for way, answer in zip(ways, answers, strict=True):
+            if answer:
+                normal, gap = min(((point[7], point[8]) for point in answer), key=lambda each: each[1])
                 way[:] = max(0.0, -gap - self.RADIUS) * np.array(normal)
         return ways
 
 
 def drawn(ways: FloatArray, outward: NDArray[np.float64]) -> FloatArray:
-    """The ways (n, 3) to the surface of fingers that are behind their triangle, zero for the others."""
+    """Give the ways (n, 3) to the surface of fingers that are behind their triangle, zero for the others."""
     inside = (ways * outward).sum(axis=1) > 0.0
     return np.where(inside[:, None], ways, 0.0)

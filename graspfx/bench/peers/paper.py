@@ -52,8 +52,8 @@ class PaperProgram:
     object are Python's, which are quicker than short arrays.
     """
 
-    def __init__(self, given: Springs) -> None:
-        self.given = g = given
+    def __init__(self, springs: Springs) -> None:
+        self.springs = g = springs
         n, d = g.anchors.shape
         G = grasp_matrix(g.anchors)
         P = np.linalg.pinv(G) @ G
@@ -72,7 +72,7 @@ class PaperProgram:
         self.reset()
 
     def reset(self) -> None:
-        g = self.given
+        g = self.springs
         n, d = g.anchors.shape
         self.fingers, self.finger_velocities = g.start.copy(), np.zeros((n, d))
         self.position, self._velocity = np.zeros(d), [0.0] * d
@@ -82,7 +82,7 @@ class PaperProgram:
         self._rotation, self._back = np.eye(d), np.eye(d)  # R and R'
 
     def tick(self) -> None:
-        g, x, v, e, step = self.given, self.fingers, self.finger_velocities, self._e, self._step
+        g, x, v, e, step = self.springs, self.fingers, self.finger_velocities, self._e, self._step
         n, d = x.shape
         np.subtract(x, self.position, out=step)
         np.matmul(step, self._rotation, out=e)  # in the object's frame: (x - p) R - a
@@ -98,8 +98,8 @@ class PaperProgram:
         self._advance(world[n].tolist(), moments[n + 1].tolist() if d > 1 else ())
 
     def _advance(self, force: list[float], moment: Sequence[float]) -> None:
-        """The object by a period: velocity, then place; spin, then turn."""
-        g, T = self.given, self.given.T
+        """Advance the object by a period: velocity, then place; spin, then turn."""
+        g, T = self.springs, self.springs.T
         for a, f in enumerate(force):
             self._velocity[a] += T * (f - g.viscosity * self._velocity[a]) / g.mass
             self._place[a] += T * self._velocity[a]
@@ -144,7 +144,7 @@ class PaperProgram:
 def coupling(
     g: Springs, fingers: FloatArray, position: FloatArray, rotation: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Forces (n, d) on the object by equation (4) without damping, and their wrench."""
+    """Compute forces (n, d) on the object by equation (4) without damping, and their wrench."""
     n, d = g.anchors.shape
     arms = g.anchors @ rotation.T
     G = grasp_matrix(arms)
@@ -157,7 +157,7 @@ def coupling(
 
 
 def grasp_matrix(arms: FloatArray) -> FloatArray:
-    """(w, n d) of hard fingers: forces add up, moments are arm x force."""
+    """Form (w, n d) of hard fingers: forces add up, moments are arm x force."""
     n, d = arms.shape
     forces = np.hstack([np.eye(d)] * n)
     if d == 1:

@@ -18,10 +18,10 @@ class RigidPeer(Protocol):
     """A body in another program."""
 
     def reset(self) -> None:
-        """Back to time zero."""
+        """Reset to time zero."""
 
     def run(self, forces: Sequence[float]) -> None:
-        """A step for each force along x [N]."""
+        """Run a step for each force along x [N]."""
 
     @property
     def position(self) -> float: ...
@@ -51,7 +51,7 @@ class Rigid:
 
 
 def free_body(bullet: Any, client: int, mass: float, moments: Sequence[float], T: float) -> int:
-    """A body that meets nothing in a PyBullet world of steps of T, PyBullet's damping and limit of speed off."""
+    """Make a body that meets nothing in a PyBullet world of steps of T, PyBullet's damping and limit of speed off."""
     bullet.setTimeStep(T, physicsClientId=client)
     body: int = bullet.createMultiBody(mass, physicsClientId=client)
     bullet.changeDynamics(
@@ -69,13 +69,13 @@ class InPyBullet:
     _velocity: Any
     _spin: Any
 
-    def __init__(self, given: Rigid, T: float) -> None:
+    def __init__(self, rigid: Rigid, T: float) -> None:
         self._bullet = bullet = pybullet()
         self._client = client = new_client()
         weakref.finalize(self, bullet.disconnect, client)
-        self._body = free_body(bullet, client, given.mass, given.moments, T)
-        self._viscosity, self._rotational_viscosity = given.viscosity, given.rotational_viscosity
-        self._start = (given.velocity, 0.0, 0.0), tuple(given.spin)
+        self._body = free_body(bullet, client, rigid.mass, rigid.moments, T)
+        self._viscosity, self._rotational_viscosity = rigid.viscosity, rigid.rotational_viscosity
+        self._start = (rigid.velocity, 0.0, 0.0), tuple(rigid.spin)
         self.reset()
 
     def reset(self) -> None:
@@ -118,20 +118,20 @@ class InPyBullet:
 class InMuJoCo:
     """Viscosity as the damping of three slides and a ball joint; "Euler", "implicitfast" or "RK4"."""
 
-    def __init__(self, given: Rigid, T: float, *, integrator: str) -> None:
+    def __init__(self, rigid: Rigid, T: float, *, integrator: str) -> None:
         self._mujoco: Any = import_module("mujoco")
         slides = "".join(
-            f'<joint type="slide" axis="{axis}" damping="{given.viscosity!r}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")
+            f'<joint type="slide" axis="{axis}" damping="{rigid.viscosity!r}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")
         )
-        text = " ".join(repr(float(moment)) for moment in given.moments)
+        text = " ".join(repr(float(moment)) for moment in rigid.moments)
         self._model = self._mujoco.MjModel.from_xml_string(f"""
             <mujoco><option timestep="{T!r}" gravity="0 0 0" integrator="{integrator}">{UNUSED}</option>
               <worldbody><body>{slides}
-                <joint type="ball" damping="{given.rotational_viscosity!r}"/>
-                <inertial pos="0 0 0" mass="{given.mass!r}" diaginertia="{text}"/></body></worldbody>
+                <joint type="ball" damping="{rigid.rotational_viscosity!r}"/>
+                <inertial pos="0 0 0" mass="{rigid.mass!r}" diaginertia="{text}"/></body></worldbody>
             </mujoco>""")
         self._data = self._mujoco.MjData(self._model)
-        self._start = [given.velocity, 0.0, 0.0, *given.spin]
+        self._start = [rigid.velocity, 0.0, 0.0, *rigid.spin]
         self.reset()
 
     def reset(self) -> None:

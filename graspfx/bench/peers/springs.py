@@ -22,28 +22,28 @@ class MuJoCoSprings:
         steps: that one tick makes.
     """
 
-    def __init__(self, given: Springs, *, steps: int = 1) -> None:
+    def __init__(self, scene: Springs, *, steps: int = 1) -> None:
         self._mujoco: Any = import_module("mujoco")
-        self._given, self._steps = given, steps
-        d = given.dimensions
-        sites = "".join(f'<site name="a{i}" pos="{_text(anchor)}"/>' for i, anchor in enumerate(given.anchors))
+        self._springs, self._steps = scene, steps
+        d = scene.dimensions
+        sites = "".join(f'<site name="a{i}" pos="{_text(anchor)}"/>' for i, anchor in enumerate(scene.anchors))
         kind = {1: "", 2: 'type="hinge" axis="0 0 1"', 3: 'type="ball"'}[d]
-        turn = f'<joint {kind} damping="{given.rotational_viscosity!r}"/>' if kind else ""
-        moments = " ".join([repr(given.inertia)] * 3)
+        turn = f'<joint {kind} damping="{scene.rotational_viscosity!r}"/>' if kind else ""
+        moments = " ".join([repr(scene.inertia)] * 3)
         fingers = "".join(
-            f'<body pos="{_text(at)}">{_slides(d, given.finger_friction, given.hand, rest - at)}'
-            f'<inertial pos="0 0 0" mass="{given.finger_mass!r}" diaginertia="1 1 1"/><site name="f{i}"/></body>'
-            for i, (at, rest) in enumerate(zip(given.start, given.rest, strict=True))
+            f'<body pos="{_text(at)}">{_slides(d, scene.finger_friction, scene.hand, rest - at)}'
+            f'<inertial pos="0 0 0" mass="{scene.finger_mass!r}" diaginertia="1 1 1"/><site name="f{i}"/></body>'
+            for i, (at, rest) in enumerate(zip(scene.start, scene.rest, strict=True))
         )
         springs = "".join(
-            f'<spatial stiffness="{given.external!r}" springlength="0 0">'
+            f'<spatial stiffness="{scene.external!r}" springlength="0 0">'
             f'<site site="a{i}"/><site site="f{i}"/></spatial>'
-            for i in range(len(given.anchors))
+            for i in range(len(scene.anchors))
         )
         self._model = self._mujoco.MjModel.from_xml_string(f"""
-            <mujoco><option timestep="{given.T!r}" gravity="0 0 0">{UNUSED}</option><worldbody>
-              <body>{_slides(d, given.viscosity, 0.0, np.zeros(d))}{turn}
-                <inertial pos="0 0 0" mass="{given.mass!r}" diaginertia="{moments}"/>{sites}</body>{fingers}
+            <mujoco><option timestep="{scene.T!r}" gravity="0 0 0">{UNUSED}</option><worldbody>
+              <body>{_slides(d, scene.viscosity, 0.0, np.zeros(d))}{turn}
+                <inertial pos="0 0 0" mass="{scene.mass!r}" diaginertia="{moments}"/>{sites}</body>{fingers}
               </worldbody><tendon>{springs}</tendon></mujoco>""")
         self._data = self._mujoco.MjData(self._model)
 
@@ -64,19 +64,19 @@ class MuJoCoSprings:
         return np.asarray(states[0])
 
     def pose(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (d,) and rotation (d, d) of the object in a state that `rollout` has kept."""
+        """Read position (d,) and rotation (d, d) of the object in a state of `rollout`."""
         q = state[1 : 1 + self._model.nq]
-        return q[: self._given.dimensions].copy(), self._rotation_of(q)
+        return q[: self._springs.dimensions].copy(), self._rotation_of(q)
 
     @property
     def position(self) -> FloatArray:
-        return np.array(self._data.qpos[: self._given.dimensions])
+        return np.array(self._data.qpos[: self._springs.dimensions])
 
     def rotation(self) -> FloatArray:
         return self._rotation_of(self._data.qpos)
 
     def _rotation_of(self, q: FloatArray) -> FloatArray:
-        d = self._given.dimensions
+        d = self._springs.dimensions
         if d < 3:
             return rotation_matrix(d, float(q[d]) if d == 2 else 0.0, ())
         w, x, y, z = q[3:7].tolist()
@@ -91,5 +91,5 @@ def _slides(d: int, damping: float, stiffness: float, rest: FloatArray) -> str:
 
 
 def _text(point: Sequence[float] | FloatArray) -> str:
-    """Three numbers, those that a line or a plane does not have zero."""
+    """Write three numbers, those that a line or a plane does not have zero."""
     return " ".join(repr(float(x)) for x in [*point, 0.0, 0.0][:3])

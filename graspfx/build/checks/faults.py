@@ -9,13 +9,13 @@ from pydantic import ValidationError
 
 from graspfx.build.checks.cross_faults import cross_faults
 from graspfx.build.checks.foreign_files import trust_faults
-from graspfx.errors import LONGEST_KEY, Fault, closest, shown
+from graspfx.build.stock import Stock
+from graspfx.errors import LONGEST_KEY, Fault, abbreviate, closest
 from graspfx.scene.budget import too_deep
+from graspfx.scene.keys import Key, as_faults
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import DRAFT, NotValid
 from graspfx.scene.tables.scene_table import SceneTable
-
-Key = tuple[str | int, ...]
 
 BOUNDS = {
     "greater_than": ("more than", "gt"),
@@ -23,7 +23,7 @@ BOUNDS = {
     "less_than": ("less than", "lt"),
     "less_than_equal": ("no more than", "le"),
 }
-WANTED = {
+EXPECTED = {
     "float_type": "a number",
     "finite_number": "a finite number",
     "int_type": "a whole number",
@@ -57,76 +57,55 @@ ELSEWHERE = {
 }
 
 
-def find_faults(data: Mapping[str, Any], source: Source) -> list[Fault]:
-    """The faults of a scene given as nested tables; none means that `SceneTable` takes it.
+def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], Stock]:
+    """Find the faults of a scene given as nested tables; none means that `SceneTable` takes it.
 
     Args:
         data: as read from a file.
         source: where it comes from.
+
+    Returns:
+        The faults, and the devices and shapes that were connected and loaded to find them.
     """
+    stock = Stock(source.folder)
     if deep := too_deep(data):
-        return [deep]
+        return [deep], stock
     try:
         draft = SceneTable.model_validate(data)
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
-        found = [*_field_faults(error, draft), *trust_faults(draft, source)]
-        misspelt = _meant(error.errors(include_url=False), draft)
-        found += [each for each in cross_faults(draft, source.folder) if each[0] not in misspelt.values()]
-        return as_faults(data, found)
-    found = trust_faults(draft, source)
-    return as_faults(data, [*found, *cross_faults(draft, source.folder)])
-
-
-def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
-    """Faults by dotted key, as the data writes it."""
-    return [Fault(dotted(key_in(data, at)), text) for at, text in found]
+        faults = [*_field_faults(error, draft), *trust_faults(draft, source)]
+        misspelt = _likely_keys(error.errors(include_url=False), draft)
+        faults += [each for each in cross_faults(draft, stock) if each[0] not in misspelt.values()]
+        return as_faults(data, faults), stock
+    faults = trust_faults(draft, source)
+    return as_faults(data, [*faults, *cross_faults(draft, stock)]), stock
 
 
 def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:
     errors = error.errors(include_url=False)
-    meant = _meant(errors, draft)
+    likely = _likely_keys(errors, draft)
     for each in errors:
         at = each["loc"]
-        if each["type"] == "missing" and at in meant.values():
+        if each["type"] == "missing" and at in likely.values():
             continue
         if each["type"] == "extra_forbidden":
-            yield at, f"unknown key{_hint(at, meant, draft)}"
+            yield at, f"unknown key{_hint(at, likely, draft)}"
         elif each["type"] == "kind" and isinstance(each["input"], Mapping):
             yield (*at, "kind"), message(each)
         else:
             yield at, message(each)
 
 
-def dotted(key: Sequence[str | int]) -> str:
-    return ".".join(str(part) for part in key)
-
-
-def key_in(data: Any, location: Sequence[str | int]) -> Key:
-    """Where a validator's location stands in the data: without the names of alternatives, which the data lacks."""
-    key: list[str | int] = []
-    for part in location:
-        if isinstance(part, str) and part.startswith("<"):
-            continue
-        if isinstance(part, int) and isinstance(data, Mapping):
-            continue  # a lone table where a list of tables may stand
-        key.append(part)
-        if isinstance(part, int):
-            data = data[part] if isinstance(data, Sequence) and part < len(data) else None
-        else:
-            data = data.get(part) if isinstance(data, Mapping) else None
-    return tuple(key)
-
-
-def _meant(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
-    """For every key that is not known, the one that it comes close to: one slip of the pen is one fault."""
+def _likely_keys(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
+    """Pair every unknown key with a known one that it comes close to: one slip of the pen is one fault."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     close = {at: _near(str(at[-1]), part_at(draft, at[:-1])) for at in unknown}
     return {at: (*at[:-1], name) for at, name in close.items() if name is not None}
 
 
 def _near(key: str, table: Any) -> str | None:
-    """A key that is given already is meant only where it is very near, as by an override."""
+    """Tell whether a key that is there already could be meant: only where it is very near, as by an override."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:
@@ -135,38 +114,38 @@ def _near(key: str, table: Any) -> str | None:
     return closest(key, keys.keys() - table.model_fields_set) or closest(key, keys, VERY_NEAR)
 
 
-def _hint(at: Key, meant: Mapping[Key, Key], draft: SceneTable) -> str:
+def _hint(at: Key, likely: Mapping[Key, Key], draft: SceneTable) -> str:
     elsewhere = ELSEWHERE.get((type(part_at(draft, at[:-1])).__name__, str(at[-1])))
     if elsewhere is not None:
         return f"; here it is {elsewhere}"
-    return f"; did you mean {meant[at][-1]!r}?" if at in meant else ""
+    return f"; did you mean {likely[at][-1]!r}?" if at in likely else ""
 
 
 def message(error: Any) -> str:
-    """One of pydantic's faults in the words of this project."""
-    kind, context, given = error["type"], error.get("ctx", {}), shown(error["input"])
+    """Write one of pydantic's faults in the words of this project."""
+    kind, context, value = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"
     if kind in BOUNDS:
         words, limit = BOUNDS[kind]
-        return f"expected {words} {context[limit]:g}; given {given}"
-    if kind in WANTED:
-        return f"expected {WANTED[kind]}; given {given}"
+        return f"expected {words} {context[limit]:g}; given {value}"
+    if kind in EXPECTED:
+        return f"expected {EXPECTED[kind]}; given {value}"
     if kind == "union_tag_invalid":
         forms = [FORMS.get(tag.strip(" '<>"), "a table") for tag in context["expected_tags"].split(",")]
-        return f"expected {' or '.join(dict.fromkeys(forms))}; given {given}"
+        return f"expected {' or '.join(dict.fromkeys(forms))}; given {value}"
     if kind == "literal_error":
-        return f"expected {context['expected']}; given {given}"
+        return f"expected {context['expected']}; given {value}"
     if kind in ("too_short", "too_long"):
-        wanted = context.get("min_length", context.get("max_length"))
-        return f"expected {wanted} numbers; given {context['actual_length']}"
+        length = context.get("min_length", context.get("max_length"))
+        return f"expected {length} numbers; given {context['actual_length']}"
     if kind == "string_pattern_mismatch":
-        return f"expected letters, digits, '_' and '-', a letter first; given {given}"
+        return f"expected letters, digits, '_' and '-', a letter first; given {value}"
     return str(error["msg"])
 
 
 def part_at(draft: SceneTable, location: Sequence[str | int]) -> Any:
-    """The table at a validator's location; None where that is not valid."""
+    """Find the table at a validator's location; None where that is not valid."""
     part: Any = draft
     try:
         for step in location:

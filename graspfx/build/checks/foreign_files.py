@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from graspfx.errors import InputError, shown
+from graspfx.errors import InputError, abbreviate
 from graspfx.plugins import is_file_name
 from graspfx.scene.source import Source
 from graspfx.scene.tables.fields import Table
 from graspfx.scene.tables.hands import MadeHand, Path
-from graspfx.scene.tables.scene_table import Device, Object, SceneTable
+from graspfx.scene.tables.part_tables import Device, Object
+from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
 DO = "move it there, or say that you trust the scene: --trust, or GRASPFX_TRUST=1"
 
 
-def trust_faults(scene: SceneTable, source: Source) -> list[Found]:
+def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
     """Find every path that leads out of the folder of the scene's file, and take it out of the tables.
 
     What is left of the scene then names no such file, so that the checks that come later cannot import or read it.
@@ -29,7 +30,7 @@ def trust_faults(scene: SceneTable, source: Source) -> list[Found]:
     return [] if source.is_trusted else list(_faults((), scene, source))
 
 
-def _faults(at: Location, part: Any, source: Source) -> Iterator[Found]:
+def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
     if isinstance(part, tuple):
         for k, each in enumerate(part):
             yield from _faults((*at, k), each, source)
@@ -39,7 +40,7 @@ def _faults(at: Location, part: Any, source: Source) -> Iterator[Found]:
         text = part.__dict__.get(name) if isinstance(part, kind) else None
         if isinstance(text, str) and ((kind, name) in DATA or is_file_name(text)) and _is_foreign(text, source):
             del part.__dict__[name]
-            yield (*at, name), f"outside of the scene's folder, {source.folder}: {shown(text)}; {DO}"
+            yield (*at, name), f"outside of the scene's folder, {source.folder}: {abbreviate(text)}; {DO}"
     for name, value in list(part.__dict__.items()):
         yield from _faults((*at, name), value, source)
 

@@ -1,90 +1,91 @@
-"""What keeps a scene's hands from holding: axes, directions, times, recorded paths, and hands of a plug-in's own."""
+"""Checks of a scene's hands: axes, directions, times, recorded paths, and hands of a plug-in's own."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from graspfx import plugins
-from graspfx.build import holdings
-from graspfx.build.checks.lengths import Found, Location, length_faults, numbers
+from graspfx.build.checks.lengths import Finding, Location, length_faults, numbers
 from graspfx.build.checks.settings import reason, signature_faults
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, shown
+from graspfx.build.hand_parts import AUTOMATIC, plugin_hand
+from graspfx.build.stock import Stock
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate
 from graspfx.loop.motion import motion
 from graspfx.scene.tables.fields import NotValid
 from graspfx.scene.tables.hands import MadeHand, Reach, SharedHand, Sine, Step
 from graspfx.scene.tables.hands import Path as RecordedPath
+from graspfx.scene.tables.part_tables import Object
 from graspfx.scene.tables.reading import AXES, listed
-from graspfx.scene.tables.scene_table import Object, SceneTable
+from graspfx.scene.tables.scene_table import SceneTable
 
 NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
 
 
-def own_hand_faults(scene: SceneTable, i: int, folder: Path | None) -> Iterator[Found]:
-    """Faults of the hand that finger i has for itself."""
+def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
+    """Find faults of finger i's own hand."""
     finger, at = scene.finger[i], ("finger", i, "hand")
     hand = finger.hand
     if hand is None or isinstance(hand, str):
         return
     if isinstance(hand, MadeHand):
-        yield from _made(scene, at, hand, [i], folder)
+        yield from _plugin_faults(scene, at, hand, [i], stock)
         return
     yield from _each(
         length_faults(scene, at, hand, "rest"),
         _spring(scene, at, hand),
-        _moving(scene, at, hand, [i], folder),
+        _moving(scene, at, hand, [i], stock),
         _own_closing(scene, at, hand),
         _normals(scene, at, hand, [i]),
     )
 
 
-def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, folder: Path | None) -> Iterator[Found]:
-    """Faults of a hand that several fingers may name."""
+def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock) -> Iterator[Finding]:
+    """Find faults of a hand that several fingers may name."""
     name = getattr(hand, "name", None)  # none if it has a fault of its own
     fingers = [i for i, finger in enumerate(scene.finger) if name and getattr(finger, "hand", None) == name]
     if isinstance(hand, MadeHand):
-        yield from _made(scene, at, hand, fingers, folder)
+        yield from _plugin_faults(scene, at, hand, fingers, stock)
         return
     yield from _each(
         *(_half(scene, (*at, half), hand, half) for half in ("arm", "grip")),
-        _moving(scene, at, hand, fingers, folder),
+        _moving(scene, at, hand, fingers, stock),
         _closing(scene, at, hand, fingers),
         _normals(scene, at, hand, fingers),
         _share(at, hand, fingers),
     )
 
 
-def _each(*checks: Iterator[Found]) -> Iterator[Found]:
+def _each(*checks: Iterator[Finding]) -> Iterator[Finding]:
     for check in checks:
         with suppress(NotValid):
             yield from check
 
 
-def _half(scene: SceneTable, at: Location, hand: Any, half: str) -> Iterator[Found]:
+def _half(scene: SceneTable, at: Location, hand: Any, half: str) -> Iterator[Finding]:
     yield from _spring(scene, at, getattr(hand, half))
 
 
-def _spring(scene: SceneTable, at: Location, spring: Any) -> Iterator[Found]:
+def _spring(scene: SceneTable, at: Location, spring: Any) -> Iterator[Finding]:
     for quantity in ("stiffness", "damping"):
         if isinstance(getattr(spring, quantity), tuple):
             yield from length_faults(scene, at, spring, quantity)
 
 
-def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], folder: Path | None) -> Iterator[Found]:
+def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], stock: Stock) -> Iterator[Finding]:
     yield from _each(
-        *(_motion(scene, where, each, folder) for where, each in _numbered((*at, "motion"), hand, "motion")),
+        *(_motion(scene, where, each, stock) for where, each in _numbered((*at, "motion"), hand, "motion")),
         *(_turn(scene, where, each, fingers) for where, each in _numbered((*at, "turn"), hand, "turn")),
         _squeeze(at, hand),
     )
 
 
 def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
-    """The tables of a field that takes one or a list, with where each stands."""
+    """List the tables of a field that takes one or a list, with where each stands."""
     try:
         value = getattr(hand, field)
     except NotValid:
@@ -93,37 +94,37 @@ def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, A
         yield ((*at, k) if isinstance(value, tuple) else at), each
 
 
-def _motion(scene: SceneTable, at: Location, meant: Any, folder: Path | None) -> Iterator[Found]:
-    if isinstance(meant, Sine):
-        yield from _axis(scene, at, meant)
-    elif isinstance(meant, Reach):
-        yield from length_faults(scene, at, meant, "displacement")
-    elif isinstance(meant, RecordedPath):
-        yield from _recorded(scene, at, meant, folder)
+def _motion(scene: SceneTable, at: Location, motion: Any, stock: Stock) -> Iterator[Finding]:
+    if isinstance(motion, Sine):
+        yield from _axis(scene, at, motion)
+    elif isinstance(motion, Reach):
+        yield from length_faults(scene, at, motion, "displacement")
+    elif isinstance(motion, RecordedPath):
+        yield from _recorded(scene, at, motion, stock)
 
 
-def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Found]:
+def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Finding]:
     axis = part.axis
     if isinstance(axis, tuple):
         wrong = list(length_faults(scene, at, part, "axis"))
         yield from wrong or _zero((*at, "axis"), axis)
     elif AXES.get(str(axis), axis) not in range(scene.dimensions):
-        yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {shown(axis)}"
+        yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {abbreviate(axis)}"
 
 
-def _zero(at: Location, vector: Sequence[float]) -> Iterator[Found]:
+def _zero(at: Location, vector: Sequence[float]) -> Iterator[Finding]:
     if not any(vector):
-        yield at, f"expected a direction, of any length but zero; given {shown(list(vector))}"
+        yield at, f"expected a direction, of any length but zero; given {abbreviate(list(vector))}"
 
 
-def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path | None) -> Iterator[Found]:
+def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock) -> Iterator[Finding]:
     times, positions = path.times, path.positions
     if path.file is not None:
         if times is not None or positions is not None:
             yield (*at, "file"), "expected either a file or times and positions, not both"
             return
         try:
-            recorded = motion.Path.read(path.file, folder)
+            recorded = stock.path(path.file)
         except InputError as error:
             yield (*at, "file"), reason(error)
             return
@@ -139,11 +140,11 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, folder: Path 
         yield (*at, "positions"), f"expected one for each of the {len(times)} times; given {len(positions)}"
     for i, position in enumerate(positions):
         if len(position) != scene.dimensions:
-            yield (*at, "positions", i), f"expected {numbers(scene.dimensions)}; given {shown(list(position))}"
+            yield (*at, "positions", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(position))}"
             return
 
 
-def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) -> Iterator[Found]:
+def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     d = scene.dimensions
     if d == 1:
         yield at, "a line has no rotation: leave it out"
@@ -153,17 +154,17 @@ def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) ->
         yield (*at, "centre"), "required where a hand touches several objects"
 
 
-def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Found]:
+def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Finding]:
     if scene.dimensions == 3:
         if turn.axis is None:
             yield (*at, "axis"), "required in space: x, y, z or a direction"
         else:
             yield from _axis(scene, at, turn)
     elif turn.axis not in (None, 2, "z"):
-        yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {shown(turn.axis)}"
+        yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {abbreviate(turn.axis)}"
 
 
-def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
+def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
     squeeze = hand.squeeze
     if isinstance(squeeze, int | float):
         return
@@ -178,11 +179,11 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
             yield (
                 (*at, "squeeze", k, "begin"),
                 f"expected {before.begin + before.duration:.6g} or more, when the step before it ends; "
-                f"given {shown(steps[k].begin)}",
+                f"given {abbreviate(steps[k].begin)}",
             )
 
 
-def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Found]:
+def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     bare = [thing.name for thing in _touched(scene, fingers) if thing.shape is None]
     if bare and hand.closing == "normal" and hand.squeeze != 0.0:
         yield (
@@ -191,20 +192,20 @@ def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int])
         )
 
 
-def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Found]:
+def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
     if isinstance(hand.closing, tuple):
         wrong = list(length_faults(scene, at, hand, "closing"))
         yield from wrong or _zero((*at, "closing"), hand.closing)
 
 
-def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Found]:
+def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
     closing = hand.closing
     if isinstance(closing, tuple):
         if fingers and len(closing) != len(fingers):
             yield (*at, "closing"), f"expected a direction for each of its {len(fingers)} fingers; given {len(closing)}"
         for i, direction in enumerate(closing):
             if len(direction) != scene.dimensions:
-                yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {shown(list(direction))}"
+                yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(direction))}"
     elif closing == "centre":
         start = np.array([scene.finger[i].start for i in fingers], dtype=float)
         arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
@@ -212,18 +213,18 @@ def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequenc
             yield (*at, "closing"), "a finger starts in the fingers' mean, from where no direction leads to it"
 
 
-def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Found]:
+def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
     share = hand.share
     if fingers and isinstance(share, tuple) and len(share) != len(fingers):
-        yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {shown(list(share))}"
+        yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {abbreviate(list(share))}"
 
 
-def _made(
-    scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[int], folder: Path | None
-) -> Iterator[Found]:
+def _plugin_faults(
+    scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[int], stock: Stock
+) -> Iterator[Finding]:
     kind = table.kind
     try:
-        module = plugins.load_blaming("hands", kind, folder)
+        module = plugins.load_blaming("hands", kind, stock.folder)
     except (UnknownNameError, InputError) as error:
         yield (*at, "kind"), reason(error)
         return
@@ -234,9 +235,9 @@ def _made(
         yield (*at, "kind"), f"the hand {kind!r} has no function hold(**settings)"
         return
     parameters, settings = inspect.signature(module.hold).parameters, table.settings
-    given = [key for key in settings if key in holdings.AUTOMATIC and key in parameters]
-    wrong = [((*at, key), "the scene gives it: leave it out") for key in given]
-    wrong += signature_faults(at, kind, settings, parameters, holdings.AUTOMATIC)
+    clashes = [key for key in settings if key in AUTOMATIC and key in parameters]
+    wrong = [((*at, key), "the scene gives it: leave it out") for key in clashes]
+    wrong += signature_faults(at, kind, settings, parameters, AUTOMATIC)
     yield from wrong
     starts = [scene.finger[i].start for i in fingers]
     centres = [thing.position or (0.0,) * scene.dimensions for thing in _touched(scene, fingers)]
@@ -247,7 +248,7 @@ def _made(
     arms = np.array(centres, dtype=float) - rest
     inward = arms / np.maximum(np.linalg.norm(arms, axis=1, keepdims=True), np.finfo(float).tiny)
     try:
-        holdings.made(module, table, rest, inward)
+        plugin_hand(module, table, rest, inward)
     except InputError as error:
         yield ((*at, error.name), reason(error)) if error.name in settings else (at, str(error))
     except GraspFXError as error:
@@ -255,7 +256,7 @@ def _made(
 
 
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
-    """The objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
+    """List the objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
     things = {thing.name: thing for thing in scene.object}
     if not things:
         raise NotValid("object")

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from graspfx.errors import shown
+from graspfx.errors import abbreviate
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
-def length_faults(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Found]:
-    """The fault of a part's vector that has another number of components than d."""
+def length_faults(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Finding]:
+    """Find the fault of a part's vector that has another number of components than d."""
     value = getattr(part, field)
     if value is not None and len(value) != scene.dimensions:
-        yield (*at, field), f"expected {numbers(scene.dimensions)}; given {shown(list(value))}"
+        yield (*at, field), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(value))}"
 
 
 def numbers(count: int) -> str:

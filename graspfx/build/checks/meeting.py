@@ -1,32 +1,33 @@
-"""What the objects of a scene cannot meet, or not with their dynamics."""
+"""Checks of what objects can meet with their dynamics."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from graspfx import plugins
 from graspfx.build import bodies, encounters
+from graspfx.build.stock import Stock
 from graspfx.errors import InputError
 from graspfx.objects.integrators import SIZE
 from graspfx.scene.tables.fields import NotValid
-from graspfx.scene.tables.scene_table import Object, SceneTable
+from graspfx.scene.tables.part_tables import Object
+from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 FLAT = ("half-space", "plane")
 STIFFEST = 1e4  # k T^2/m of a native contact point; from 1e5 on a box at rest in space is thrown up by rounding
 DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more is no rounding, nor its weight's sinking
 
 
-def meeting_faults(scene: SceneTable, folder: Path | None, known: Sequence[Found]) -> Iterator[Found]:
-    """What objects cannot meet, or not with these dynamics; nothing where an object or obstacle has its own fault."""
-    if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in known):
+def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
+    """Find what objects cannot meet with these dynamics; nothing where an object or obstacle has its own fault."""
+    if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
         return
-    yield from _together(scene, folder)
+    yield from _together(scene, stock)
     if not scene.obstacle:
         return
     native = [thing.name for thing in scene.object if _meets(scene, thing, "native")]
@@ -49,22 +50,22 @@ def meeting_faults(scene: SceneTable, folder: Path | None, known: Sequence[Found
                 f"a {thing.shape.kind} has no end: among obstacles lock its freedoms, or make it an [[obstacle]]",
             )
         elif thing.shape is not None and encounters.moves(scene, thing):
-            yield from _inside(scene, i, thing, folder)
+            yield from _inside(scene, i, thing, stock)
             if thing.dynamics == "native":
-                yield from _too_stiff(scene, thing, folder)
+                yield from _too_stiff(scene, i, thing, stock)
 
 
-def _together(scene: SceneTable, folder: Path | None) -> Iterator[Found]:
+def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
     if scene.world.collide and len(scene.object) > 1:
         for i, thing in enumerate(scene.object):
             if thing.dynamics == "native" and encounters.moves(scene, thing):
                 yield ("object", i, "dynamics"), "native objects meet no other object; world.collide needs 'bullet'"
-    wanted = bool(scene.world.collide)
+    collide = bool(scene.world.collide)
     for group in encounters.groups(scene):
         if not encounters.in_world(scene, group):
             continue
         name = scene.object[group[0]].dynamics
-        if (scene.obstacle or wanted) and not hasattr(plugins.load("dynamics", name, folder), "create_world"):
+        if (scene.obstacle or collide) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
             yield (
                 ("object", group[0], "dynamics"),
                 f"{name!r} without create_world lets objects meet nothing; use 'bullet'",
@@ -75,11 +76,11 @@ def _together(scene: SceneTable, folder: Path | None) -> Iterator[Found]:
             if thing.dynamics != "bullet":
                 continue
             if scene.dimensions != 3:
-                what = "world.collide" if wanted and not scene.obstacle else "obstacles"
+                who = "world.collide" if collide and not scene.obstacle else "obstacles"
                 yield (
                     ("object", i, "dynamics"),
-                    f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {what} need dimensions = 3"
-                    + ("" if what == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
+                    f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {who} need dimensions = 3"
+                    + ("" if who == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
                 )
             elif thing.shape is not None and encounters.moves(scene, thing) and not all(scene.free(thing)):
                 yield (
@@ -93,8 +94,9 @@ def _meets(scene: SceneTable, thing: Object, dynamics: str) -> bool:
     return thing.dynamics == dynamics and thing.shape is not None and encounters.moves(scene, thing)
 
 
-def _too_stiff(scene: SceneTable, thing: Object, folder: Path | None) -> Iterator[Found]:
-    mass, k, T = bodies.mass(thing, folder), scene.world.stiffness, scene.period
+def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
+    mass = bodies.mass(thing, stock.solid(("object", i), thing))
+    k, T = scene.world.stiffness, scene.period
     if k * T * T > STIFFEST * mass:
         yield (
             ("world", "stiffness"),
@@ -103,17 +105,17 @@ def _too_stiff(scene: SceneTable, thing: Object, folder: Path | None) -> Iterato
         )
 
 
-def _inside(scene: SceneTable, i: int, thing: Object, folder: Path | None) -> Iterator[Found]:
-    """Where a shape begins below a half-space or across a plane; other pairs would need a search."""
+def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
+    """Tell whether a shape begins below a half-space or across a plane; other pairs would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)
     try:
-        bodies.fill(scene, thing, state, folder)
-        shape = bodies.make_shape(thing, folder)
-        for table, obstacle in zip(scene.obstacle, encounters.obstacles(scene, folder), strict=True):
+        solid = stock.solid(("object", i), thing)
+        bodies.fill(scene, thing, solid, state)
+        for table, obstacle in zip(scene.obstacle, encounters.obstacles(scene, stock), strict=True):
             if table.shape.kind in FLAT:
-                height = clearance(shape, scene.dimensions, state, obstacle)
+                height = clearance(solid.shape, scene.dimensions, state, obstacle)
                 if height < -DEEP:
                     yield (
                         ("object", i, "position"),

@@ -11,23 +11,22 @@ from types import ModuleType
 from typing import Any
 
 from graspfx import plugins
+from graspfx.build.stock import Stock
 from graspfx.build.wiring import AUTOMATIC, connect
-from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest, shown
-from graspfx.loop.device import Device as Connected
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
 from graspfx.loop.device import Features
-from graspfx.scene.tables.scene_table import Device, SceneTable
+from graspfx.scene.tables.part_tables import Device
+from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
 
 
-def setting_faults(
-    scene: SceneTable, at: Location, table: Device, folder: Path | None, connected: dict[Location, Connected]
-) -> Iterator[Found]:
-    """What keeps a device from being connected; one that can be is added to `connected`."""
+def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock) -> Iterator[Finding]:
+    """Find what keeps a device from being connected; one that can be goes to the stock."""
     try:
-        driver = plugins.load_blaming("devices", table.name, folder)
+        driver = plugins.load_blaming("devices", table.name, stock.folder)
     except (UnknownNameError, InputError) as error:
         yield (*at, "name"), reason(error)
         return
@@ -39,36 +38,38 @@ def setting_faults(
         return
     parameters, settings = inspect.signature(driver.connect).parameters, table.settings
     faults = list(signature_faults(at, table.name, settings, parameters, {AUTOMATIC}))
+    twice = [key for key, now in table.former.items() if now in (table.model_extra or {})]
+    faults += [
+        ((*at, key), f"the former name of {table.former[key]!r}, which is there too: leave it out") for key in twice
+    ]
     if AUTOMATIC in settings and AUTOMATIC in parameters and settings[AUTOMATIC] != scene.dimensions:
         faults.append(((*at, AUTOMATIC), f"expected {scene.dimensions}, as the scene; leave it out"))
     yield from faults
     if not faults:
-        yield from _connection(scene, at, table, driver, connected)
+        yield from _connection(scene, at, table, driver, stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """An error's text without the name that it begins with, where the fault's key says that already."""
+    """Write an error's text without the name that it begins with, where the fault's key says that already."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
-def _connection(
-    scene: SceneTable, at: Location, table: Device, driver: ModuleType, connected: dict[Location, Connected]
-) -> Iterator[Found]:
+def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleType, stock: Stock) -> Iterator[Finding]:
     dimensions = scene.dimensions
     try:
         with plugins.blaming(Path(driver.__file__ or driver.__name__)):
             device = connect(driver, table, dimensions)
             features = getattr(device, "features", None)
     except InputError as error:
-        known = error.name in table.settings
-        yield ((*at, error.name), reason(error)) if known else (at, str(error))
+        is_setting = error.name in table.settings
+        yield ((*at, error.name), reason(error)) if is_setting else (at, str(error))
     except GraspFXError as error:
         yield at, f"{table.name!r} cannot be connected: {error}"
     else:
         if isinstance(features, Features):
-            connected[at] = device
+            stock.devices[at] = device
         else:
-            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {shown(device)} has no Features"
+            yield (*at, "name"), f"connect() of {table.name!r} gives no device: {abbreviate(device)} has no Features"
 
 
 def signature_faults(
@@ -77,18 +78,18 @@ def signature_faults(
     settings: Mapping[str, Any],
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
-) -> Iterator[Found]:
-    """Settings that a plug-in of this name does not take, and those that it needs; it is given the automatic ones."""
+) -> Iterator[Finding]:
+    """Find settings that a plug-in does not take, and missing ones that it needs; the automatic ones are filled in."""
     for key, value in settings.items():
         if not _finite(value):
-            yield (*at, key), f"expected finite numbers; given {shown(value)}"
-    named = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
-    unknown = [key for key in settings if key not in named] if len(named) == len(parameters) else []
-    meant = {key: closest(key, named) for key in unknown}
-    for key, close in meant.items():
-        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(named - automatic))})"
+            yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"
+    names = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
+    unknown = [key for key in settings if key not in names] if len(names) == len(parameters) else []
+    likely = {key: closest(key, names) for key in unknown}
+    for key, close in likely.items():
+        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(names - automatic))})"
         yield (*at, key), f"unknown setting of {name!r}{hint}"
-    for key in sorted(named - automatic - settings.keys() - set(meant.values())):
+    for key in sorted(names - automatic - settings.keys() - set(likely.values())):
         if parameters[key].default is inspect.Parameter.empty:
             yield (*at, key), f"required by {name!r}, but not given"
 

@@ -1,4 +1,4 @@
-"""What an object stands on: the stiffness of native floors and walls under it, and which obstacles are left out."""
+"""Ground of an object: the stiffness of native floors and walls under it, and which obstacles are left out."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.preload import cross
 from graspfx.build import encounters
-from graspfx.build.bodies import make_shape
+from graspfx.build.resolve import Parts
 from graspfx.certificate.rest.resting import Grip
 from graspfx.objects import integrators as body
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor.floor import FLAT_KINDS, FloorBody
 from graspfx.objects.floor.planes import FloorState, PlaneContact
 from graspfx.objects.floor.rest import meet
-from graspfx.objects.state import BodyState
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.scene.model import Scene
 
@@ -41,16 +41,16 @@ class Ground:
     points: int
 
 
-def ground_under(scene: Scene, index: int, grip: Grip, *, lower: float = 0.0) -> Ground | None:
+def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) -> Ground | None:
     """Give the ground of an object where it is, or `lower` [m] along gravity; None for what no floor or wall bears.
 
     K_g = sum k J'J over the points that bear, J (d, r) the velocity of a point per motion of the object, k that of the
     world; B_g with b = 2 sqrt(k m). Only native objects on half-spaces and planes.
     """
-    table, d = scene.object[index], scene.dimensions
+    scene, part, obstacles = parts.scene, parts.objects[index], parts.obstacles
+    table, d = part.table, scene.dimensions
     if table.dynamics != "native" or table.shape is None or not scene.obstacle:
         return None
-    obstacles = encounters.obstacles(scene, scene.source.folder)
     if any(obstacle.shape.kind not in FLAT_KINDS for obstacle in obstacles):
         return None
     state = grip.grasped.body_state.copy()
@@ -60,7 +60,7 @@ def ground_under(scene: Scene, index: int, grip: Grip, *, lower: float = 0.0) ->
         state[body.POSITION : body.POSITION + d] += lower * np.array(scene.gravity) / np.linalg.norm(scene.gravity)
     world = scene.world
     meeting = Meeting(world.friction, 0.0, world.stiffness)
-    floor = FloorBody(Member(state, make_shape(table, scene.source.folder)), obstacles, meeting)
+    floor = FloorBody(Member(state, part.solid.shape), obstacles, meeting)
     block, names = FloorState(floor.buffer), []
     K, B = np.zeros((grip.r, grip.r)), np.zeros((grip.r, grip.r))
     points = 0

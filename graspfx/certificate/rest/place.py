@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.build.resolve import Parts
 from graspfx.build.still_hands import still_hands
 from graspfx.certificate.rest.cone_edge import grip_margins
 from graspfx.certificate.rest.ground import bearers
@@ -44,25 +45,25 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What pulls a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
+    """The pull on a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
 
     hands: FloatArray
     course: FloatArray
     weight: FloatArray
 
 
-def load_of(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place) -> Load:
+def load_of(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp], place: Place) -> Load:
     """Give the hands without their motions, closed as far as they ever are, and the weight where fingers bear it."""
-    start = np.array([finger.start for finger in scene.finger], dtype=float)
+    scene, start = parts.scene, parts.start
     n, d = start.shape
     inward = np.zeros_like(start)
     inward[fingers] = grip.grasped.inward()
     K, course = np.zeros((n, d, n, d)), np.tile(start, (STEPS, 1, 1))
-    for held in still_hands(scene, start, inward):
+    for still in still_hands(parts, inward):
         for k in range(STEPS):
-            course[k, held.fingers] = held.hand.target(held.closed * ((k + 1) / STEPS))[0]
+            course[k, still.fingers] = still.hand.target(still.closed * ((k + 1) / STEPS))[0]
         for a in range(d):
-            K[np.ix_(held.fingers, [a], held.fingers, [a])] = held.hand.stiffness[a][:, None, :, None]
+            K[np.ix_(still.fingers, [a], still.fingers, [a])] = still.hand.stiffness[a][:, None, :, None]
     own = K[fingers][:, :, fingers].reshape(grip.m, grip.m)
     weight = np.zeros(6)
     rules = scene.coupling
@@ -79,49 +80,49 @@ def load_of(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], pla
     return Load(own, course[:, fingers].reshape(STEPS, -1), weight[grip.axes])
 
 
-def squeezed(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
+def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
     """Bring the grip to rest; the place has no stiffness, and says why, where there is no rest."""
-    start = np.array([scene.finger[i].start for i in fingers], dtype=float)
+    scene, start = parts.scene, parts.start[fingers]
     place = Place("squeezed", None, np.full(grip.n, np.nan))
-    load = load_of(scene, index, grip, fingers, place)
+    load = load_of(parts, index, grip, fingers, place)
     grip.grasped.finger_position[:] = start
     initial = grip.grasped.block.copy()
     straight = start.ravel() + np.linspace(1.0 / STEPS, 1.0, STEPS)[:, None] * (load.course[-1] - start.ravel())
-    found = settle(grip, straight, load.hands, load.weight)
-    if found is None or found.slid.any() or bent(load.course, start.ravel()):
+    result = settle(grip, straight, load.hands, load.weight)
+    if result is None or result.slid.any() or bent(load.course, start.ravel()):
         # where contacts slide, or hands come from aside, it matters how they close
-        first, reached = found, grip.grasped.block.copy()
+        first, reached = result, grip.grasped.block.copy()
         grip.grasped.block[:] = initial
-        found = settle(grip, load.course, load.hands, load.weight)
-        if (found is None or not found.rest) and first is not None and first.rest:
-            found, grip.grasped.block[:] = first, reached
-    if found is None:
+        result = settle(grip, load.course, load.hands, load.weight)
+        if (result is None or not result.rest) and first is not None and first.rest:
+            result, grip.grasped.block[:] = first, reached
+    if result is None:
         return unforced(place, "on the way to rest the forces of a sample do not settle")
-    if not found.rest:
-        slipping = [scene.finger_names[i] for i in fingers[found.sliding]]
+    if not result.rest:
+        slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
         why = (
             f"with still hands {', '.join(slipping)} still slide"
             if slipping
             else "with still hands the grasp does not come to rest"
         )
-        return unforced(place, f"{why} after {found.steps} steps" if slipping else why)
-    if found.slid.any():
+        return unforced(place, f"{why} after {result.steps} steps" if slipping else why)
+    if result.slid.any():
         place.assumed.append(SLID)
-    return about(grip, place, untouching(scene, grip, fingers))
+    return about(grip, place, untouching(parts.scene, grip, fingers))
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
-    """Whether hands close to their last targets by another way than a straight one from where the fingers start."""
+    """Tell whether hands close to their last targets by another way than a straight one from the fingers' start."""
     way = course[-1] - start
     length = float(np.linalg.norm(way))
     along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)
     return bool(np.abs(course - start - along).max(initial=0.0) > STRAIGHT * length)
 
 
-def provisional(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
+def provisional(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) -> Place:
     """Squeeze the grip by one linear step from its contacts at the start, as if they stuck; no search for a rest."""
     place = Place("provisional", None, np.full(grip.n, np.nan))
-    load = load_of(scene, index, grip, fingers, place)
+    load = load_of(parts, index, grip, fingers, place)
     g = grip.grasped
     # just inside, so that quotients find every finger touching
     g.finger_position[:] = g.contact_position + PRESSED * g.inward()
@@ -139,7 +140,7 @@ def provisional(scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp])
     place.assumed.append(
         "provisional: the squeeze of one step from the start, as if contacts stuck; no rest was sought"
     )
-    return about(grip, place, untouching(scene, grip, fingers))
+    return about(grip, place, untouching(parts.scene, grip, fingers))
 
 
 def untouching(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> str:

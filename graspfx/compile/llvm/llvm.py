@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 from graspfx.compile.llvm.llvm_arithmetic import BINARY_LIBM, FLOAT, INT, Number
-from graspfx.compile.llvm.llvm_expressions import Array, Made, Value, result_type
+from graspfx.compile.llvm.llvm_expressions import Array, LlvmFunction, Value, result_type
 from graspfx.compile.llvm.llvm_statements import Statements, type_of
 from graspfx.errors import GraspFXError, InputError
 
@@ -18,7 +18,7 @@ INTRINSICS = "".join(
 )
 
 
-class Written(NamedTuple):
+class LlvmProgram(NamedTuple):
     """A program for LLVM.
 
     Args:
@@ -42,7 +42,7 @@ class _Module:
     def __init__(self, trees: Sequence[ast.FunctionDef], *, checked: bool) -> None:
         self.trees = {tree.name: tree for tree in trees}
         self.checked = checked
-        self.done: dict[object, Made | None] = {}
+        self.functions: dict[object, LlvmFunction | None] = {}
         self.texts: list[str] = []
         self.notes: list[str] = []  # metadata
         self.libm: set[str] = set()
@@ -50,29 +50,28 @@ class _Module:
     def has(self, name: str) -> bool:
         return name in self.trees
 
-    def made(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> Made:
+    def function_for(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> LlvmFunction:
         roots = [a.root for a in arguments if isinstance(a, Array)]
         # which of the buffers are the same; what is checked knows them by their names
         arrays = tuple(roots if self.checked else map(roots.index, roots))
         key = name, arrays, tuple(None if isinstance(a, Array) else type_of(a) for a in arguments)
-        if key not in self.done:
+        if key not in self.functions:
             tree = self.trees[name]
             if len(tree.args.args) != len(arguments):
                 raise why(f"{name} takes {len(tree.args.args)} arguments")
-            self.done[key] = None
+            self.functions[key] = None
             body = Statements(self, tree)
-            made, text = body.made(f"{name}.{len(self.done)}", arguments)
-            self.done[key] = made
+            self.functions[key], text = body.function_text(f"{name}.{len(self.functions)}", arguments)
             self.texts.append(text)
             self.libm |= body.code.used
-        found = self.done[key]
-        if found is None:
+        function = self.functions[key]
+        if function is None:
             raise why("calls itself")
-        return found
+        return function
 
 
-def written(source: str, floats: Collection[str] = (), *, checked: bool = False) -> Written:
-    """A program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
+def llvm_program(source: str, floats: Collection[str] = (), *, checked: bool = False) -> LlvmProgram:
+    """Write a program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
 
     Args:
         source: the program as Python, such as `Program.source()` gives it.
@@ -96,21 +95,27 @@ def written(source: str, floats: Collection[str] = (), *, checked: bool = False)
     numbers = tuple(FLOAT if name in floats else INT for name in names[len(arrays) :])
 
     module = _Module(trees, checked=checked)
-    given: list[Array | Number] = [Array(name, f"%p{k}") for k, name in enumerate(arrays)]
-    given += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
+    parameters: list[Array | Number] = [Array(name, f"%p{k}") for k, name in enumerate(arrays)]
+    parameters += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
 
     def why(text: str) -> GraspFXError:
         return InputError(tree.name, names, "a program that can be compiled", text)
 
-    made = module.made(tree.name, given, why)
-    texts = [INTRINSICS, *map(_declared, sorted(module.libm)), *module.texts, _entry(made, given), *module.notes]
+    function = module.function_for(tree.name, parameters, why)
+    texts = [
+        INTRINSICS,
+        *map(_declared, sorted(module.libm)),
+        *module.texts,
+        _entry(function, parameters),
+        *module.notes,
+    ]
     if checked:
         texts.insert(0, _checking(arrays))
-    return Written("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), tuple(sorted(module.libm)))
+    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), tuple(sorted(module.libm)))
 
 
 def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.FunctionDef]) -> bool:
-    """Whether a parameter is indexed, here or in a function that is called."""
+    """Tell whether a parameter is indexed, here or in a function that is called."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == name:
             return True
@@ -128,11 +133,11 @@ def _declared(name: str) -> str:
     return f"declare double @graspfx_{name}({arguments}) nounwind willreturn nofree nosync memory(none)"
 
 
-def _entry(made: Made, given: Sequence[Array | Number]) -> str:
-    parameters = ", ".join(f"ptr noalias {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in given)
-    arguments = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in given)
-    call = f'call {result_type(made.result)} @"{made.name}"({arguments})'
-    match made.result:
+def _entry(function: LlvmFunction, values: Sequence[Array | Number]) -> str:
+    parameters = ", ".join(f"ptr noalias {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
+    arguments = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
+    call = f'call {result_type(function.result)} @"{function.name}"({arguments})'
+    match function.result:
         case None:
             body = [f"  {call}", "  ret i64 0"]
         case "i64":
@@ -140,12 +145,12 @@ def _entry(made: Made, given: Sequence[Array | Number]) -> str:
         case "i1":
             body = [f"  %result = {call}", "  %whole = zext i1 %result to i64", "  ret i64 %whole"]
         case _:
-            raise InputError(made.name, made.result, "an entry that returns a whole number or nothing")
+            raise InputError(function.name, function.result, "an entry that returns a whole number or nothing")
     return "\n".join([f"define i64 @{ENTRY}({parameters}) nounwind {{", *body, "}"])
 
 
 def _checking(arrays: Sequence[str]) -> str:
-    """Lengths of the buffers, and a function that gives 0 for an index that is not inside."""
+    """Write the buffers' lengths, and a function that gives 0 for an index outside."""
     lengths = [f'@"length.{name}" = global i64 0' for name in arrays]
     return "\n".join([*lengths, _INSIDE])
 

@@ -61,14 +61,14 @@ class Code:
         self.put(f"br i1 {test.text}, label {one}, label {other}")
 
     def intrinsic(self, name: str, *arguments: Number) -> Number:
-        shown = ", ".join(f"double {a.text}" for a in arguments)
-        return self.op(FLOAT, f"call double @llvm.{name}.f64({shown})")
+        operands = ", ".join(f"double {a.text}" for a in arguments)
+        return self.op(FLOAT, f"call double @llvm.{name}.f64({operands})")
 
     def libm(self, name: str, *arguments: Number) -> Number:
-        """The platform's own function, under a name of which LLVM knows nothing: it would fold and rewrite `pow`."""
+        """Call the platform's own function under a name that LLVM does not know: it would fold and rewrite `pow`."""
         self.used.add(name)
-        shown = ", ".join(f"double {a.text}" for a in arguments)
-        return self.op(FLOAT, f"call double @graspfx_{name}({shown})")
+        operands = ", ".join(f"double {a.text}" for a in arguments)
+        return self.op(FLOAT, f"call double @graspfx_{name}({operands})")
 
 
 def floating(value: float) -> Number:
@@ -86,7 +86,7 @@ def widest(types: Sequence[str]) -> str:
 
 
 def convert(code: Code, number: Number, to: str) -> Number:
-    """A number as one of a type that is as wide or wider."""
+    """Convert a number to a type that is as wide or wider."""
     if number.type == to:
         return number
     if number.type == BOOL:
@@ -100,7 +100,7 @@ def convert(code: Code, number: Number, to: str) -> Number:
 
 
 def truncated(code: Code, number: Number) -> Number:
-    """int(x)."""
+    """Write int(x)."""
     if number.type == FLOAT:
         raw = code.op(INT, f"fptosi double {number.text} to i64")
         return code.op(INT, f"freeze i64 {raw.text}")  # what does not fit is some number, not the right to misbehave
@@ -116,7 +116,7 @@ def truth(code: Code, number: Number) -> Number:
 
 
 def _alike(code: Code, left: Number, right: Number) -> tuple[Number, Number]:
-    """Two numbers as two whole ones or two floats."""
+    """Convert two numbers to two whole numbers or two floats."""
     to = widest((left.type, right.type, INT))
     return convert(code, left, to), convert(code, right, to)
 
@@ -137,7 +137,7 @@ def select(code: Code, test: Number, one: Number, other: Number) -> Number:
 
 
 def extreme(code: Code, name: str, numbers: Sequence[Number]) -> Number:
-    """min or max as Python finds them: the first of equals, and what a comparison with nan gives."""
+    """Write min or max as Python finds them: the first of equals, and Python's outcome of a comparison with nan."""
     to = widest([n.type for n in numbers] + [INT])
     best, *others = (convert(code, n, to) for n in numbers)
     order = ast.Lt() if name == "min" else ast.Gt()
@@ -164,7 +164,7 @@ def negative(code: Code, number: Number) -> Number:
 
 
 def binary(code: Code, op: ast.operator, left: Number, right: Number) -> Number:
-    """left op right; the operator is one of + - * / // % **."""
+    """Write left op right; the operator is one of + - * / // % **."""
     a, b = _alike(code, left, right)
     if isinstance(op, ast.Div):
         a, b = convert(code, a, FLOAT), convert(code, b, FLOAT)
@@ -190,14 +190,14 @@ def _power(code: Code, a: Number, b: Number) -> Number:
 
 
 def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
-    """Rounded towards minus infinity; by zero, where CPython raises, the quotient and the remainder are 0."""
+    """Divide, rounding down; by zero, where CPython raises, quotient and remainder are 0."""
     divisor = b
     odd = Number(BOOL, "false")
     if not b.text.isdigit() or b.text == "0":  # the processor traps on these two
         odd = code.op(BOOL, f"icmp eq i64 {b.text}, 0")
         minus = code.op(BOOL, f"icmp eq i64 {b.text}, -1")
-        either = code.op(BOOL, f"or i1 {odd.text}, {minus.text}")
-        divisor = select(code, either, Number(INT, "1"), b)
+        unsafe = code.op(BOOL, f"or i1 {odd.text}, {minus.text}")
+        divisor = select(code, unsafe, Number(INT, "1"), b)
     quotient = code.op(INT, f"sdiv i64 {a.text}, {divisor.text}")
     rest = code.op(INT, f"srem i64 {a.text}, {divisor.text}")
     mixed = code.op(INT, f"xor i64 {rest.text}, {divisor.text}")
@@ -214,7 +214,7 @@ def _whole_division(code: Code, op: ast.operator, a: Number, b: Number) -> Numbe
 
 
 def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
-    """// and % of floats: CPython's float_divmod, step by step."""
+    """Write // and % of floats: CPython's float_divmod, step by step."""
     zero = floating(0.0)
     rest = code.libm("fmod", a, b)
     some = code.op(BOOL, f"fcmp une double {rest.text}, 0.0")
@@ -223,8 +223,8 @@ def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
     differ = code.op(BOOL, f"xor i1 {low.text}, {under.text}")
     shift = code.op(BOOL, f"and i1 {some.text}, {differ.text}")
     if isinstance(op, ast.Mod):
-        moved = select(code, shift, code.op(FLOAT, f"fadd double {rest.text}, {b.text}"), rest)
-        return select(code, some, moved, code.intrinsic("copysign", zero, b))
+        adjusted = select(code, shift, code.op(FLOAT, f"fadd double {rest.text}, {b.text}"), rest)
+        return select(code, some, adjusted, code.intrinsic("copysign", zero, b))
     less = code.op(FLOAT, f"fsub double {a.text}, {rest.text}")
     quotient = code.op(FLOAT, f"fdiv double {less.text}, {b.text}")
     quotient = select(code, shift, code.op(FLOAT, f"fsub double {quotient.text}, 1.0"), quotient)
@@ -238,7 +238,7 @@ def _division(code: Code, op: ast.operator, a: Number, b: Number) -> Number:
 
 
 def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
-    """math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; of zero and of what is not finite, itself and 0."""
+    """Write math.frexp: x = m 2^e with 0.5 <= abs(m) < 1; zero and non-finite numbers give themselves and 0."""
     size = code.intrinsic("fabs", x)
     tiny = code.op(BOOL, f"fcmp olt double {size.text}, {floating(2.0**-1022).text}")
     scaled = code.op(FLOAT, f"fmul double {x.text}, {floating(2.0**54).text}")
@@ -246,8 +246,8 @@ def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
     shifted = code.op(INT, f"lshr i64 {bits.text}, 52")
     biased = code.op(INT, f"and i64 {shifted.text}, 2047")
     exponent = binary(code, ast.Sub(), biased, select(code, tiny, constant(1022 + 54), constant(1022)))
-    kept = code.op(INT, f"and i64 {bits.text}, {-(2**63) | (2**52 - 1)}")
-    mantissa = code.op(FLOAT, f"bitcast i64 {code.op(INT, f'or i64 {kept.text}, {1022 << 52}').text} to double")
+    low_bits = code.op(INT, f"and i64 {bits.text}, {-(2**63) | (2**52 - 1)}")
+    mantissa = code.op(FLOAT, f"bitcast i64 {code.op(INT, f'or i64 {low_bits.text}, {1022 << 52}').text} to double")
     some = code.op(BOOL, f"fcmp one double {size.text}, 0.0")
     finite = code.op(BOOL, f"fcmp olt double {size.text}, 0x7FF0000000000000")
     usual = code.op(BOOL, f"and i1 {some.text}, {finite.text}")
@@ -255,7 +255,7 @@ def mantissa_and_exponent(code: Code, x: Number) -> tuple[Number, Number]:
 
 
 def _scaled(code: Code, x: Number, exponent: Number) -> Number:
-    """math.ldexp: x 2^e."""
+    """Write math.ldexp: x 2^e."""
     code.used.add("ldexp")
     bounded = extreme(code, "max", [constant(-5000), extreme(code, "min", [constant(5000), exponent])])
     short = code.op("i32", f"trunc i64 {bounded.text} to i32")
@@ -263,7 +263,7 @@ def _scaled(code: Code, x: Number, exponent: Number) -> Number:
 
 
 def mathematical(code: Code, name: str, arguments: Sequence[Number]) -> Number | None:
-    """A function of `math`; None if it is none of those that are given here."""
+    """Write a function of `math`; return None if it is none of those below."""
     numbers = [convert(code, a, FLOAT) for a in arguments]
     if name in EXACT and len(numbers) == (2 if name == "copysign" else 1):
         return code.intrinsic(EXACT[name], *numbers)

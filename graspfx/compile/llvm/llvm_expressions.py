@@ -52,7 +52,7 @@ Type = str | tuple[str, ...] | None  # of a number, of a tuple, of a function th
 Variables = dict[str, Type | Array]
 
 
-class Made(NamedTuple):
+class LlvmFunction(NamedTuple):
     """A function for some types of arguments: its name and what it returns."""
 
     name: str
@@ -67,7 +67,9 @@ class Functions(Protocol):
 
     def has(self, name: str) -> bool: ...
 
-    def made(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> Made: ...
+    def function_for(
+        self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]
+    ) -> LlvmFunction: ...
 
 
 class Expressions:
@@ -81,8 +83,8 @@ class Expressions:
 
     def cannot(self, node: ast.AST, why: str) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
-        shown = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
-        return InputError(f"{self.tree.name}, line {line}", shown, "what a compiled kernel may hold", why)
+        text = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
+        return InputError(f"{self.tree.name}, line {line}", text, "what a compiled kernel may hold", why)
 
     def number(self, node: ast.expr, scope: Variables) -> Number:
         value = self.value(node, scope)
@@ -93,10 +95,10 @@ class Expressions:
     def value(self, node: ast.expr, scope: Variables) -> Value:
         code = self.code
         match node:
-            case ast.Constant(value=bool() | int() | float() as known):
-                if isinstance(known, int) and known.bit_length() > 63:
+            case ast.Constant(value=bool() | int() | float() as number):
+                if isinstance(number, int) and number.bit_length() > 63:
                     raise self.cannot(node, "does not fit in 64 bits")
-                return constant(known)
+                return constant(number)
             case ast.Name():
                 return self.variable(node, scope)
             case ast.Attribute(value=ast.Name(id="math"), attr="inf" | "nan" | "pi" | "tau" | "e" as name):
@@ -110,8 +112,8 @@ class Expressions:
             case ast.UnaryOp(op=ast.USub()):
                 return negative(code, self.number(node.operand, scope))
             case ast.UnaryOp(op=ast.UAdd()):
-                found = self.number(node.operand, scope)
-                return convert(code, found, widest((found.type, INT)))
+                operand = self.number(node.operand, scope)
+                return convert(code, operand, widest((operand.type, INT)))
             case ast.UnaryOp(op=ast.Not()):
                 return code.op(BOOL, f"xor i1 {truth(code, self.number(node.operand, scope)).text}, true")
             case ast.BoolOp():
@@ -121,22 +123,22 @@ class Expressions:
             case ast.IfExp():
                 one, other = code.name("b"), code.name("b")
                 self.test(node.test, one, other, scope)
-                return self.either(((one, node.body), (other, node.orelse)), scope)
+                return self.value_of_branches(((one, node.body), (other, node.orelse)), scope)
             case ast.Call():
-                found_ = self.call(node, scope)
-                if found_ is None:
+                result = self.call(node, scope)
+                if result is None:
                     raise self.cannot(node, "returns nothing")
-                return found_
+                return result
         raise self.cannot(node, "is no expression that can be compiled")
 
     def variable(self, node: ast.Name, scope: Variables) -> Value:
-        found = scope.get(node.id)
-        if isinstance(found, Array):
-            return found
-        if isinstance(found, tuple):
-            return Tuple(tuple(self.load(f"{node.id}.{k}", part) for k, part in enumerate(found)))
-        if found is not None:
-            return self.load(node.id, found)
+        kind = scope.get(node.id)
+        if isinstance(kind, Array):
+            return kind
+        if isinstance(kind, tuple):
+            return Tuple(tuple(self.load(f"{node.id}.{k}", part) for k, part in enumerate(kind)))
+        if kind is not None:
+            return self.load(node.id, kind)
         if node.id in NAMES:
             return floating(NAMES[node.id])
         if node.id in scope:
@@ -159,32 +161,32 @@ class Expressions:
         if isinstance(owner, Array):
             return self.code.op(FLOAT, f"load double, ptr {self.entry(owner, node.slice, scope)}")
         if isinstance(owner, Tuple):
-            return self.chosen(owner, self.number(node.slice, scope))
+            return self.entry_of_tuple(owner, self.number(node.slice, scope))
         if owner.text == "undef":
             return owner
         raise self.cannot(node, "is no entry of a buffer")
 
-    def chosen(self, several: Tuple, index: Number) -> Number:
-        """An entry of a tuple, the last one for an index that is none of it."""
-        *first, found = several.parts
-        if index.text.isdigit() and int(index.text) < len(several.parts):
-            return several.parts[int(index.text)]
+    def entry_of_tuple(self, items: Tuple, index: Number) -> Number:
+        """Select an entry of a tuple, the last one for an index outside."""
+        *first, value = items.parts
+        if index.text.isdigit() and int(index.text) < len(items.parts):
+            return items.parts[int(index.text)]
         for k, part in reversed(list(enumerate(first))):
-            found = select(self.code, compare(self.code, ast.Eq(), index, constant(k)), part, found)
-        return found
+            value = select(self.code, compare(self.code, ast.Eq(), index, constant(k)), part, value)
+        return value
 
     def entry(self, array: Array, index: ast.expr, scope: Variables) -> str:
-        """The address of an entry."""
-        found = self.number(index, scope)
-        if found.type == FLOAT:
+        """Compute the address of an entry."""
+        number = self.number(index, scope)
+        if number.type == FLOAT:
             raise self.cannot(index, "is no whole number, as an index must be")
-        found = convert(self.code, found, INT)
+        number = convert(self.code, number, INT)
         if self.functions.checked:
-            found = self.code.op(INT, f'call i64 @inside(i64 {found.text}, ptr @"length.{array.root}")')
-        return self.code.op("ptr", f"getelementptr inbounds double, ptr {array.text}, i64 {found.text}").text
+            number = self.code.op(INT, f'call i64 @inside(i64 {number.text}, ptr @"length.{array.root}")')
+        return self.code.op("ptr", f"getelementptr inbounds double, ptr {array.text}, i64 {number.text}").text
 
-    def either(self, ways: Iterable[tuple[str, ast.expr]], scope: Variables) -> Number:
-        """What is found on one of several ways, each of which is a block and an expression."""
+    def value_of_branches(self, ways: Iterable[tuple[str, ast.expr]], scope: Variables) -> Number:
+        """Merge the values of several branches, each a block and an expression."""
         code, end = self.code, self.code.name("b")
         edges = []
         for label, node in ways:
@@ -193,7 +195,7 @@ class Expressions:
         return self.meet(end, edges)
 
     def edge(self, number: Number) -> tuple[int, str, Number]:
-        """The end of a block whose jump is written when it is known what type the ways meet in."""
+        """Leave room for the jump at the end of a block; it is written once all branches have a common type."""
         self.code.lines.append("")
         return len(self.code.lines) - 1, self.code.block, number
 
@@ -202,62 +204,62 @@ class Expressions:
         to = widest([number.type for _, _, number in edges])
         sources = []
         for place, block, number in edges:
-            found, text = self.aside(lambda n=number: convert(code, n, to))  # type: ignore[misc]
+            value, text = self.detached(lambda n=number: convert(code, n, to))  # type: ignore[misc]
             code.lines[place] = "\n".join([*text, f"  br label {end}"])
-            sources.append(f"[ {found.text}, {block} ]")
+            sources.append(f"[ {value.text}, {block} ]")
         code.begin(end)
         return code.op(to, f"phi {to} {', '.join(sources)}")
 
-    def aside(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
-        """What `write` writes, taken out of the text to be put elsewhere."""
+    def detached(self, write: Callable[[], Number]) -> tuple[Number, list[str]]:
+        """Collect the lines that `write` writes instead of leaving them in the text."""
         mark = len(self.code.lines)
-        found = write()
+        number = write()
         text = self.code.lines[mark:]
         del self.code.lines[mark:]
-        return found, text
+        return number, text
 
     def logic(self, node: ast.BoolOp, scope: Variables) -> Number:
-        """`and`, `or`: the value of the operand that settles it, those behind it not evaluated."""
+        """Write `and`, `or`: the value of the operand that settles it, later operands not evaluated."""
         code, end = self.code, self.code.name("b")
         stops = isinstance(node.op, ast.Or)
-        found = self.number(node.values[0], scope)
+        number = self.number(node.values[0], scope)
         edges = []
         for part in node.values[1:]:
-            if found.type == BOOL and _harmless(part):
+            if number.type == BOOL and _harmless(part):
                 other = self.number(part, scope)
-                found = select(code, found, *((found, other) if stops else (other, found)))
+                number = select(code, number, *((number, other) if stops else (other, number)))
                 continue
-            test, on, off = truth(code, found), code.name("b"), code.name("b")
+            test, on, off = truth(code, number), code.name("b"), code.name("b")
             code.choose(test, off if stops else on, on if stops else off)
             code.begin(off)
-            edges.append(self.edge(found))
+            edges.append(self.edge(number))
             code.begin(on)
-            found = self.number(part, scope)
-        return self.meet(end, [*edges, self.edge(found)]) if edges else found
+            number = self.number(part, scope)
+        return self.meet(end, [*edges, self.edge(number)]) if edges else number
 
     def comparison(self, node: ast.Compare, scope: Variables) -> Number:
         code, end = self.code, self.code.name("b")
         left = self.number(node.left, scope)
         edges = []
-        found = Number(BOOL, "true")
+        outcome = Number(BOOL, "true")
         for k, (op, part) in enumerate(zip(node.ops, node.comparators, strict=True)):
             if isinstance(op, ast.Is | ast.IsNot | ast.In | ast.NotIn):
                 raise self.cannot(node, "is no comparison of numbers")
             if k > 0 and not _harmless(part):
                 no, on = code.name("b"), code.name("b")
-                code.choose(found, on, no)
+                code.choose(outcome, on, no)
                 code.begin(no)
                 edges.append(self.edge(Number(BOOL, "false")))
                 code.begin(on)
-                found = Number(BOOL, "true")
+                outcome = Number(BOOL, "true")
             right = self.number(part, scope)
             this = compare(code, op, left, right)
-            found = this if found.text == "true" else code.op(BOOL, f"and i1 {found.text}, {this.text}")
+            outcome = this if outcome.text == "true" else code.op(BOOL, f"and i1 {outcome.text}, {this.text}")
             left = right
-        return self.meet(end, [*edges, self.edge(found)]) if edges else found
+        return self.meet(end, [*edges, self.edge(outcome)]) if edges else outcome
 
     def test(self, node: ast.expr, one: str, other: str, scope: Variables) -> None:
-        """Goes to block `one` if the expression is true, otherwise to the other."""
+        """Jump to block `one` if the expression is true, else to the other."""
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             self.test(node.operand, other, one, scope)
         elif isinstance(node, ast.BoolOp) and not all(map(_harmless, node.values)):
@@ -274,7 +276,7 @@ class Expressions:
             self.code.choose(truth(self.code, self.number(node, scope)), one, other)
 
     def call(self, node: ast.Call, scope: Variables) -> Number | Tuple | None:
-        """The value of a call; None if the function returns nothing."""
+        """Write a call and give its value; None if the function returns nothing."""
         if node.keywords:
             raise self.cannot(node, "names an argument")
         arguments = [self.value(a, scope) for a in node.args]
@@ -282,15 +284,15 @@ class Expressions:
             return self.own(node, node.func.id, arguments)
         numbers = [a for a in arguments if isinstance(a, Number)]
         if len(numbers) == len(arguments) and numbers:
-            found = None
+            number = None
             if isinstance(node.func, ast.Name):
-                found = self.builtin(node.func.id, numbers)
+                number = self.builtin(node.func.id, numbers)
             elif ast.unparse(node.func) == "math.frexp" and len(numbers) == 1:
                 return Tuple(mantissa_and_exponent(self.code, convert(self.code, numbers[0], FLOAT)))
             elif isinstance(node.func, ast.Attribute) and ast.unparse(node.func.value) == "math":
-                found = mathematical(self.code, node.func.attr, numbers)
-            if found is not None:
-                return found
+                number = mathematical(self.code, node.func.attr, numbers)
+            if number is not None:
+                return number
         raise self.cannot(node, "calls what cannot be compiled, or with other arguments than it can be")
 
     def builtin(self, name: str, numbers: Sequence[Number]) -> Number | None:
@@ -312,22 +314,24 @@ class Expressions:
         return None
 
     def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
-        """A call of another function of the program."""
-        made = self.functions.made(name, arguments, lambda why: self.cannot(node, why))
-        shown = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in _flat(arguments))
-        text = f'call {result_type(made.result)} @"{made.name}"({shown})'
-        if made.result is None:
+        """Call another function of the program."""
+        function = self.functions.function_for(name, arguments, lambda why: self.cannot(node, why))
+        operands = ", ".join(
+            f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in _flat(arguments)
+        )
+        text = f'call {result_type(function.result)} @"{function.name}"({operands})'
+        if function.result is None:
             self.code.put(text)
             return None
-        if isinstance(made.result, str):
-            return self.code.op(made.result, text)
+        if isinstance(function.result, str):
+            return self.code.op(function.result, text)
         whole = self.code.op("", text).text
-        kind = result_type(made.result)
-        return Tuple(tuple(self.code.op(t, f"extractvalue {kind} {whole}, {k}") for k, t in enumerate(made.result)))
+        kind = result_type(function.result)
+        return Tuple(tuple(self.code.op(t, f"extractvalue {kind} {whole}, {k}") for k, t in enumerate(function.result)))
 
 
 def result_type(result: Type) -> str:
-    """How LLVM writes what a function returns."""
+    """Write the type of a result in LLVM's language."""
     if result is None:
         return "void"
     return result if isinstance(result, str) else f"{{ {', '.join(result)} }}"
@@ -338,7 +342,7 @@ def _flat(values: Iterable[Value]) -> list[Number | Array]:
 
 
 def _harmless(node: ast.expr) -> bool:
-    """Whether an expression may be evaluated where Python would not: it neither reads memory nor calls."""
+    """Tell whether an expression may be evaluated where Python would not: it neither reads memory nor calls."""
     if not isinstance(node, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Name | ast.Constant):
         return False
     inner = (n for n in ast.walk(node) if isinstance(n, ast.Call | ast.Subscript | ast.IfExp | ast.Div | ast.Pow))

@@ -12,7 +12,7 @@ from graspfx.compile.llvm.llvm_expressions import (
     Array,
     Expressions,
     Functions,
-    Made,
+    LlvmFunction,
     Tuple,
     Type,
     Value,
@@ -36,7 +36,7 @@ class Loop:
     """Where `continue` and `break` go to."""
 
     again: Join
-    done: Join
+    after: Join
 
 
 class Statements(Expressions):
@@ -46,21 +46,21 @@ class Statements(Expressions):
         super().__init__(functions, node)
         self.returns: list[tuple[int, Number | Tuple | None]] = []
 
-    def made(self, name: str, arguments: Sequence[Value]) -> tuple[Made, str]:
-        """The function's name with what it returns, and its text."""
+    def function_text(self, name: str, arguments: Sequence[Value]) -> tuple[LlvmFunction, str]:
+        """Write the function; return its name with its result's type, and its text."""
         scope: Variables = {}
         parameters = []
         roots = [a.root for a in arguments if isinstance(a, Array)]
-        for k, (parameter, given) in enumerate(zip(self.tree.args.args, arguments, strict=True)):
-            if isinstance(given, Array):
-                alone = "noalias " if roots.count(given.root) == 1 else ""
+        for k, (parameter, argument) in enumerate(zip(self.tree.args.args, arguments, strict=True)):
+            if isinstance(argument, Array):
+                alone = "noalias " if roots.count(argument.root) == 1 else ""
                 parameters.append(f"ptr {alone}%p{k}")
-                scope[parameter.arg] = Array(given.root, f"%p{k}")
+                scope[parameter.arg] = Array(argument.root, f"%p{k}")
                 continue
-            parts = given.parts if isinstance(given, Tuple) else (given,)
+            parts = argument.parts if isinstance(argument, Tuple) else (argument,)
             here = [Number(part.type, f"%p{k}.{i}") for i, part in enumerate(parts)]
             parameters += [f"{part.type} {part.text}" for part in here]
-            self.assign(parameter.arg, Tuple(tuple(here)) if isinstance(given, Tuple) else here[0], scope)
+            self.assign(parameter.arg, Tuple(tuple(here)) if isinstance(argument, Tuple) else here[0], scope)
         if not self.block(self.tree.body, scope, None):
             self.give(None)
         result = self.returned()
@@ -68,7 +68,7 @@ class Statements(Expressions):
             self.code.lines[place] = self.exit(value, result)
         slots = (f"  {slot} = alloca {type_}" for slot, type_ in self.code.slots.items())
         head = f'define internal {result_type(result)} @"{name}"({", ".join(parameters)}) nounwind {{'
-        return Made(name, result), "\n".join([head, "start:", *slots, *self.code.lines, "}"])
+        return LlvmFunction(name, result), "\n".join([head, "start:", *slots, *self.code.lines, "}"])
 
     # What is returned ---------------------------------------------------------------------------------------------
 
@@ -77,7 +77,7 @@ class Statements(Expressions):
         self.returns.append((len(self.code.lines) - 1, value))
 
     def returned(self) -> Type:
-        """What all that is returned has in common; a way that returns nothing then gives zeros, which nobody reads."""
+        """Find the common type of all results; a branch that returns nothing gives zeros, which nobody reads."""
         result: Type = None
         for _, value in self.returns:
             if value is not None:
@@ -100,13 +100,13 @@ class Statements(Expressions):
             assert isinstance(value, Tuple) and result is not None
             whole = "undef"
             for k, (part, to) in enumerate(zip(value.parts, result, strict=True)):
-                found = convert(self.code, part, to)
-                text = f"insertvalue {result_type(result)} {whole}, {to} {found.text}, {k}"
+                number = convert(self.code, part, to)
+                text = f"insertvalue {result_type(result)} {whole}, {to} {number.text}, {k}"
                 whole = self.code.op("", text).text
             return Number("", whole)
 
-        found, text = self.aside(write)
-        return "\n".join([*text, f"  ret {result_type(result)} {found.text}"])
+        number, text = self.detached(write)
+        return "\n".join([*text, f"  ret {result_type(result)} {number.text}"])
 
     # Where ways meet ----------------------------------------------------------------------------------------------
 
@@ -115,14 +115,14 @@ class Statements(Expressions):
         join.edges.append((len(self.code.lines) - 1, dict(scope)))
 
     def seal(self, join: Join, to: Variables) -> None:
-        """Writes the jumps to a join, each with its variables converted to what they are from there on."""
+        """Write the jumps to a join, each after converting its variables to the types from there on."""
         for place, scope in join.edges:
-            _, text = self.aside(lambda known=scope: self.adapt(known, to))  # type: ignore[misc]
+            _, text = self.detached(lambda variables=scope: self.adapt(variables, to))  # type: ignore[misc]
             self.code.lines[place] = "\n".join([*text, f"  br label {join.label}"])
 
-    def adapt(self, known: Variables, to: Variables) -> Number:
+    def adapt(self, variables: Variables, to: Variables) -> Number:
         for name, type_ in to.items():
-            before = known.get(name)
+            before = variables.get(name)
             if before == type_ or isinstance(type_, Array) or before is None or type_ is None:
                 continue
             pairs: Iterable[tuple[str, str, str]]
@@ -138,10 +138,10 @@ class Statements(Expressions):
         return Number(BOOL, "true")
 
     def meet_here(self, join: Join, scope: Variables) -> bool:
-        """Goes on where ways have met; whether none came."""
+        """Continue where branches join; return whether none came."""
         if not join.edges:
             return True
-        to = together(known for _, known in join.edges)
+        to = together(variables for _, variables in join.edges)
         self.seal(join, to)
         self.code.begin(join.label)
         scope.clear()
@@ -151,7 +151,7 @@ class Statements(Expressions):
     # Statements ---------------------------------------------------------------------------------------------------
 
     def block(self, statements: Sequence[ast.stmt], scope: Variables, loop: Loop | None) -> bool:
-        """Statements one after another; whether their end is never reached."""
+        """Write statements one after another; return whether their end is never reached."""
         return any(self.statement(statement, scope, loop) for statement in statements)
 
     def statement(self, node: ast.stmt, scope: Variables, loop: Loop | None) -> bool:
@@ -171,13 +171,13 @@ class Statements(Expressions):
             case ast.For(target=ast.Name(), orelse=[], iter=ast.Call(func=ast.Name(id="range"), keywords=[])):
                 return self.count(node, scope)
             case ast.Return():
-                found = None if node.value is None else self.value(node.value, scope)
-                if isinstance(found, Array):
+                result = None if node.value is None else self.value(node.value, scope)
+                if isinstance(result, Array):
                     raise self.cannot(node, "returns a buffer")
-                self.give(found)
+                self.give(result)
                 return True
             case ast.Break() | ast.Continue() if loop is not None:
-                self.leave(loop.done if isinstance(node, ast.Break) else loop.again, scope)
+                self.leave(loop.after if isinstance(node, ast.Break) else loop.again, scope)
                 return True
             case ast.Expr(value=ast.Call() as call):
                 self.call(call, scope)
@@ -205,8 +205,8 @@ class Statements(Expressions):
                     value = Tuple((value,) * len(targets))
                 if not isinstance(value, Tuple) or len(value.parts) != len(targets):
                     raise self.cannot(target, "takes another number of values than are given")
-                for part, given in zip(targets, value.parts, strict=True):
-                    self.put(part, given, scope)
+                for part, item in zip(targets, value.parts, strict=True):
+                    self.put(part, item, scope)
             case _:
                 raise self.cannot(target, "cannot be assigned to")
 
@@ -302,34 +302,34 @@ class Statements(Expressions):
         advance: Callable[[], None],
         side_by_side: bool = False,
     ) -> bool:
-        """A loop, written again until the types at its head are those that its turns leave.
+        """Write a loop, again until the types at its head are those at the end of its turns.
 
         Turns over `lane` are side by side: none touches entries of another, so that LLVM may do several at once.
         """
         code = self.code
         mark, returns = len(code.lines), len(self.returns)
-        known = dict(scope)
+        types = dict(scope)
         while True:
             del code.lines[mark:], self.returns[returns:]
             head, first, off = Join(code.name("b")), code.name("b"), code.name("b")
             loop = Loop(Join(code.name("b")), Join(code.name("b")))
             self.leave(head, scope)
             code.begin(head.label)
-            inner = dict(known)
+            inner = dict(types)
             test(inner, first, off)
             code.begin(off)
-            self.leave(loop.done, known)
+            self.leave(loop.after, types)
             code.begin(first)
             enter(inner)
             if not self.block(body, inner, loop):
                 self.leave(loop.again, inner)
-            behind = together([known, *(variables for _, variables in loop.again.edges)])
-            wanted = {name: type_ for name, type_ in behind.items() if name in known or name in self.unset}
-            if wanted == known:
+            behind = together([types, *(variables for _, variables in loop.again.edges)])
+            settled = {name: type_ for name, type_ in behind.items() if name in types or name in self.unset}
+            if settled == types:
                 break
-            known = wanted
-        place, _ = loop.done.edges[0]
-        loop.done.edges[0] = place, behind
+            types = settled
+        place, _ = loop.after.edges[0]
+        loop.after.edges[0] = place, behind
         if loop.again.edges:
             self.seal(loop.again, behind)
             code.begin(loop.again.label)
@@ -337,11 +337,11 @@ class Statements(Expressions):
             code.go(head.label)
             if side_by_side:
                 self.free(mark)
-        self.seal(head, known)
-        return self.meet_here(loop.done, scope)
+        self.seal(head, types)
+        return self.meet_here(loop.after, scope)
 
     def free(self, mark: int) -> None:
-        """Says of the loop that has just been written, from a line on, that its turns may be done in any order."""
+        """Mark the loop that has just been written, from a line on: its turns may run in any order."""
         notes = self.functions.notes
         group, loop = f"!{len(notes)}", f"!{len(notes) + 1}"
         notes += [
@@ -361,7 +361,7 @@ def type_of(value: Number | Tuple) -> str | tuple[str, ...]:
 
 
 def joined(one: Type | Array, other: Type | Array) -> Type | Array:
-    """What a variable is that has one type on one way and another on another; None if it cannot be read."""
+    """Find the common type of a variable that two branches leave with different types; None if it cannot be read."""
     if one == other:
         return one
     if isinstance(one, str) and isinstance(other, str):
@@ -374,7 +374,7 @@ def joined(one: Type | Array, other: Type | Array) -> Type | Array:
 
 
 def together(scopes: Iterable[Variables]) -> Variables:
-    """The variables of several ways; one that is not set on some is read only after it has been set."""
+    """Merge the variables of several branches; one that some do not set is read only after it has been set."""
     out: Variables = {}
     for scope in scopes:
         for name, type_ in scope.items():

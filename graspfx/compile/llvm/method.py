@@ -36,20 +36,20 @@ class _Definition(ctypes.Structure):
 
 
 def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
-    """LLVM's text of the function that reads its arguments and calls the entry.
+    """Write LLVM's text of the function that reads its arguments and calls the entry.
 
     Its `self` is a tuple that begins with the buffers' addresses, as bytes.
     """
     n = len(numbers)
-    reading, given = [], [f"ptr %p{k}" for k in range(arrays)]
+    reading, operands = [], [f"ptr %p{k}" for k in range(arrays)]
     for k, type_ in enumerate(numbers):
-        made, reader = READ[type_ == FLOAT]
+        kind, reader = READ[type_ == FLOAT]
         reading += [
             f"  %at{k} = getelementptr ptr, ptr %arguments, i64 {k}",
             f"  %object{k} = load ptr, ptr %at{k}",
-            f"  %n{k} = call {made} @{reader}(ptr %object{k})",
+            f"  %n{k} = call {kind} @{reader}(ptr %object{k})",
         ]
-        given.append(f"{made} %n{k}")
+        operands.append(f"{kind} %n{k}")
     loading = []
     for k in range(arrays):
         loading += [f"  %slot{k} = getelementptr ptr, ptr %table, i64 {k}", f"  %p{k} = load ptr, ptr %slot{k}"]
@@ -67,7 +67,7 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
         "  %bytes = call ptr @PyTuple_GetItem(ptr %self, i64 0)",
         "  %table = call ptr @PyBytes_AsString(ptr %bytes)",
         *loading,
-        f"  %result = call i64 @{entry}({', '.join(given)})",
+        f"  %result = call i64 @{entry}({', '.join(operands)})",
         "  %told = call ptr @PyLong_FromLongLong(i64 %result)",
         "  ret ptr %told",
         "wrong:",
@@ -81,26 +81,26 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
 
 
 def method(address: int, pointers: Sequence[ctypes.c_void_p], owner: Any) -> Callable[..., int]:
-    """The function on the buffers at these addresses; it keeps the pointers and the owner of its code.
+    """Create the function on the buffers at these addresses; it keeps the pointers and the owner of its code alive.
 
     Args:
         address: of the machine code of `method_text`.
     """
     definition = _Definition(b"run", address, FASTCALL, None)
     table = struct.pack(f"{len(pointers)}P", *(pointer.value for pointer in pointers))
-    made: Callable[..., int] = _new_function()(
+    function: Callable[..., int] = _new_function()(
         ctypes.addressof(definition), (table, definition, owner, *pointers), None
     )
-    return made
+    return function
 
 
 @cache
 def _new_function() -> Any:
-    """PyCFunction_NewEx(definition, self, module)."""
+    """Look up PyCFunction_NewEx(definition, self, module)."""
     kind = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     return kind(("PyCFunction_NewEx", ctypes.pythonapi))
 
 
 def python_function(name: str) -> int | None:
-    """Where a function of the interpreter is."""
+    """Look up the address of a function of the interpreter."""
     return ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value

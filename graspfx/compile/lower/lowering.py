@@ -2,44 +2,61 @@
 
 from __future__ import annotations
 
-import ast
 import linecache
-from types import BuiltinFunctionType, FunctionType
+from functools import cache
+from importlib import import_module
+from operator import attrgetter
+from types import FunctionType
 from typing import Any
 
-from graspfx.compile.kernel import parameter_kinds, source_function
-from graspfx.compile.lower.expressions import Frame
-from graspfx.compile.lower.statements import Body
-from graspfx.compile.specialise.definitions import definition
+from graspfx.compile.lower.store import Lowering, store
+from graspfx.compile.marks import LOWERED, parameter_kinds
 
 
+@cache
 def lowered(function: FunctionType) -> FunctionType:
     """Lower a kernel; its module's other names stay what they are, kernels that it calls are lowered too.
 
     Raises:
         InputError: a statement or an expression that a kernel may not hold, with its file and line.
     """
-    text, body = lowered_text(function)
     file = f"<{function.__module__}.{function.__qualname__}, lowered>"
+    stored = store().find(function)
+    if stored is None:
+        text, callees, files = lowered_text(function)
+        code = compile(text, file, "exec", dont_inherit=True)
+        names = {alias: (str(callee.__module__), str(callee.__qualname__)) for alias, callee in callees.items()}
+        store().add(function, Lowering(text, code, names, files))
+    else:
+        text, code, files = stored.text, stored.code, stored.files
+        callees = {alias: attrgetter(name)(import_module(module)) for alias, (module, name) in stored.callees.items()}
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    namespace: dict[str, Any] = dict(function.__globals__)
-    for name, callee in body.callees.items():  # functions of `math` that a written-out function calls among them
-        namespace[name] = callee if isinstance(callee, BuiltinFunctionType) else source_function(callee)
-    exec(compile(text, file, "exec", dont_inherit=True), namespace)
+    namespace = {**function.__globals__, **{name: _executed(callee) for name, callee in callees.items()}}
+    exec(code, namespace)
     result = namespace[function.__name__]
     assert isinstance(result, FunctionType)
-    result.__module__, result.__qualname__, result.__doc__ = (
-        function.__module__,
-        function.__qualname__,
-        function.__doc__,
-    )
-    result.__source_files__ = tuple(sorted(body.files))  # type: ignore[attr-defined] # asked for by the specialiser
+    for name in ("__module__", "__qualname__", "__doc__"):
+        setattr(result, name, getattr(function, name))
+    result.__source_files__ = files  # type: ignore[attr-defined] # asked for by the specialiser
+    result.__written__ = function  # type: ignore[attr-defined] # named beside its part of a program
     return result
 
 
-def lowered_text(function: FunctionType) -> tuple[str, Body]:
-    """Give a kernel's lowered text, and what it was lowered with."""
+def _executed(function: Any) -> Any:
+    """Lower a kernel; give any other function as it is."""
+    original = getattr(function, LOWERED, None)
+    return function if original is None else lowered(original)
+
+
+def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:
+    """Give a kernel's lowered text, the functions that it calls by other names, and the files that it comes from."""
+    import ast
+
+    from graspfx.compile.lower.scratch import Frame  # only for a kernel that is not in the cache
+    from graspfx.compile.lower.statements import Body
+    from graspfx.compile.specialise.definitions import definition
+
     body = Body(function.__qualname__, function.__code__.co_filename)
     frame = Frame({}, function.__globals__)
     node = body.lower(definition(function), frame, parameter_kinds(function))
-    return ast.unparse(node) + "\n", body
+    return ast.unparse(node) + "\n", body.callees, tuple(sorted(body.files))

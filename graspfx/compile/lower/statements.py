@@ -5,16 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Sequence
 
-from graspfx.compile.lower.expressions import (
-    Expressions,
-    Frame,
-    assign,
-    assign_all,
-    kind_of,
-    product_of,
-    store_of,
-    sum_of,
-)
+from graspfx.compile.lower.expressions import Expressions
 from graspfx.compile.lower.kinds import (
     Bundle,
     Constant,
@@ -31,7 +22,10 @@ from graspfx.compile.lower.kinds import (
     offsets,
     variable,
 )
+from graspfx.compile.lower.pieces import assign, assign_all, kind_of, product_of, store_of, sum_of
+from graspfx.compile.lower.scratch import Frame
 from graspfx.compile.records import layout
+from graspfx.compile.specialise.syntax import place
 
 
 class Body(Expressions):
@@ -40,7 +34,7 @@ class Body(Expressions):
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
         parameters: list[ast.arg] = []
         defaults: list[ast.expr] = []
-        given = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
+        fallbacks = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
         for a in tree.args.args:
             value = variable(kinds[a.arg], a.arg)
             frame.scope[a.arg] = value
@@ -50,22 +44,23 @@ class Body(Expressions):
             parameters += [
                 ast.arg(name, ast.Constant(label) if label else None) for name, label in zip(names, labels, strict=True)
             ]
-            if a.arg in given:
-                default = self.value(given[a.arg], frame)
+            if a.arg in fallbacks:
+                default = self.value(fallbacks[a.arg], frame)
                 if len(names) > 1 or not isinstance(default, ast.expr):
                     raise self.cannot(a, "has a default, which only a number can have")
                 defaults.append(default)
         body = self.block(tree.body, frame)
         args = ast.arguments([], parameters, None, [], [], None, defaults)
         node = ast.FunctionDef(name=tree.name, args=args, body=body, decorator_list=[], type_params=[])  # type: ignore[call-arg, unused-ignore] # type_params from Python 3.12 on
-        return ast.fix_missing_locations(node)
+        place(node)
+        return node
 
     def block(self, statements: Sequence[ast.stmt], frame: Frame) -> list[ast.stmt]:
         outer, self.out = self.out, []
         for statement in statements:
             self.statement(statement, frame)
-        done, self.out = self.out, outer
-        return done or [ast.Pass()]
+        lowered, self.out = self.out, outer
+        return lowered or [ast.Pass()]
 
     def statement(self, node: ast.stmt, frame: Frame) -> None:
         if isinstance(node, ast.Assign):
@@ -151,7 +146,7 @@ class Body(Expressions):
         self.out.append(assign_all(names, values))
 
     def target(self, node: ast.expr, value: Lowered, frame: Frame) -> list[ast.expr]:
-        """The numbers that a target consists of; a name is bound to the kind of the value."""
+        """List the numbers of a target; a name is bound to the kind of the value."""
         if isinstance(node, ast.Name):
             frame.scope[node.id] = like(value, frame.prefix + node.id)
             return offsets(frame.scope[node.id])
@@ -202,7 +197,7 @@ class Body(Expressions):
         self.out.append(ast.If(test, body, otherwise))
 
     def joined(self, name: str, a: Lowered, b: Lowered, frame: Frame, node: ast.AST) -> Lowered:
-        """A variable after a branch: both branches have assigned to the same names, or none has."""
+        """Join a variable after a branch: both branches have assigned to the same names, or none has."""
         if isinstance(a, Constant) and isinstance(b, Constant):
             if a.value is not b.value:
                 raise self.cannot(node, f"gives {name!r} another function in each branch")
@@ -249,7 +244,7 @@ class Body(Expressions):
         return ast.Name(frame.prefix + target.id, ast.Store())
 
     def each(self, node: ast.For, frame: Frame) -> None:
-        """`for record in group`, or `for i, record in enumerate(group)`."""
+        """Lower `for record in group`, or `for i, record in enumerate(group)`."""
         call = node.iter
         target, index = node.target, ""
         if isinstance(call, ast.Call):
@@ -280,7 +275,7 @@ class Body(Expressions):
 
 
 def entry_of(number: ast.expr) -> ast.expr:
-    """The entry that a number was read from."""
+    """Give the entry that a number was read from."""
     if isinstance(number, ast.Compare):
         number = number.left
     if isinstance(number, ast.Call):

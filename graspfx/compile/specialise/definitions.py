@@ -14,12 +14,12 @@ from graspfx.errors import InputError
 
 @cache
 def _definitions(file: str, text: str) -> dict[int, tuple[ast.FunctionDef, CodeType | None]]:
-    """The functions of a file by the line on which they begin, and what Python makes of each."""
+    """Index the functions of a file by their first line, each with its code object."""
     tree = ast.parse(text)
-    made = {code.co_firstlineno: code for code in _codes(compile(tree, file, "exec", dont_inherit=True))}
-    found = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
-    lines = ((min([node.lineno, *(d.lineno for d in node.decorator_list)]), node) for node in found)
-    return {line: (node, made.get(line)) for line, node in lines}
+    codes = {code.co_firstlineno: code for code in _codes(compile(tree, file, "exec", dont_inherit=True))}
+    functions = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+    lines = ((min([node.lineno, *(d.lineno for d in node.decorator_list)]), node) for node in functions)
+    return {line: (node, codes.get(line)) for line, node in lines}
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
@@ -30,7 +30,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def definition(function: FunctionType) -> ast.FunctionDef:
-    """The syntax tree of a function.
+    """Parse a function.
 
     Raises:
         InputError: its source is not to be found, or has changed since the function was made from it.
@@ -40,9 +40,13 @@ def definition(function: FunctionType) -> ast.FunctionDef:
     try:
         linecache.checkcache(code.co_filename)
         text = "".join(linecache.getlines(code.co_filename)) or Path(code.co_filename).read_text(encoding="utf-8")
-        node, made = _definitions(code.co_filename, text)[code.co_firstlineno]
+        node, original = _definitions(code.co_filename, text)[code.co_firstlineno]
     except (OSError, KeyError, SyntaxError) as error:
         raise InputError("kernel", name, "a plain function in a file that can be read") from error
-    if made is None or (made.co_code, made.co_consts, made.co_names) != (code.co_code, code.co_consts, code.co_names):
+    if original is None or (original.co_code, original.co_consts, original.co_names) != (
+        code.co_code,
+        code.co_consts,
+        code.co_names,
+    ):
         raise InputError("kernel", name, f"{code.co_filename} as it was imported", "it has changed since: start anew")
     return node

@@ -1,4 +1,4 @@
-"""What a specialised kernel computes and nothing reads is left out."""
+"""Elimination of dead code."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from graspfx.compile.specialise.syntax import calls, nodes
 
 
 def without_unused(statements: list[ast.stmt]) -> list[ast.stmt]:
-    """Without constants that are assigned to variables that nothing reads."""
+    """Eliminate assignments of constants to variables that nothing reads."""
     while True:
         read = {n.id for n in nodes(statements) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
         pruner = _Pruner(read)
-        statements = [kept for s in statements if (kept := pruner.visit(s)) is not None]
+        statements = [rest for s in statements if (rest := pruner.visit(s)) is not None]
         if not pruner.dropped:
             return statements
 

@@ -16,10 +16,10 @@ from typing import Any
 
 from graspfx.compile.kernel import source_function
 from graspfx.compile.specialise.definitions import definition
-from graspfx.compile.specialise.specialise_expressions import Kernel, Made
+from graspfx.compile.specialise.specialise_expressions import Kernel, SpecialisedKernel
 from graspfx.compile.specialise.specialise_statements import Body
 from graspfx.compile.specialise.syntax import nodes, place
-from graspfx.compile.specialise.values import Known, Memory, Value
+from graspfx.compile.specialise.values import Memory, Static, Value
 from graspfx.errors import InputError
 
 DEEPEST = 100  # calls inside calls
@@ -32,21 +32,19 @@ class Program:
     Args:
         frozen: entries of arrays that never change, by array and index.
         unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
-        lanes: so many programs side by side, entry i of each at i * lanes + lane; 1 for an ordinary program.
     """
 
     frozen: Mapping[tuple[str, int], float]
     unroll: int = 0
-    lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
-    taken: dict[tuple[str, str], str] = field(default_factory=dict)  # numbers of modules, by module and name
-    _made: dict[Any, Made | None] = field(default_factory=dict)
-    _known: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
+    numbers_of_modules: dict[tuple[str, str], str] = field(default_factory=dict)  # by module and name
+    _specialised: dict[Any, SpecialisedKernel | None] = field(default_factory=dict)
+    _frozen_of: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
     _first: dict[tuple[tuple[int, str], ...], str] = field(default_factory=dict)
 
-    def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made:
-        """The function specialised for these arguments; unknown ones become its parameters.
+    def add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel:
+        """Specialise the function for these arguments; dynamic ones become its parameters.
 
         Arrays of which the same is known share what is made for the first of them.
         """
@@ -55,53 +53,60 @@ class Program:
         actual = {alike: array for array, alike in first.items()}
         if len(actual) < len(first):
             first = actual = {array: array for array in first}
-        given = [Memory(first[a.array], a.base) if isinstance(a, Memory) else a for a in arguments]
-        made = self._add(function, given)
-        return replace(made, arrays=tuple(actual[array] for array in made.arrays))
+        arguments = [Memory(first[a.array], a.base) if isinstance(a, Memory) else a for a in arguments]
+        specialised = self._add(function, arguments)
+        return replace(specialised, arrays=tuple(actual[array] for array in specialised.arrays))
 
     def _alike(self, array: str) -> str:
-        """The first array of which as much is known as of this one."""
-        if not self._known:
+        """Find the first array with the same static entries as this one."""
+        if not self._frozen_of:
             for (name, index), value in self.frozen.items():
-                self._known.setdefault(name, []).append((index, value.hex()))
-        return self._first.setdefault(tuple(sorted(self._known.get(array, []))), array)
+                self._frozen_of.setdefault(name, []).append((index, value.hex()))
+        return self._first.setdefault(tuple(sorted(self._frozen_of.get(array, []))), array)
 
-    def _add(self, function: FunctionType, arguments: Sequence[Value]) -> Made:
+    def _add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel:
         key = (
             function,
-            tuple(a.key if isinstance(a, Known) else a if isinstance(a, Memory) else None for a in arguments),
+            tuple(a.key if isinstance(a, Static) else a if isinstance(a, Memory) else None for a in arguments),
         )
         code = function.__code__
-        if key not in self._made and list(self._made.values()).count(None) < DEEPEST:
-            self._made[key] = None
+        if key not in self._specialised and list(self._specialised.values()).count(None) < DEEPEST:
+            self._specialised[key] = None
             self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
-            self._made[key] = self._make(kernel, arguments, f"{function.__name__}_{len(self._made)}")
-        found = self._made.get(key)
-        if found is None:
+            source = getattr(function, "__written__", function).__code__
+            new = self._make(kernel, arguments, f"{function.__name__}_{len(self._specialised)}")
+            vars(new.node)["origin"] = (source.co_filename, source.co_firstlineno)
+            self._specialised[key] = new
+        specialised = self._specialised.get(key)
+        if specialised is None:
             place = f"{code.co_filename}:{code.co_firstlineno}"
             raise InputError(place, function.__qualname__, "a kernel that does not call itself")
-        return found
+        return specialised
 
-    def add_text(self, text: str, namespace: Mapping[str, Any], arguments: Sequence[Value]) -> Made:
-        """The function that a text defines; its names are kernels, buffers (`Memory`), modules and numbers."""
+    def add_text(self, text: str, namespace: Mapping[str, Any], arguments: Sequence[Value]) -> SpecialisedKernel:
+        """Specialise the function that a text defines; its names are kernels, buffers, modules and numbers."""
         [tree] = ast.parse(text).body
         assert isinstance(tree, ast.FunctionDef)
         return self._make(Kernel(tree, namespace, f"<{tree.name}>"), arguments, tree.name)
 
-    def _make(self, kernel: Kernel, arguments: Sequence[Value], name: str) -> Made:
-        made = Body(self, kernel, arguments).made(name)
-        self.functions.append(made.node)
-        return made
+    def _make(self, kernel: Kernel, arguments: Sequence[Value], name: str) -> SpecialisedKernel:
+        specialised = Body(self, kernel, arguments).specialise(name)
+        self.functions.append(specialised.node)
+        return specialised
 
     def source(self) -> str:
-        """The program as Python."""
+        """Write the program as Python."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
+        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in self.definitions())])
+
+    def definitions(self) -> list[ast.FunctionDef]:
+        """List the functions that the program needs, each before those that call it."""
         called = {self.functions[-1].name}
-        kept = []
+        reachable = []
         for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
             if node.name in called:
-                kept.append(node)
+                reachable.append(node)
                 called.update(n.id for n in nodes([node]) if isinstance(n, ast.Name))
                 place(node)
-        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in reversed(kept))])
+        return reachable[::-1]

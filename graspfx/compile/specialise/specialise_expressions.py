@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from graspfx.compile.kernel import source_function
 from graspfx.compile.specialise.syntax import calls, load, node_of, terms, tuple_of
-from graspfx.compile.specialise.values import Known, Later, Memory, Named, Number, Several, Value, same
+from graspfx.compile.specialise.values import Dynamic, Memory, Number, Reference, Static, TupleValue, Value, same
 from graspfx.errors import GraspFXError, InputError
 
 Scope = dict[str, Value]
@@ -45,7 +45,7 @@ BUILTINS = (abs, min, max, int, float, bool)
 
 
 @dataclass
-class Made:
+class SpecialisedKernel:
     """A kernel specialised for some arguments: its definition, what it returns, whether it only computes."""
 
     name: str
@@ -70,10 +70,9 @@ class Specialiser(Protocol):
 
     frozen: Mapping[tuple[str, int], float]
     unroll: int
-    lanes: int
-    taken: dict[tuple[str, str], str]
+    numbers_of_modules: dict[tuple[str, str], str]
 
-    def add(self, function: FunctionType, arguments: Sequence[Value]) -> Made: ...
+    def add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel: ...
 
 
 class Expressions:
@@ -87,7 +86,7 @@ class Expressions:
 
     def value(self, node: ast.expr, scope: Scope) -> Value:
         if isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float):
-            return Known(node.value)
+            return Static(node.value)
         if isinstance(node, ast.Name):
             return self.name(node, scope)
         if isinstance(node, ast.Attribute):
@@ -98,117 +97,112 @@ class Expressions:
             return from_call(*self.call(node, scope))
         if isinstance(node, ast.Tuple):
             parts = tuple(self.number(part, scope) for part in node.elts)
-            return Several(parts, tuple_of([node_of(part) for part in parts]))
+            return TupleValue(parts, tuple_of([node_of(part) for part in parts]))
         if isinstance(node, ast.BinOp) and type(node.op) in BINARY:
             return self.binary(node, scope)
         if isinstance(node, ast.UnaryOp) and type(node.op) in UNARY:
             inner = self.number(node.operand, scope)
-            if isinstance(inner, Known):
-                return Known(UNARY[type(node.op)](inner.value))
-            return Later(ast.UnaryOp(node.op, inner.node))
+            if isinstance(inner, Static):
+                return Static(UNARY[type(node.op)](inner.value))
+            return Dynamic(ast.UnaryOp(node.op, inner.node))
         if isinstance(node, ast.BoolOp):
             return self.logic(node, scope)
         if isinstance(node, ast.Compare) and all(type(op) in COMPARISONS for op in node.ops):
             return self.compare(node, scope)
         if isinstance(node, ast.IfExp):
             test = self.test(node.test, scope)
-            if isinstance(test, Known):
+            if isinstance(test, Static):
                 return self.value(node.body if test.value else node.orelse, scope)
             one, other = self.number(node.body, scope), self.number(node.orelse, scope)
             if same(one, other) and not calls(node_of(test)):
                 return one
-            return Later(ast.IfExp(node_of(test), node_of(one), node_of(other)))
+            return Dynamic(ast.IfExp(node_of(test), node_of(one), node_of(other)))
         raise self.cannot(node, "is no expression of a kernel")
 
-    def number(self, node: ast.expr, scope: Scope) -> Known | Later:
+    def number(self, node: ast.expr, scope: Scope) -> Static | Dynamic:
         value = self.value(node, scope)
-        if isinstance(value, Known | Later):
+        if isinstance(value, Static | Dynamic):
             return value
         raise self.cannot(node, "is no number")
 
-    def test(self, node: ast.expr, scope: Scope) -> Known | Later:
-        found = self.number(node, scope)
-        if isinstance(found, Known):
-            return Known(bool(found.value))
-        left = found.node
-        if isinstance(left, ast.BoolOp) and isinstance(left.values[-1], ast.Constant):
-            settles = isinstance(left.op, ast.Or)
-            if bool(left.values[-1].value) is not settles:  # x and True is as true as x
-                first = left.values[:-1]
-                return Later(first[0] if len(first) == 1 else ast.BoolOp(left.op, first))
-        return found
+    def test(self, node: ast.expr, scope: Scope) -> Static | Dynamic:
+        value = self.number(node, scope)
+        if isinstance(value, Static):
+            return Static(bool(value.value))
+        expression = value.node
+        if isinstance(expression, ast.BoolOp) and isinstance(expression.values[-1], ast.Constant):
+            settles = isinstance(expression.op, ast.Or)
+            if bool(expression.values[-1].value) is not settles:  # x and True is as true as x
+                first = expression.values[:-1]
+                return Dynamic(first[0] if len(first) == 1 else ast.BoolOp(expression.op, first))
+        return value
 
     def name(self, node: ast.Name, scope: Scope) -> Value:
         if node.id in scope:
             return scope[node.id]
         missing = object()
-        found = self.kernel.namespace.get(node.id, getattr(builtins, node.id, missing))
-        if found is missing:
+        item = self.kernel.namespace.get(node.id, getattr(builtins, node.id, missing))
+        if item is missing:
             raise self.cannot(node, f"names {node.id!r}, which is nothing known here")
         if node.id in self.kernel.namespace:
-            self.note(self.kernel.namespace.get("__name__"), node.id, found)
-        return self.constant(node, found)
+            self.note(self.kernel.namespace.get("__name__"), node.id, item)
+        return self.constant(node, item)
 
     def attribute(self, node: ast.Attribute, scope: Scope) -> Value:
         owner = self.value(node.value, scope)
-        if not (isinstance(owner, Named) and isinstance(owner.of, ModuleType)):
+        if not (isinstance(owner, Reference) and isinstance(owner.of, ModuleType)):
             raise self.cannot(node, "is an attribute of something else than a module")
-        found = getattr(owner.of, node.attr)
-        self.note(owner.of.__name__, node.attr, found)
-        return self.constant(node, found)
+        item = getattr(owner.of, node.attr)
+        self.note(owner.of.__name__, node.attr, item)
+        return self.constant(node, item)
 
-    def note(self, module: Any, name: str, found: Any) -> None:
-        """Keeps a module's number that is folded in."""
-        if isinstance(found, bool | int | float) and isinstance(module, str):
-            self.program.taken[module, name] = repr(found)
+    def note(self, module: Any, name: str, item: Any) -> None:
+        """Record a module's number that is folded in."""
+        if isinstance(item, bool | int | float) and isinstance(module, str):
+            self.program.numbers_of_modules[module, name] = repr(item)
 
-    def constant(self, node: ast.expr, found: Any) -> Value:
-        if isinstance(found, bool | int | float):
-            return Known(found)
-        if isinstance(found, Memory):
-            return found
-        if isinstance(found, ModuleType) or callable(found):
-            return Named(found)
-        raise self.cannot(node, f"is {found!r}, which a kernel cannot use")
+    def constant(self, node: ast.expr, item: Any) -> Value:
+        if isinstance(item, bool | int | float):
+            return Static(item)
+        if isinstance(item, Memory):
+            return item
+        if isinstance(item, ModuleType) or callable(item):
+            return Reference(item)
+        raise self.cannot(node, f"is {item!r}, which a kernel cannot use")
 
     def item(self, node: ast.Subscript, scope: Scope) -> Value:
         owner = self.value(node.value, scope)
         if isinstance(owner, Memory):
             index = self.number(node.slice, scope)
-            if isinstance(index, Known):
+            if isinstance(index, Static):
                 entry = owner.array, owner.base + int(index.value)
                 if entry in self.program.frozen:
-                    return Known(self.program.frozen[entry])
-            return Later(self.entry(node, scope))
-        if isinstance(owner, Several):
+                    return Static(self.program.frozen[entry])
+            return Dynamic(self.entry(node, scope))
+        if isinstance(owner, TupleValue):
             index = self.number(node.slice, scope)
-            if isinstance(index, Known) and (owner.node is None or not calls(owner.node)):
+            if isinstance(index, Static) and (owner.node is None or not calls(owner.node)):
                 part = owner.parts[int(index.value)]
-                if isinstance(part, Known):
+                if isinstance(part, Static):
                     return part
-            return Later(ast.Subscript(node_of(owner), node_of(index), ast.Load()))
-        if isinstance(owner, Later):
-            return Later(ast.Subscript(owner.node, node_of(self.number(node.slice, scope)), ast.Load()))
+            return Dynamic(ast.Subscript(node_of(owner), node_of(index), ast.Load()))
+        if isinstance(owner, Dynamic):
+            return Dynamic(ast.Subscript(owner.node, node_of(self.number(node.slice, scope)), ast.Load()))
         raise self.cannot(node, "is no entry of a buffer")
 
     def entry(self, node: ast.Subscript, scope: Scope, *, store: bool = False) -> ast.Subscript:
-        """An entry of a buffer as one of the program's array."""
+        """Write an entry of a buffer as one of the program's array."""
         owner = self.value(node.value, scope)
         if not isinstance(owner, Memory):
             raise self.cannot(node, "is no entry of a buffer")
         index = self.number(node.slice, scope)
         if store:
             self.pure = False
-            if isinstance(index, Known) and (owner.array, owner.base + int(index.value)) in self.program.frozen:
+            if isinstance(index, Static) and (owner.array, owner.base + int(index.value)) in self.program.frozen:
                 raise self.cannot(node, "writes to an entry that was said never to change")
         self.arrays[owner.array] = None
-        lanes = self.program.lanes
-        rest, offset = terms(node_of(index))
+        place, offset = terms(node_of(index))
         offset += owner.base
-        place: ast.expr | None = rest
-        if lanes > 1:
-            place = load("lane") if rest is None else ast.BinOp(_times(rest, lanes), ast.Add(), load("lane"))
-            offset *= lanes
         if place is None:
             if offset < 0:
                 raise self.cannot(node, "is an entry before the buffer's first")
@@ -220,45 +214,45 @@ class Expressions:
 
     def binary(self, node: ast.BinOp, scope: Scope) -> Value:
         left, right = self.number(node.left, scope), self.number(node.right, scope)
-        if isinstance(left, Known) and isinstance(right, Known):
-            found = _done(BINARY[type(node.op)], left.value, right.value)
-            if found is not None:
-                return found
-        return Later(ast.BinOp(node_of(left), node.op, node_of(right)))
+        if isinstance(left, Static) and isinstance(right, Static):
+            result = _folded(BINARY[type(node.op)], left.value, right.value)
+            if result is not None:
+                return result
+        return Dynamic(ast.BinOp(node_of(left), node.op, node_of(right)))
 
     def logic(self, node: ast.BoolOp, scope: Scope) -> Value:
         settles = isinstance(node.op, ast.Or)  # the value that ends it
-        left: list[ast.expr] = []
+        rest: list[ast.expr] = []
         for part in node.values:
-            found = self.number(part, scope)
-            if isinstance(found, Known):
-                if bool(found.value) is settles:
-                    if not left:
-                        return found
-                    left.append(node_of(found))
+            value = self.number(part, scope)
+            if isinstance(value, Static):
+                if bool(value.value) is settles:
+                    if not rest:
+                        return value
+                    rest.append(node_of(value))
                     break
                 if part is not node.values[-1]:
                     continue
-                if not left:
-                    return found
-                if isinstance(found.value, bool) and isinstance(left[-1], ast.Compare):
+                if not rest:
+                    return value
+                if isinstance(value.value, bool) and isinstance(rest[-1], ast.Compare):
                     continue  # a truth value already
-            left.append(node_of(found))
-        return Later(left[0] if len(left) == 1 else ast.BoolOp(node.op, left))
+            rest.append(node_of(value))
+        return Dynamic(rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest))
 
     def compare(self, node: ast.Compare, scope: Scope) -> Value:
         operands = [self.number(part, scope) for part in (node.left, *node.comparators)]
-        numbers = [o.value for o in operands if isinstance(o, Known)]
+        numbers = [o.value for o in operands if isinstance(o, Static)]
         if len(numbers) == len(operands):
             pairs = zip(numbers, node.ops, numbers[1:], strict=False)
-            return Known(all(COMPARISONS[type(op)](a, b) for a, op, b in pairs))
+            return Static(all(COMPARISONS[type(op)](a, b) for a, op, b in pairs))
         first, *others = map(node_of, operands)
-        return Later(ast.Compare(first, node.ops, others))
+        return Dynamic(ast.Compare(first, node.ops, others))
 
     def call(self, node: ast.Call, scope: Scope) -> tuple[ast.expr | None, Value | None]:
-        """The call that is left, None if there is none, and what is known of its value."""
+        """Specialise a call: the call that remains, None if none does, and what is static of its value."""
         called = self.value(node.func, scope)
-        if not isinstance(called, Named) or isinstance(called.of, ModuleType):
+        if not isinstance(called, Reference) or isinstance(called.of, ModuleType):
             raise self.cannot(node, "calls something else than a function")
         function = called.of
         if isinstance(function, FunctionType):
@@ -266,11 +260,11 @@ class Expressions:
             return self.specialised(node, function, scope)
         arguments = [self.number(a, scope) for a in node.args]
         if function in BUILTINS or getattr(math, getattr(function, "__name__", ""), None) is function:
-            numbers = [a.value for a in arguments if isinstance(a, Known)]
+            numbers = [a.value for a in arguments if isinstance(a, Static)]
             if len(numbers) == len(arguments):
-                found = _done(function, *numbers)
-                if found is not None:
-                    return None, found
+                result = _folded(function, *numbers)
+                if result is not None:
+                    return None, result
             name: ast.expr = load(function.__name__)
             if function not in BUILTINS:
                 name = ast.Attribute(load("math"), function.__name__, ast.Load())
@@ -278,54 +272,49 @@ class Expressions:
         raise self.cannot(node, f"calls {function!r}, which a kernel cannot")
 
     def specialised(self, node: ast.Call, function: FunctionType, scope: Scope) -> tuple[ast.expr | None, Value | None]:
-        given: list[Value] = []
-        named = {k.arg: k.value for k in node.keywords}
+        values: list[Value] = []
+        keywords = {k.arg: k.value for k in node.keywords}
         for k, parameter in enumerate(signature(function).parameters.values()):
             if k < len(node.args):
-                given.append(self.value(node.args[k], scope))
-            elif parameter.name in named:
-                given.append(self.value(named[parameter.name], scope))
+                values.append(self.value(node.args[k], scope))
+            elif parameter.name in keywords:
+                values.append(self.value(keywords[parameter.name], scope))
             elif parameter.default is not Parameter.empty:
-                given.append(Known(parameter.default))
-        made = self.program.add(function, given)
-        result = made.result
-        known = isinstance(result, Known) or (
-            isinstance(result, Several) and all(isinstance(part, Known) for part in result.parts)
+                values.append(Static(parameter.default))
+        specialised = self.program.add(function, values)
+        result = specialised.result
+        is_static = isinstance(result, Static) or (
+            isinstance(result, TupleValue) and all(isinstance(part, Static) for part in result.parts)
         )
-        later = [a.node for a in given if isinstance(a, Later)]
-        if made.pure and (known or result is None) and not any(map(calls, later)):
-            return None, result or Known(0)
-        self.pure = self.pure and made.pure
-        self.called += made.statements
-        for array in made.arrays:
+        dynamic = [a.node for a in values if isinstance(a, Dynamic)]
+        if specialised.pure and (is_static or result is None) and not any(map(calls, dynamic)):
+            return None, result or Static(0)
+        self.pure = self.pure and specialised.pure
+        self.called += specialised.statements
+        for array in specialised.arrays:
             self.arrays[array] = None
-        lane = [load("lane")] if self.program.lanes > 1 else []
-        call = ast.Call(load(made.name), [*map(load, made.arrays), *lane, *later], [])
-        return call, result if isinstance(result, Known | Several) else None
+        call = ast.Call(load(specialised.name), [*map(load, specialised.arrays), *dynamic], [])
+        return call, result if isinstance(result, Static | TupleValue) else None
 
     def cannot(self, node: ast.AST, why: str) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
-        shown = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
-        return InputError(f"{self.kernel.file}:{line}", shown, "what a kernel may hold", why)
+        text = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
+        return InputError(f"{self.kernel.file}:{line}", text, "what a kernel may hold", why)
 
 
-def _done(function: Callable[..., Any], *numbers: Number) -> Known | None:
-    """What a function gives; None where it raises or leaves the reals, which is to happen where and if it does."""
+def _folded(function: Callable[..., Any], *numbers: Number) -> Static | None:
+    """Fold a function of numbers; None where it raises or leaves the reals: that is left to the running program."""
     try:
-        found = function(*numbers)
+        result = function(*numbers)
     except (ArithmeticError, ValueError):
         return None
-    return Known(found) if isinstance(found, bool | int | float) else None
+    return Static(result) if isinstance(result, bool | int | float) else None
 
 
-def from_call(call: ast.expr | None, known: Value | None) -> Value:
-    """A call as a value; no call where all that it gives is known."""
+def from_call(call: ast.expr | None, result: Value | None) -> Value:
+    """Turn a call into a value; there is no call where its whole result is static."""
     if call is None:
-        if isinstance(known, Several):
-            return Several(known.parts, tuple_of([node_of(part) for part in known.parts]))
-        return known or Known(0)
-    return Several(known.parts, call) if isinstance(known, Several) else Later(call)
-
-
-def _times(node: ast.expr, lanes: int) -> ast.expr:
-    return ast.BinOp(node, ast.Mult(), ast.Constant(lanes))
+        if isinstance(result, TupleValue):
+            return TupleValue(result.parts, tuple_of([node_of(part) for part in result.parts]))
+        return result or Static(0)
+    return TupleValue(result.parts, call) if isinstance(result, TupleValue) else Dynamic(call)

@@ -6,7 +6,14 @@ import ast
 from collections.abc import Iterable, Sequence
 
 from graspfx.compile.specialise.pruning import without_unused
-from graspfx.compile.specialise.specialise_expressions import Expressions, Kernel, Made, Scope, Specialiser, from_call
+from graspfx.compile.specialise.specialise_expressions import (
+    Expressions,
+    Kernel,
+    Scope,
+    SpecialisedKernel,
+    Specialiser,
+    from_call,
+)
 from graspfx.compile.specialise.syntax import (
     assigned,
     assignment,
@@ -21,7 +28,7 @@ from graspfx.compile.specialise.syntax import (
     store,
     tuple_of,
 )
-from graspfx.compile.specialise.values import Known, Later, Memory, Named, Several, Value, same
+from graspfx.compile.specialise.values import Dynamic, Memory, Reference, Static, TupleValue, Value, same
 
 
 class Body(Expressions):
@@ -35,7 +42,7 @@ class Body(Expressions):
         self.arguments = arguments
         self.returned: list[Value | None] = []
 
-    def made(self, name: str) -> Made:
+    def specialise(self, name: str) -> SpecialisedKernel:
         scope: Scope = {}
         body: list[ast.stmt] = []
         parameters = []
@@ -43,52 +50,55 @@ class Body(Expressions):
             if isinstance(value, Memory):
                 self.arrays[value.array] = None
                 scope[parameter] = value
-            elif isinstance(value, Known):
+            elif isinstance(value, Static):
                 scope[parameter] = value
                 body.append(assignment(parameter, constant(value.value)))
             else:
-                scope[parameter] = Later(load(parameter))
+                scope[parameter] = Dynamic(load(parameter))
                 parameters.append(parameter)
         statements, ended = self.block(self.tree.body, scope)
         if not ended:
             self.returned.append(None)
-        for taken in self.arrays.keys() & (assigned(self.tree.body) | set(parameters)):
+        for clash in self.arrays.keys() & (assigned(self.tree.body) | set(parameters)):
             raise self.cannot(
-                self.tree, f"has a number named {taken!r}, which is the name of a buffer: call that otherwise"
+                self.tree, f"has a number named {clash!r}, which is the name of a buffer: call that otherwise"
             )
         body = without_unused(body + statements)
-        lane = ["lane"] if self.program.lanes > 1 else []
         arrays = tuple(self.arrays)
         node = ast.FunctionDef(
             name=name,
             args=ast.arguments(
-                posonlyargs=[], args=[ast.arg(p) for p in (*arrays, *lane, *parameters)], kwonlyargs=[],
+                posonlyargs=[], args=[ast.arg(p) for p in (*arrays, *parameters)], kwonlyargs=[],
                 kw_defaults=[], defaults=[],
             ),
             body=body or [ast.Pass()],
             decorator_list=[],
             type_params=[],
         )  # fmt: skip
-        return Made(name, arrays, node, self.result(), self.pure, self.called + size(body))
+        return SpecialisedKernel(name, arrays, node, self.result(), self.pure, self.called + size(body))
 
     def result(self) -> Value | None:
-        """What is known of all that may be returned."""
+        """Combine what is static of all returned values."""
         first, *others = self.returned
         if first is None:
             return None
-        if isinstance(first, Several):
+        if isinstance(first, TupleValue):
             parts = [
-                part if all(isinstance(r, Several) and same(part, r.parts[k]) for r in others) else Later(load("_"))
+                part
+                if all(isinstance(r, TupleValue) and same(part, r.parts[k]) for r in others)
+                else Dynamic(load("_"))
                 for k, part in enumerate(first.parts)
             ]
-            return Several(tuple(parts), None)
-        return first if all(same(first, r) for r in others) else Later(load("_"))
+            return TupleValue(tuple(parts), None)
+        return first if all(same(first, r) for r in others) else Dynamic(load("_"))
 
     def block(self, statements: Iterable[ast.stmt], scope: Scope) -> tuple[list[ast.stmt], bool]:
-        """Statements specialised, and whether the end is never reached."""
+        """Specialise statements; tell whether their end is never reached."""
         out: list[ast.stmt] = []
         for statement in statements:
             more, ended = self.statement(statement, scope)
+            for line in more:  # of which an inner block may have said already where it comes from
+                vars(line).setdefault("origin", (self.kernel.file, statement.lineno))
             out += more
             if ended:
                 return out, True
@@ -127,44 +137,44 @@ class Body(Expressions):
 
     def assign(self, target: ast.expr, value: ast.expr, scope: Scope) -> list[ast.stmt]:
         out: list[ast.stmt] = []
-        found: Value
+        result: Value
         if isinstance(value, ast.Call):
-            call, known = self.call(value, scope)
-            if isinstance(known, Known):
-                found = known
+            call, static = self.call(value, scope)
+            if isinstance(static, Static):
+                result = static
                 if call is not None:  # done for its effect: what it gives is known
                     out.append(ast.Expr(call))
             else:
-                found = from_call(call, known)
+                result = from_call(call, static)
         else:
-            found = self.value(value, scope)
+            result = self.value(value, scope)
         if isinstance(target, ast.Name):
-            if isinstance(found, Memory | Named):
-                scope[target.id] = found
+            if isinstance(result, Memory | Reference):
+                scope[target.id] = result
                 return out
-            scope[target.id] = found if isinstance(found, Known) else Later(load(target.id))
-            return [*out, assignment(target.id, node_of(found))]
+            scope[target.id] = result if isinstance(result, Static) else Dynamic(load(target.id))
+            return [*out, assignment(target.id, node_of(result))]
         if isinstance(target, ast.Subscript):
-            return [*out, ast.Assign([self.entry(target, scope, store=True)], node_of(found))]
-        if not (isinstance(target, ast.Tuple) and isinstance(found, Several | Later)):
+            return [*out, ast.Assign([self.entry(target, scope, store=True)], node_of(result))]
+        if not (isinstance(target, ast.Tuple) and isinstance(result, TupleValue | Dynamic)):
             raise self.cannot(target, "cannot be assigned to")
-        taken: set[str] = set()
+        names: set[str] = set()
         for t in target.elts:
             if isinstance(t, ast.Name):
-                taken.add(t.id)
-            elif taken & {n.id for n in ast.walk(t) if isinstance(n, ast.Name)}:
+                names.add(t.id)
+            elif names & {n.id for n in ast.walk(t) if isinstance(n, ast.Name)}:
                 raise self.cannot(target, "assigns to a number and, by it, to an entry: do that one after the other")
         to = [
             store(t.id) if isinstance(t, ast.Name) else self.entry(self.subscript(t), scope, store=True)
             for t in target.elts
         ]
-        parts = found.parts if isinstance(found, Several) else (Later(load("_")),) * len(to)
+        parts = result.parts if isinstance(result, TupleValue) else (Dynamic(load("_")),) * len(to)
         if len(to) != len(parts):
             raise self.cannot(target, f"takes {len(to)} values, {len(parts)} given")
         for t, part in zip(target.elts, parts, strict=True):
             if isinstance(t, ast.Name):
-                scope[t.id] = part if isinstance(part, Known) else Later(load(t.id))
-        return [*out, ast.Assign([tuple_of(to, store=True)], node_of(found))]
+                scope[t.id] = part if isinstance(part, Static) else Dynamic(load(t.id))
+        return [*out, ast.Assign([tuple_of(to, store=True)], node_of(result))]
 
     def subscript(self, node: ast.expr) -> ast.Subscript:
         if isinstance(node, ast.Subscript):
@@ -173,7 +183,7 @@ class Body(Expressions):
 
     def branch(self, node: ast.If, scope: Scope) -> tuple[list[ast.stmt], bool]:
         test = self.test(node.test, scope)
-        if isinstance(test, Known):
+        if isinstance(test, Static):
             return self.block(node.body if test.value else node.orelse, scope)
         one, other = dict(scope), dict(scope)
         body, ended = self.block(node.body, one)
@@ -183,7 +193,7 @@ class Body(Expressions):
         else:
             _become(scope, {name: _joined(name, one[name], other[name]) for name in one.keys() & other.keys()})
             for name in one.keys() ^ other.keys():  # read only where it has been assigned to
-                scope[name] = Later(load(name))
+                scope[name] = Dynamic(load(name))
         if not body and not otherwise:
             return ([ast.Expr(node_of(test))] if calls(node_of(test)) else []), False
         if not body:
@@ -194,10 +204,10 @@ class Body(Expressions):
         call = node.iter
         if isinstance(call, ast.Tuple) and not node.orelse and not leaves(node.body):
             turns = [[ast.copy_location(ast.Assign([node.target], part), node), *node.body] for part in call.elts]
-            asked = list(ast.walk(call))
-            changed = assigned(node.body) & {part.id for part in asked if isinstance(part, ast.Name)}
+            parts = list(ast.walk(call))
+            changed = assigned(node.body) & {part.id for part in parts if isinstance(part, ast.Name)}
             if not changed and not any(
-                isinstance(part, ast.Subscript | ast.Call) for part in asked
+                isinstance(part, ast.Subscript | ast.Call) for part in parts
             ):  # else the tuple would not be what it was at the beginning
                 return self.block([statement for turn in turns for statement in turn], scope)
         if not (
@@ -209,14 +219,14 @@ class Body(Expressions):
         ):
             raise self.cannot(node, "loops over something else than a range or a tuple that stays")
         bounds = [self.value(a, scope) for a in call.args]
-        known = [int(b.value) for b in bounds if isinstance(b, Known)]
-        if len(known) == len(bounds):
-            numbers = range(*known)
+        indices = [int(b.value) for b in bounds if isinstance(b, Static)]
+        if len(indices) == len(bounds):
+            numbers = range(*indices)
             if not numbers:
                 return [], False
-            found = self.written_out(node, numbers, scope)
-            if found is not None:
-                return found
+            lines = self.written_out(node, numbers, scope)
+            if lines is not None:
+                return lines
         self.forget([node], scope)
         inner = dict(scope)
         body, _ = self.block(node.body, inner)
@@ -229,7 +239,7 @@ class Body(Expressions):
         return turned, False
 
     def written_out(self, node: ast.For, turns: range, scope: Scope) -> tuple[list[ast.stmt], bool] | None:
-        """The turns of a loop one after another, and whether the end is never reached; None if that is too much."""
+        """Write out the turns of a loop, and tell whether the end is never reached; None if that is too much."""
         assert isinstance(node.target, ast.Name)
         most = self.program.unroll
         if len(turns) * len(node.body) > most or leaves(node.body):
@@ -243,12 +253,12 @@ class Body(Expressions):
         )
         out: list[ast.stmt] = []
         ended, written = False, 0
-        for done, turn in enumerate(turns, start=1):
-            inner[node.target.id] = Known(turn)
+        for count, turn in enumerate(turns, start=1):
+            inner[node.target.id] = Static(turn)
             body, ended = self.block(node.body, inner)
             out += [assignment(node.target.id, ast.Constant(turn)), *body]
             written += size(body)
-            if (written + self.called - called) * (1 if ended else len(turns)) > most * done:
+            if (written + self.called - called) * (1 if ended else len(turns)) > most * count:
                 self.arrays, self.pure, self.called = arrays, pure, called
                 del self.returned[returned:]
                 return None
@@ -261,7 +271,7 @@ class Body(Expressions):
         if node.orelse:
             raise self.cannot(node, "has an else after its loop")
         first = self.test(node.test, scope)
-        if isinstance(first, Known) and not first.value:
+        if isinstance(first, Static) and not first.value:
             return [], False
         self.forget(node.body, scope)
         test = self.test(node.test, dict(scope))
@@ -269,11 +279,11 @@ class Body(Expressions):
         return [ast.While(node_of(test), body or [ast.Pass()], [])], False
 
     def forget(self, statements: Sequence[ast.stmt], scope: Scope) -> None:
-        """Nothing is known of a variable that a loop assigns to."""
+        """Forget what is known of the variables that a loop assigns to."""
         for name in assigned(statements):
-            if isinstance(scope.get(name), Memory | Named):
+            if isinstance(scope.get(name), Memory | Reference):
                 raise self.cannot(statements[0], f"changes the buffer {name!r} in a loop")
-            scope[name] = Later(load(name))
+            scope[name] = Dynamic(load(name))
 
     def give(self, node: ast.Return, scope: Scope) -> list[ast.stmt]:
         if node.value is None:
@@ -293,7 +303,7 @@ class Body(Expressions):
 
 
 def _joined(name: str, one: Value, other: Value) -> Value:
-    return one if same(one, other) else Later(load(name))
+    return one if same(one, other) else Dynamic(load(name))
 
 
 def _become(scope: Scope, other: Scope) -> None:

@@ -7,7 +7,7 @@ import copy
 import math
 from collections.abc import Iterable, Iterator, Sequence
 
-from graspfx.compile.specialise.values import Known, Later, Number, Several, Value
+from graspfx.compile.specialise.values import Dynamic, Number, Static, TupleValue, Value
 from graspfx.errors import InputError
 
 
@@ -42,21 +42,21 @@ def constant(value: Number) -> ast.expr:
 
 
 def node_of(value: Value) -> ast.expr:
-    if isinstance(value, Known):
+    if isinstance(value, Static):
         return constant(value.value)
-    if isinstance(value, Later | Several) and value.node is not None:
+    if isinstance(value, Dynamic | TupleValue) and value.node is not None:
         return value.node
     raise InputError("kernel", value, "a number")
 
 
 def loaded(target: ast.expr) -> ast.expr:
-    found = copy.copy(target)
-    found.ctx = ast.Load()  # type: ignore[attr-defined] # targets have one
-    return found
+    expression = copy.copy(target)
+    expression.ctx = ast.Load()  # type: ignore[attr-defined] # targets have one
+    return expression
 
 
 def nodes(roots: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """All nodes of some trees, in no order: in a third of the time that `ast.walk` takes."""
+    """List all nodes of some trees, in no order, in a third of the time that `ast.walk` takes."""
     left = list(roots)
     while left:
         node = left.pop()
@@ -71,17 +71,17 @@ def nodes(roots: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 
 def inner(statement: ast.stmt) -> list[ast.stmt]:
-    """The statements of which a loop or a branch consists."""
+    """List the statement blocks inside a loop or a branch."""
     return [*getattr(statement, "body", ()), *getattr(statement, "orelse", ())]
 
 
 def size(statements: Sequence[ast.stmt]) -> int:
-    """How many statements there are, inner ones too."""
+    """Count statements, inner ones included."""
     return len(statements) + sum(size(inner(s)) for s in statements if isinstance(s, ast.If | ast.For | ast.While))
 
 
 def place(statement: ast.stmt) -> None:
-    """Gives a statement and its inner ones the line number that `ast.unparse` asks for."""
+    """Give a statement and its inner ones the line numbers that `ast.unparse` needs."""
     statement.lineno = 0
     for part in inner(statement):
         place(part)
@@ -92,7 +92,7 @@ def calls(node: ast.expr) -> bool:
 
 
 def terms(node: ast.expr) -> tuple[ast.expr | None, int]:
-    """A sum of whole numbers without its constants, and their sum."""
+    """Split a sum of whole numbers into its terms and its constant."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int):
         return None, node.value
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant):
@@ -116,7 +116,7 @@ def assigned(statements: Sequence[ast.stmt]) -> set[str]:
 
 
 def leaves(statements: Sequence[ast.stmt]) -> bool:
-    """Whether a loop's body has a break or continue of its own."""
+    """Tell whether a loop's body has a break or continue of its own."""
     for statement in statements:
         if isinstance(statement, ast.Break | ast.Continue):
             return True

@@ -1,4 +1,4 @@
-"""What a kernel's expression is known to be before the program runs."""
+"""Values of expressions during specialisation: static, dynamic, or references."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Number = bool | int | float
 
 
 @dataclass(frozen=True)
-class Known:
+class Static:
     """A number."""
 
     value: Number
@@ -31,32 +31,32 @@ class Memory:
 
 
 @dataclass(frozen=True)
-class Named:
+class Reference:
     """A module, or a function of one."""
 
     of: ModuleType | Callable[..., Any]
 
 
 @dataclass(frozen=True)
-class Later:
-    """What only the running program knows: the expression that computes it."""
+class Dynamic:
+    """A number of the running program: the expression that computes it."""
 
     node: ast.expr
 
 
 @dataclass(frozen=True)
-class Several:
+class TupleValue:
     """A tuple of which some may be known; `node` computes all of it, unless it is None."""
 
-    parts: tuple[Known | Later, ...]
+    parts: tuple[Static | Dynamic, ...]
     node: ast.expr | None
 
 
-Value = Known | Memory | Named | Later | Several
+Value = Static | Memory | Reference | Dynamic | TupleValue
 
 
 def same(a: Value | None, b: Value | None) -> bool:
-    """Whether both are known to be the same, to the last bit."""
-    if isinstance(a, Known) and isinstance(b, Known):
+    """Tell whether both are static and equal to the last bit."""
+    if isinstance(a, Static) and isinstance(b, Static):
         return a.key == b.key
-    return isinstance(a, Memory | Named) and a == b
+    return isinstance(a, Memory | Reference) and a == b

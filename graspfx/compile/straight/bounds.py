@@ -19,22 +19,22 @@ Bounds = dict[int, float]
 
 
 def magnitudes(graph: Graph, carried: Mapping[Slot, float]) -> Bounds:
-    """A bound of each node, by its number; inf where there is none, and where it may be NaN."""
-    found: Bounds = {}
+    """Bound the size of each node, by its number; inf where there is no bound, and where it may be NaN."""
+    sizes: Bounds = {}
     positive: set[int] = set()
     for node in graph.nodes:
         if node.steady:
-            found[node.number] = 0.0 if multiplied(node) is not None else STEADY
+            sizes[node.number] = 0.0 if multiplied(node) is not None else STEADY
             continue
-        sizes = [_size(arg, found) for arg in node.args if isinstance(arg, Node | bool | int | float)]
-        found[node.number] = _bound(node, sizes, carried, positive) * ROUNDING
+        operands = [_size(arg, sizes) for arg in node.args if isinstance(arg, Node | bool | int | float)]
+        sizes[node.number] = _bound(node, operands, carried, positive) * ROUNDING
         if _is_positive(node, positive):
             positive.add(node.number)
-    return found
+    return sizes
 
 
-def _size(arg: Node | Plain, found: Bounds) -> float:
-    size = found[arg.number] if isinstance(arg, Node) else abs(float(arg))
+def _size(arg: Node | Plain, bounds: Bounds) -> float:
+    size = bounds[arg.number] if isinstance(arg, Node) else abs(float(arg))
     return math.inf if math.isnan(size) else size
 
 
@@ -63,7 +63,7 @@ def _bound(node: Node, sizes: Sequence[float], carried: Mapping[Slot, float], po
 
 
 def _is_positive(node: Node, positive: set[int]) -> bool:
-    """Whether it is zero or more (or NaN)."""
+    """Tell whether a node is zero or more (or NaN)."""
     if node.op == "*":
         return node.args[0] is node.args[1]
     if node.op == "+":
@@ -72,7 +72,7 @@ def _is_positive(node: Node, positive: set[int]) -> bool:
 
 
 def multiplied(node: Node) -> Node | None:
-    """The steady number that is multiplied by zero: zero, if it is finite."""
+    """Give the steady number that a node multiplies by zero: the product is zero if the number is finite."""
     if node.steady and node.op == "*":
         for one, other in (node.args, node.args[::-1]):
             if isinstance(other, Node) and not isinstance(one, Node) and one == 0.0:
@@ -81,7 +81,7 @@ def multiplied(node: Node) -> Node | None:
 
 
 def divisors(graph: Graph) -> set[int]:
-    """Steady nodes by which others are divided."""
+    """List the steady nodes that others are divided by."""
     return {
         node.args[1].number
         for node in graph.nodes
@@ -89,12 +89,12 @@ def divisors(graph: Graph) -> set[int]:
     }
 
 
-def implied(guard: Guard, found: Bounds) -> bool:
-    """Whether a guard holds wherever the bounds do."""
+def implied(guard: Guard, bounds: Bounds) -> bool:
+    """Tell whether the bounds imply a guard."""
     op, a, b, outcome = guard
     if not isinstance(a, Node) or a.steady:
         return False
-    size = found[a.number]
+    size = bounds[a.number]
     if op == "isfinite":
         return outcome and size < math.inf
     if isinstance(b, Node) or b is None:
@@ -111,7 +111,7 @@ def implied(guard: Guard, found: Bounds) -> bool:
 def carried_on(
     graph: Graph, ends: Mapping[Slot, Node | Plain], guards: Sequence[Guard], most: int
 ) -> tuple[int, Bounds]:
-    """For how many turns, `most` or fewer, bounds at their beginning bound all that is guarded; and those of the last.
+    """Count the turns, up to `most`, whose guards follow from bounds at their beginning; return the last bounds too.
 
     Args:
         graph: one turn.
@@ -120,13 +120,13 @@ def carried_on(
         most: turns.
     """
     carried = dict.fromkeys(ends, CARRIED)
-    found = magnitudes(graph, carried)
-    wanted = [guard for guard in guards if implied(guard, found)]
+    bounds = magnitudes(graph, carried)
+    implied_guards = [guard for guard in guards if implied(guard, bounds)]
     turns = 1
     while turns < most:
-        carried = {slot: max(carried[slot], _size(end, found)) for slot, end in ends.items()}
+        carried = {slot: max(carried[slot], _size(end, bounds)) for slot, end in ends.items()}
         following = magnitudes(graph, carried)
-        if not all(implied(guard, following) for guard in wanted):
+        if not all(implied(guard, following) for guard in implied_guards):
             break
-        found, turns = following, turns + 1
-    return turns, found
+        bounds, turns = following, turns + 1
+    return turns, bounds

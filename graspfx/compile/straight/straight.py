@@ -57,7 +57,7 @@ def written_down(
     same: Callable[[Slot], bool],
     columns: Sequence[int],
 ) -> Turns:
-    """The turns of `run(..., k, count, r)`, of which each writes a row to `rows`.
+    """Trace the turns of `run(..., k, count, r)`, each of which writes a row to `rows`.
 
     Args:
         program: the program.
@@ -72,8 +72,8 @@ def written_down(
     for count in HEADS:
         try:
             return _Writer(program, arrays, same, columns).turns(count)
-        except (NotSteadyError, ArithmeticError, ValueError, IndexError) as found:
-            error = found
+        except (NotSteadyError, ArithmeticError, ValueError, IndexError) as fault:
+            error = fault
     raise NotSteadyError(str(error)) from error
 
 
@@ -105,7 +105,7 @@ class _Writer:
 
         carried: set[Slot] = set()  # all else stays
         while True:
-            body, now, output = self._later(begin, carried, count, None)
+            body, now, output = self._steady_turn(begin, carried, count, None)
             more = {slot for slot in _changed(now) if slot not in carried}
             if not more:
                 break
@@ -114,17 +114,17 @@ class _Writer:
         self._require_alike(begin, carried, count, body, now)
         return Turns(head, watched, body, begin, ends, output)
 
-    def _later(
+    def _steady_turn(
         self, begin: Callable[[Slot], Node | Plain], carried: set[Slot], k: int, values: Mapping[Slot, float] | None
     ) -> tuple[Graph, dict[str, Cells], list[Node | Plain]]:
         graph = Graph()
 
         def first(slot: Slot) -> Node | Plain:
-            known = begin(slot)
-            value = plain(known) if values is None else values.get(slot, plain(known))
+            start = begin(slot)
+            value = plain(start) if values is None else values.get(slot, plain(start))
             if slot in carried:
                 return graph.node("input", (slot,), value, steady=False)
-            return graph.node("input", (slot,), value, steady=True) if isinstance(known, Node) else known
+            return graph.node("input", (slot,), value, steady=True) if isinstance(start, Node) else start
 
         now = {name: Cells(name, first) for name in self.names}
         tick = graph.node("tick", (), k, steady=False)
@@ -138,8 +138,8 @@ class _Writer:
             raise NotSteadyError(f"row {slot[1]} is read")
 
         rows = Cells("rows", none)
-        given = {**cells, "rows": rows, "k": k, "count": 1, "r": 0}
-        self.program.turn(graph, [given[name] for name in self.program.parameters], whole)
+        values = {**cells, "rows": rows, "k": k, "count": 1, "r": 0}
+        self.program.turn(graph, [values[name] for name in self.program.parameters], whole)
         return [rows.now[c] for c in self.columns]
 
     def _require_alike(
@@ -151,13 +151,13 @@ class _Writer:
         now: Mapping[str, Cells],
     ) -> None:
         values = {(name, k): plain(value) for name, cells in now.items() for k, value in cells.now.items()}
-        again, _, _ = self._later(begin, carried, count + 1, values)
+        again, _, _ = self._steady_turn(begin, carried, count + 1, values)
         if _shape(again) != _shape(body):
             raise NotSteadyError("turns differ")
 
 
 def _changed(now: Mapping[str, Cells]) -> Iterator[Slot]:
-    """Slots that are read and then hold something else at the end."""
+    """List the slots that are read and hold something else at the end."""
     for name, cells in now.items():
         for k, first in cells.first.items():
             last = cells.now[k]
@@ -173,11 +173,11 @@ def _bits(value: Plain) -> str:
 
 
 def _shape(graph: Graph) -> object:
-    def shown(value: Any) -> object:
+    def described(value: Any) -> object:
         return ("node", value.number) if isinstance(value, Node) else (type(value).__name__, repr(value))
 
-    nodes = [(node.op, *map(shown, node.args)) for node in graph.nodes]
-    return nodes, [(g.op, shown(g.a), shown(g.b), g.outcome) for g in graph.guards.values()]
+    nodes = [(node.op, *map(described, node.args)) for node in graph.nodes]
+    return nodes, [(g.op, described(g.a), described(g.b), g.outcome) for g in graph.guards.values()]
 
 
 @dataclass(frozen=True)
@@ -206,14 +206,14 @@ class Body:
 
 
 def reduced(turns: Turns) -> Body:
-    """The body of a program without what bounds imply and without what nothing asks for."""
+    """Reduce a turn to the nodes that are asked for, without the guards that bounds imply."""
     graph = turns.body
     every = list(graph.guards.values())
     once = [g for g in every if all(n.steady for n in (g.a, g.b) if isinstance(n, Node))]
     rest = [g for g in every if not any(g is o for o in once)]
-    count, found = bounds.carried_on(graph, turns.ends, rest, TURNS)
-    replaced = _Replaced(graph, found)
-    guards = [replaced.guard(g) for g in rest if not bounds.implied(g, found)]
+    count, sizes = bounds.carried_on(graph, turns.ends, rest, TURNS)
+    replaced = _Replaced(graph, sizes)
+    guards = [replaced.guard(g) for g in rest if not bounds.implied(g, sizes)]
     output = [replaced(value) for value in turns.output]
     ends = {slot: replaced(value) for slot, value in turns.ends.items()}
     roots = [value for g in guards for value in (g.a, g.b)] + output
@@ -224,14 +224,14 @@ def reduced(turns: Turns) -> Body:
         if not more:
             break
         live |= more
-    kept = {slot: end for slot, end in ends.items() if slot in live}
+    live_ends = {slot: end for slot, end in ends.items() if slot in live}
     used = [n for node in nodes if not node.steady for n in parts(node) if n.steady]
-    used += [n for n in (*roots, *kept.values()) if _is_steady(n)]
+    used += [n for n in (*roots, *live_ends.values()) if _is_steady(n)]
     bounded = [n for node in graph.nodes if not node.steady for n in parts(node) if n.steady]
     bounded += [n for node in graph.nodes if (n := bounds.multiplied(node)) is not None]
     return Body(
         output,
-        kept,
+        live_ends,
         guards,
         [replaced.guard(g) for g in once],
         _each(used),
@@ -242,8 +242,8 @@ def reduced(turns: Turns) -> Body:
 
 
 def _each(nodes: Iterable[Node]) -> list[Node]:
-    found = {node.number: node for node in nodes}
-    return [found[number] for number in sorted(found)]
+    unique = {node.number: node for node in nodes}
+    return [unique[number] for number in sorted(unique)]
 
 
 def _is_steady(value: Any) -> bool:
@@ -253,22 +253,22 @@ def _is_steady(value: Any) -> bool:
 class _Replaced:
     """Nodes of a graph with the zeros left out that change no more than the sign of a zero."""
 
-    def __init__(self, graph: Graph, found: Mapping[int, float]) -> None:
-        self.found = found
+    def __init__(self, graph: Graph, sizes: Mapping[int, float]) -> None:
+        self.sizes = sizes
         self.graph = Graph()
         self.zeros = not any(n.op in SIGNED and not n.steady and _is_unsafe(n) for n in graph.nodes)
-        self.made: dict[int, Node | Plain] = {}
+        self.replacements: dict[int, Node | Plain] = {}
         for node in graph.nodes:
-            self.made[node.number] = self._new(node)
+            self.replacements[node.number] = self._new(node)
 
     def __call__(self, value: Any) -> Any:
-        return self.made[value.number] if isinstance(value, Node) else value
+        return self.replacements[value.number] if isinstance(value, Node) else value
 
     def guard(self, guard: Guard) -> Guard:
         return Guard(guard.op, self(guard.a), self(guard.b), guard.outcome)
 
     def _new(self, node: Node) -> Node | Plain:
-        if self.zeros and self.found[node.number] == 0.0:
+        if self.zeros and self.sizes[node.number] == 0.0:
             return 0.0
         args = [self(arg) for arg in node.args]
         if self.zeros and node.op in ("+", "-") and len(args) == 2:
@@ -280,7 +280,7 @@ class _Replaced:
 
 
 def _is_unsafe(node: Node) -> bool:
-    """Whether a division may be by a zero, of which the sign counts."""
+    """Tell whether a division may be by a zero, whose sign then counts."""
     if node.op != "/":
         return True
     return isinstance(node.args[1], Node) and not node.args[1].steady
@@ -295,17 +295,17 @@ class Text:
 
     Args:
         prefix: of the names.
-        given: names or numbers of inputs, and of what has been computed before.
+        names: names or numbers of inputs, and of what has been computed before.
     """
 
-    def __init__(self, prefix: str, given: Mapping[int, str]) -> None:
-        self.prefix, self.names = prefix, dict(given)
+    def __init__(self, prefix: str, names: Mapping[int, str]) -> None:
+        self.prefix, self.names = prefix, dict(names)
         self.lines: list[str] = []
 
     def compute(self, roots: Iterable[Any]) -> None:
-        wanted = self._missing(roots)
-        widths = {n.args[0].number: n.args[2] for n in wanted if n.op == "item"}
-        for node in wanted:
+        missing = self._missing(roots)
+        widths = {n.args[0].number: n.args[2] for n in missing if n.op == "item"}
+        for node in missing:
             name = f"{self.prefix}{node.number}"
             if node.op == "item":
                 self.names[node.number] = f"{self.prefix}{node.args[0].number}_{node.args[1]}"
@@ -317,24 +317,24 @@ class Text:
             self.lines.append(f"{target} = {self._expression(node)}")
 
     def _missing(self, roots: Iterable[Any]) -> list[Node]:
-        found: dict[int, Node] = {}
-        left = [n for n in roots if isinstance(n, Node)]
-        while left:
-            node = left.pop()
-            if node.number not in found and node.number not in self.names:
-                found[node.number] = node
-                left += parts(node)
-        return [found[number] for number in sorted(found)]
+        missing: dict[int, Node] = {}
+        rest = [n for n in roots if isinstance(n, Node)]
+        while rest:
+            node = rest.pop()
+            if node.number not in missing and node.number not in self.names:
+                missing[node.number] = node
+                rest += parts(node)
+        return [missing[number] for number in sorted(missing)]
 
     def _expression(self, node: Node) -> str:
-        args = [self.shown(arg) for arg in node.args]
+        args = [self.text_of(arg) for arg in node.args]
         if node.op == "call":
             return f"{node.args[0]}({', '.join(args[1:])})"
         if node.op[0].isalpha():
             return f"{node.op}({', '.join(args)})"
         return f"{args[0]} {node.op} {args[1]}" if len(args) == 2 else f"{node.op}{args[0]}"
 
-    def shown(self, value: Any) -> str:
+    def text_of(self, value: Any) -> str:
         if isinstance(value, Node):
             return self.names[value.number]
         if isinstance(value, str):
@@ -343,11 +343,11 @@ class Text:
         return f"({text})" if text.startswith("-") else text
 
     def asks(self, guard: Guard) -> str:
-        a = self.shown(guard.a)
+        a = self.text_of(guard.a)
         if guard.op == "whole":
             test = f"int({a}) == {guard.b}"
         elif guard.op.isalpha():
             test = f"math.{guard.op}({a})"
         else:
-            test = f"{a} {guard.op} {self.shown(guard.b)}"
+            test = f"{a} {guard.op} {self.text_of(guard.b)}"
         return test if guard.outcome else f"not {test}"

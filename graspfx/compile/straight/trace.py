@@ -40,7 +40,7 @@ WHOLE = ("floor", "ceil", "trunc")
 
 
 class Guard(NamedTuple):
-    """What a turn took for granted: `a op b`, `math.op(a)`, or for op "whole" int(a) = b, came out like this.
+    """An assumption of a traced turn: `a op b`, `math.op(a)`, or, for op "whole", int(a) = b, with this outcome.
 
     What stands in a program as text may be asked of, too.
     """
@@ -108,18 +108,18 @@ class Graph:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.guards: dict[object, Guard] = {}
-        self._known: dict[object, Node] = {}
+        self._by_key: dict[object, Node] = {}
 
     def node(self, op: str, args: tuple[Any, ...], value: Plain, *, steady: bool) -> Node:
         key = op, tuple(map(_key, args))
-        found = self._known.get(key)
-        if found is None:
-            found = self._known[key] = Node(self, len(self.nodes), op, args, value, steady)
-            self.nodes.append(found)
-        return found
+        node_ = self._by_key.get(key)
+        if node_ is None:
+            node_ = self._by_key[key] = Node(self, len(self.nodes), op, args, value, steady)
+            self.nodes.append(node_)
+        return node_
 
     def operation(self, symbol: str, a: Any, b: Any) -> Any:
-        """a op b; a product or sum that changes nothing, whatever the number is, is none."""
+        """Add a op b; a product or sum that changes nothing, whatever the number is, adds no node."""
         if symbol == "*" and _is(a, 1.0):
             return b
         if (symbol in ("*", "/") and _is(b, 1.0)) or (symbol == "-" and _is(b, 0.0)):
@@ -139,13 +139,13 @@ class Graph:
         self.guards.setdefault((op, _key(a), _key(b)), Guard(op, a, b, outcome))
 
     def called(self, name: str, args: Sequence[Any], compute: Callable[..., Any]) -> Any:
-        """A function of the program as one operation."""
-        found = compute(*map(plain, args))
+        """Add a function of the program as one operation."""
+        result = compute(*map(plain, args))
         steady = all(arg.steady for arg in args if isinstance(arg, Node))
-        if not isinstance(found, tuple):
-            return self.node("call", (name, *args), found, steady=steady)
+        if not isinstance(result, tuple):
+            return self.node("call", (name, *args), result, steady=steady)
         whole = self.node("call", (name, *args), math.nan, steady=steady)
-        return tuple(self.node("item", (whole, k, len(found)), part, steady=steady) for k, part in enumerate(found))
+        return tuple(self.node("item", (whole, k, len(result)), part, steady=steady) for k, part in enumerate(result))
 
 
 class Cells:
@@ -187,7 +187,7 @@ class Traceable:
         exec(self._code, self._plain)
 
     def turn(self, graph: Graph, arguments: Sequence[Any], whole: Callable[[Sequence[Any]], bool]) -> None:
-        """Runs the entry once on these arguments.
+        """Run the entry once on these arguments.
 
         Args:
             graph: what is computed is added to it.
@@ -200,11 +200,11 @@ class Traceable:
         names: dict[str, Any] = {}
         exec(self._code, names)
         for name in self.branching:
-            names[name] = self._either(graph, name, names[name], whole)
+            names[name] = self._whole_or_inside(graph, name, names[name], whole)
         names |= _builtins(graph)
         names[self.entry](*arguments)
 
-    def _either(
+    def _whole_or_inside(
         self, graph: Graph, name: str, inside: Callable[..., Any], whole: Callable[[Sequence[Any]], bool]
     ) -> Callable[..., Any]:
         compute = self._plain[name]
@@ -218,25 +218,25 @@ class Traceable:
 
 
 def plain(value: Any) -> Any:
-    """The number itself."""
+    """Take the number of a node."""
     return value.value if isinstance(value, Node) else value
 
 
 def parts(node: Node) -> Iterator[Node]:
-    """What an operation is made from."""
+    """List the nodes that an operation is computed from."""
     return (arg for arg in node.args if isinstance(arg, Node))
 
 
 def needed(roots: Iterable[Node]) -> list[Node]:
-    """All that some nodes are made from, and themselves, in order."""
-    found: dict[int, Node] = {}
-    left = list(roots)
-    while left:
-        node = left.pop()
-        if node.number not in found:
-            found[node.number] = node
-            left += parts(node)
-    return [found[number] for number in sorted(found)]
+    """List all nodes that some nodes are computed from, and themselves, in order."""
+    needed_: dict[int, Node] = {}
+    rest = list(roots)
+    while rest:
+        node = rest.pop()
+        if node.number not in needed_:
+            needed_[node.number] = node
+            rest += parts(node)
+    return [needed_[number] for number in sorted(needed_)]
 
 
 def _key(value: Any) -> object:
@@ -250,9 +250,9 @@ def _is(value: Any, number: float) -> bool:
 
 
 def _builtins(graph: Graph) -> dict[str, Any]:
-    """`math` and the builtins of a program, for nodes too."""
+    """Provide `math` and the builtins of a program, for nodes too."""
 
-    def either(name: str, compute: Callable[..., Any]) -> Callable[..., Any]:
+    def lifted(name: str, compute: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any) -> Any:
             if not any(isinstance(arg, Node) for arg in args):
                 return compute(*args)
@@ -271,41 +271,41 @@ def _builtins(graph: Graph) -> dict[str, Any]:
 
     def whole(compute: Callable[[float], int]) -> Callable[[Any], int]:
         def call(x: Any) -> int:
-            found = compute(plain(x))
+            item = compute(plain(x))
             if isinstance(x, Node):
-                graph.guard("==", graph.function(f"math.{compute.__name__}", [x], compute), found, True)
-            return found
+                graph.guard("==", graph.function(f"math.{compute.__name__}", [x], compute), item, True)
+            return item
 
         return call
 
     functions: dict[str, Any] = {}
-    for name, found in vars(math).items():
+    for name, item in vars(math).items():
         if name in TESTS:
-            functions[name] = test(name, found)
+            functions[name] = test(name, item)
         elif name in WHOLE:
-            functions[name] = whole(found)
-        elif callable(found):
-            functions[name] = either("abs" if name == "fabs" else f"math.{name}", found)
+            functions[name] = whole(item)
+        elif callable(item):
+            functions[name] = lifted("abs" if name == "fabs" else f"math.{name}", item)
         else:
-            functions[name] = found
+            functions[name] = item
     return {
         "math": SimpleNamespace(**functions),
-        "min": either("min", min),
-        "max": either("max", max),
-        "float": either("float", builtins.float),
+        "min": lifted("min", min),
+        "max": lifted("max", max),
+        "float": lifted("float", builtins.float),
     }
 
 
 def _pure(functions: Sequence[ast.FunctionDef]) -> list[ast.FunctionDef]:
-    """Functions that touch no buffer, nor call one that does; each stands after those that it calls."""
+    """List the functions that touch no buffer, nor call one that does; each stands after those that it calls."""
     names = {f.name for f in functions}
-    found: dict[str, ast.FunctionDef] = {}
+    pure: dict[str, ast.FunctionDef] = {}
     for function in functions:
         inner = list(ast.walk(function))
         called = {n.func.id for n in inner if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
-        if called & names <= found.keys() and not any(isinstance(n, ast.Subscript) for n in inner):
-            found[function.name] = function
-    return list(found.values())
+        if called & names <= pure.keys() and not any(isinstance(n, ast.Subscript) for n in inner):
+            pure[function.name] = function
+    return list(pure.values())
 
 
 def _branches(function: ast.FunctionDef) -> bool:
@@ -313,13 +313,13 @@ def _branches(function: ast.FunctionDef) -> bool:
 
 
 def definitions(tree: ast.Module, names: Iterable[str]) -> list[str]:
-    """The text of functions of a program, with those that they call, in its order."""
+    """Write the text of functions of a program, with those that they call, in its order."""
     functions = {f.name: f for f in tree.body if isinstance(f, ast.FunctionDef)}
-    wanted: set[str] = set()
-    left = list(names)
-    while left:
-        name = left.pop()
-        if name in functions and name not in wanted:
-            wanted.add(name)
-            left += [n.id for n in ast.walk(functions[name]) if isinstance(n, ast.Name)]
-    return [ast.unparse(functions[name]) for name in functions if name in wanted]
+    reached: set[str] = set()
+    rest = list(names)
+    while rest:
+        name = rest.pop()
+        if name in functions and name not in reached:
+            reached.add(name)
+            rest += [n.id for n in ast.walk(functions[name]) if isinstance(n, ast.Name)]
+    return [ast.unparse(functions[name]) for name in functions if name in reached]

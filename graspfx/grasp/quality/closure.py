@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.contact import SELECTION
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.grasp.quality.measures import moment_length, reference_point
 from graspfx.numeric import finite
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 Limit = Literal["elliptic", "independent"]
@@ -39,12 +37,12 @@ class PushingWrenches:
         friction: mu, one or one per contact.
         torsion: gamma [m], one or one per contact; for soft contacts in space.
         limit: how a soft contact's two limits combine.
-        length, about: as `grasp.measures.measures`.
+        length, about: as `grasp.quality.measures.measures`.
     """
 
     def __init__(
         self,
-        grasp: Grasp,
+        grasp: GraspMatrix,
         friction: ArrayLike,
         torsion: ArrayLike,
         limit: Limit,
@@ -87,7 +85,7 @@ class PushingWrenches:
         self.grasp = grasp
 
     def reach(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force there (k, n, d + 1)."""
+        """Find each contact's largest u.w at f_n = 1, (k, n), for directions u (k, w), and its force (k, n, d + 1)."""
         d = self.normals.shape[1]
         v = np.einsum("kw,wnc->knc", directions, self.maps)
         normal = (v[..., :d] * self.normals).sum(axis=-1)
@@ -104,11 +102,11 @@ class PushingWrenches:
         return normal + whole, forces
 
     def wrenches(self, forces: FloatArray) -> FloatArray:
-        """Each contact's wrench (k, n, w) for forces (k, n, d + 1)."""
+        """Compute each contact's wrench (k, n, w) for forces (k, n, d + 1)."""
         return np.asarray(np.einsum("wnc,knc->knw", self.maps, forces))
 
     def components(self, forces: FloatArray) -> FloatArray:
-        """Forces (n, d + 1) as the grasp's components (m,)."""
+        """Write forces (n, d + 1) as the grasp's components (m,)."""
         contacts = self.grasp.contacts
         own = forces[contacts.finger]
         f = (contacts.force_axes * own[:, :-1]).sum(axis=1)
@@ -139,7 +137,7 @@ class ForceClosure:
 
 
 def force_closure(
-    grasp: Grasp,
+    grasp: GraspMatrix,
     friction: ArrayLike = 0.0,
     torsion: ArrayLike = 0.0,
     *,
@@ -147,7 +145,7 @@ def force_closure(
     length: float | None = None,
     about: ArrayLike | None = None,
 ) -> ForceClosure:
-    """Force closure of contacts that push: G(C) is the whole space of wrenches, C the product of the friction cones.
+    """Test force closure of contacts that push: G(C) is the whole space of wrenches, C the product of friction cones.
 
     Equivalent: G is onto, and some f in the interior of C has G f = 0 (Murray, Li and Sastry 1994, prop. 5.3;
     Prattichizzo and Trinkle 2016). By linear programs over wrenches g_j of forces in the cones, the first p of them
@@ -176,7 +174,7 @@ def force_closure(
 
 
 def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
-    """The test, and the wrenches (k, w) that it used."""
+    """Run the test; give its result and the wrenches (k, w) that it used."""
     from scipy.optimize import linprog
 
     w = len(cones.maps)
@@ -186,7 +184,7 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
     start = np.vstack([np.eye(w), -np.eye(w)])
     forces = cones.reach(start)[1]
     n = forces.shape[1]
-    whose = np.tile(np.arange(n), len(start))
+    contact = np.tile(np.arange(n), len(start))
     generators = cones.wrenches(forces).reshape(-1, w)
     forces = forces.reshape(-1, forces.shape[2])
     p = len(generators)
@@ -199,17 +197,17 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         columns = np.vstack([generators, even])
         cost = np.zeros(len(columns))
         cost[-1] = -1.0
-        found = linprog(cost, A_ub=np.ones((1, len(columns))), b_ub=[1.0], A_eq=columns.T, b_eq=np.zeros(w))
-        if found.status != 0:
-            raise InputError("points, normals", found.message, "contacts whose linear program can be solved")
-        x, share = np.asarray(found.x), float(np.asarray(found.x)[-1])
+        solution = linprog(cost, A_ub=np.ones((1, len(columns))), b_ub=[1.0], A_eq=columns.T, b_eq=np.zeros(w))
+        if solution.status != 0:
+            raise InputError("points, normals", solution.message, "contacts whose linear program can be solved")
+        x, share = np.asarray(solution.x), float(np.asarray(solution.x)[-1])
         if share > BOUNDARY:
             weights = x[:-1].copy()
             weights[:p] += share / p
             # less what the solver's rounding leaves of a wrench
             weights[:p] -= np.linalg.lstsq(generators[:p].T, generators.T @ weights, rcond=None)[0]
             total = np.zeros((n, forces.shape[1]))
-            np.add.at(total, whose, weights[:, None] * forces)
+            np.add.at(total, contact, weights[:, None] * forces)
             return ForceClosure(True, cones.components(total), None, share), generators
         # the middle of all separating directions: a corner of them is nearly always beyond the cones' curved sides
         slack = np.column_stack([generators, np.sqrt((generators**2).sum(axis=1))])
@@ -218,7 +216,7 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         )
         u = np.asarray(middle.x)[:w]
         if not u.any():
-            u = np.asarray(found.eqlin.marginals)
+            u = np.asarray(solution.eqlin.marginals)
         u = u / np.linalg.norm(u)
         heights, worst = cones.reach(u[None])
         if heights.max() <= BOUNDARY:
@@ -226,17 +224,17 @@ def closure_of(cones: PushingWrenches) -> tuple[ForceClosure, FloatArray]:
         beyond = np.flatnonzero(heights[0] > 0.0)
         generators = np.vstack([generators, cones.wrenches(worst)[0, beyond]])
         forces = np.vstack([forces, worst[0, beyond]])
-        whose = np.append(whose, beyond)
+        contact = np.append(contact, beyond)
     return ForceClosure(False, None, None, 0.0), generators
 
 
-def _coefficients(name: str, given: ArrayLike, n: int) -> FloatArray:
-    value = finite(name, given)
+def _coefficients(name: str, argument: ArrayLike, n: int) -> FloatArray:
+    value = finite(name, argument)
     if value.shape not in ((), (n,)) or (value < 0.0).any():
-        raise InputError(name, given, f"a number that is not negative, or {n} of them, one per contact")
+        raise InputError(name, argument, f"a number that is not negative, or {n} of them, one per contact")
     return np.broadcast_to(value, (n,)).copy()
 
 
 def _safe(x: FloatArray) -> FloatArray:
-    """The divisor, or 1 where it is zero and so is what it divides."""
+    """Give the divisor, or 1 where it is zero and so is what it divides."""
     return np.where(x > 0.0, x, 1.0)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
 from graspfx.grasp.contact import Contacts
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 Candidates = list[tuple[str, FloatArray]]
@@ -27,10 +25,10 @@ AXES = "xyz"
 
 
 class Dividing(Protocol):
-    """What coordinates ask of a split; `grasp.split.Split` and `grasp.virtual_linkage.VirtualLinkage` answer."""
+    """A split of forces, as coordinates need it; `Split` and `VirtualLinkage` answer."""
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """External and internal parts of contact forces (..., m)."""
+        """Divide contact forces (..., m) into external and internal parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,29 +63,29 @@ class InternalCoordinates:
     _reader: FloatArray
 
     def of(self, force: ArrayLike) -> FloatArray:
-        """y of the internal part of contact forces (..., m), in the split's own sense of internal: (..., m - rank)."""
+        """Read y of the internal part of contact forces (..., m), in the split's sense of internal: (..., m - rank)."""
         return self._split.divide(force)[1] @ self._reader.T
 
     def force(self, coordinates: ArrayLike) -> FloatArray:
-        """B y, internal contact forces (..., m)."""
+        """Compute B y, internal contact forces (..., m)."""
         y = finite("coordinates", coordinates)
         if y.shape[-1:] != (len(self.names),):
             raise InputError("coordinates", y, f"an array whose last axis has the {len(self.names)} coordinates")
         return y @ self.basis.T
 
     def named(self, force: ArrayLike) -> dict[str, float]:
-        """The coordinates of one force (m,) under their names."""
+        """Name the coordinates of one force (m,)."""
         return dict(zip(self.names, self.of(finite("force", force).reshape(-1)).tolist(), strict=True))
 
 
 def internal_coordinates(
-    grasp: Grasp,
+    grasp: GraspMatrix,
     split: Dividing,
     rank: int,
     names: Sequence[str] | None = None,
     pairs: Sequence[tuple[int, int]] | None = None,
 ) -> InternalCoordinates:
-    """Chooses and names a basis of the internal forces.
+    """Choose and name a basis of the internal forces.
 
     Args:
         grasp: the contacts.
@@ -104,28 +102,28 @@ def internal_coordinates(
     units = np.where(grasp.torsion_columns, size, 1.0)  # component = units * unit-free component
     target = len(grasp.finger_of_column) - rank
     tensions = _tensions(grasp.contacts, fingers, pairs)
-    chosen: Candidates = []
+    rows: Candidates = []
     for candidates in (
         tensions,
         _bendings(grasp.contacts, fingers),
         _torsions(grasp, A, units, fingers),
         _circuits(grasp, A, units, rank, fingers),
     ):
-        chosen = _extended(chosen, candidates, target, units)
+        rows = _extended(rows, candidates, target, units)
         if candidates is tensions and pairs is not None:
-            _check_pairs(len(chosen), len(pairs), grasp, fingers, target, units)
-    B = np.array([x for _, x in chosen]).reshape(len(chosen), len(units)).T
+            _check_pairs(len(rows), len(pairs), grasp, fingers, target, units)
+    B = np.array([x for _, x in rows]).reshape(len(rows), len(units)).T
     S = B / units[:, None]
     lengths = np.sqrt((S**2).sum(axis=0))
     values = np.linalg.svd(S / lengths, compute_uv=False)
     reader = np.linalg.pinv(S / lengths) / lengths[:, None] / units
-    kinds = tuple("N m" if name.startswith(("torsion", "moment")) else "N" for name, _ in chosen)
+    kinds = tuple("N m" if name.startswith(("torsion", "moment")) else "N" for name, _ in rows)
     condition = float(values[0] / values[-1]) if len(values) else 1.0
-    return InternalCoordinates(tuple(name for name, _ in chosen), kinds, B, condition, split, reader)
+    return InternalCoordinates(tuple(name for name, _ in rows), kinds, B, condition, split, reader)
 
 
 def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray | None:
-    """A contact's force (d,) as components (m,), or None where the contact cannot transmit it."""
+    """Write a contact's force (d,) as components (m,), or None where the contact cannot transmit it."""
     own = (contacts.finger == finger) & ~contacts.moment
     axes = contacts.force_axes[own]
     x = axes @ force
@@ -138,7 +136,7 @@ def components(contacts: Contacts, finger: int, force: FloatArray) -> FloatArray
 
 def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int, int]] | None) -> Candidates:
     n = len(contacts.points)
-    found: Candidates = []
+    candidates: Candidates = []
     for i, j in combinations(range(n), 2) if pairs is None else pairs:
         if not (0 <= i < n and 0 <= j < n and i != j):
             raise InputError("pairs", (i, j), f"two different fingers of 0 to {n - 1}")
@@ -148,8 +146,8 @@ def _tensions(contacts: Contacts, fingers: list[str], pairs: Sequence[tuple[int,
             continue
         here, there = components(contacts, i, line / length), components(contacts, j, -line / length)
         if here is not None and there is not None:
-            found.append((f"tension {fingers[i]}-{fingers[j]}", here + there))
-    return found
+            candidates.append((f"tension {fingers[i]}-{fingers[j]}", here + there))
+    return candidates
 
 
 def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
@@ -165,7 +163,7 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
     normals = [_tidy(u) for u in np.linalg.qr(normal[:, _pivots(normal, d - a)])[0].T]
     flat = np.hstack([np.ones((n, 1)), arms @ rows[:a].T / max(values[0], 1e-300)])  # (n, a + 1)
     supports = _pivots(flat.T, a + 1)
-    found: Candidates = []
+    candidates: Candidates = []
     for k in range(n):
         if k in supports:
             continue
@@ -175,13 +173,13 @@ def _bendings(contacts: Contacts, fingers: list[str]) -> Candidates:
             parts += [components(contacts, s, -part * u) for s, part in zip(supports, share, strict=True) if part]
             whole = [part for part in parts if part is not None]
             if len(whole) == len(parts):
-                held = "-".join(fingers[s] for s in supports)
-                found.append((f"bending {fingers[k]}: {held} along {_direction(u)}", np.sum(whole, axis=0)))
-    return found
+                names = "-".join(fingers[s] for s in supports)
+                candidates.append((f"bending {fingers[k]}: {names} along {_direction(u)}", np.sum(whole, axis=0)))
+    return candidates
 
 
-def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
-    """Moments of the contacts, each held by the least forces, or by another moment where forces cannot."""
+def _torsions(grasp: GraspMatrix, A: FloatArray, units: FloatArray, fingers: list[str]) -> Candidates:
+    """List moments of the contacts, each held by the least forces, or by another moment where forces cannot."""
     columns = np.flatnonzero(grasp.torsion_columns)
     if not columns.size:
         return []
@@ -191,7 +189,7 @@ def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]
     unheld = U[:, r:].T @ A[:, columns]  # what no force can hold
     reach = np.linalg.svd(unheld, compute_uv=False) if unheld.size else np.zeros(0)
     anchors = _pivots(unheld, int((reach > FLAT).sum()))
-    found: Candidates = []
+    candidates: Candidates = []
     for j in range(len(columns)):
         if j in anchors:
             continue
@@ -206,45 +204,45 @@ def _torsions(grasp: Grasp, A: FloatArray, units: FloatArray, fingers: list[str]
         against = [_component(grasp.contacts, columns[a], fingers)[1] for a in anchors if tau[a]]
         name = " ".join(_component(grasp.contacts, columns[j], fingers))
         name += f" against {' and '.join(against)}" if against else ""
-        found.append((name, units * x / units[columns[j]]))
-    return found
+        candidates.append((name, units * x / units[columns[j]]))
+    return candidates
 
 
-def _circuits(grasp: Grasp, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
-    """A component of one contact, held by as many others as the rank: these always span the null space."""
-    held = _pivots(A, rank)
-    found: Candidates = []
+def _circuits(grasp: GraspMatrix, A: FloatArray, units: FloatArray, rank: int, fingers: list[str]) -> Candidates:
+    """List components of one contact, held by as many others as the rank: these always span the null space."""
+    pivots = _pivots(A, rank)
+    candidates: Candidates = []
     for j in range(len(units)):
-        if j in held:
+        if j in pivots:
             continue
         x = np.zeros(len(units))
         x[j] = 1.0
-        if held:
-            x[held] = -np.linalg.lstsq(A[:, held], A[:, j], rcond=None)[0]
-            x[held] -= np.linalg.lstsq(A[:, held], A @ x, rcond=None)[0]
-        found.append((" ".join(_component(grasp.contacts, j, fingers)), units * x / units[j]))
-    return found
+        if pivots:
+            x[pivots] = -np.linalg.lstsq(A[:, pivots], A[:, j], rcond=None)[0]
+            x[pivots] -= np.linalg.lstsq(A[:, pivots], A @ x, rcond=None)[0]
+        candidates.append((" ".join(_component(grasp.contacts, j, fingers)), units * x / units[j]))
+    return candidates
 
 
-def _extended(chosen: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
-    """The candidates that add most, one after the other, then exchanged until each other one has coefficients <= 1."""
-    want = target - len(chosen)
+def _extended(rows: Candidates, candidates: Candidates, target: int, units: FloatArray) -> Candidates:
+    """Select the candidates that add most, then exchange them until each other one has coefficients <= 1."""
+    want = target - len(rows)
     if want <= 0 or not candidates:
-        return chosen
+        return rows
     X = np.array([x for _, x in candidates]).T / units[:, None]
     X = X / np.sqrt((X**2).sum(axis=0))
-    if chosen:
-        C = np.linalg.qr(np.array([x for _, x in chosen]).T / units[:, None])[0]
+    if rows:
+        C = np.linalg.qr(np.array([x for _, x in rows]).T / units[:, None])[0]
         X = X - C @ (C.T @ X)
         X = X - C @ (C.T @ X)
     picks = _pivots(X, want, DEPENDENT)
     if picks:
         picks = _exchanged(X, picks)
-    return chosen + [candidates[k] for k in sorted(picks)]
+    return rows + [candidates[k] for k in sorted(picks)]
 
 
 def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
-    """Columns of largest volume among their neighbours: each other one is a combination with coefficients <= 1."""
+    """Find columns of largest volume among their neighbours: each other one is a combination with coefficients <= 1."""
     coefficients = np.linalg.lstsq(X[:, picks], X, rcond=None)[0]
     for _ in range(10 * X.shape[1]):
         row, column = np.unravel_index(int(np.abs(coefficients).argmax()), coefficients.shape)
@@ -256,7 +254,7 @@ def _exchanged(X: FloatArray, picks: list[int]) -> list[int]:
 
 
 def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
-    """Up to `count` columns of X, each the one that adds most to those before it; the first of equals."""
+    """Pick up to `count` columns of X, each the one that adds most to those before it; the first of equals."""
     R = X.copy()
     picks: list[int] = []
     for _ in range(min(count, *X.shape)):
@@ -273,16 +271,20 @@ def _pivots(X: FloatArray, count: int, least: float = 0.0) -> list[int]:
     return picks
 
 
-def _check_pairs(got: int, given: int, grasp: Grasp, fingers: list[str], target: int, units: FloatArray) -> None:
-    if got < given:
-        raise InputError("pairs", given, "tensions that do not depend on one another", f"only {got} of them do not")
+def _check_pairs(
+    independent: int, count: int, grasp: GraspMatrix, fingers: list[str], target: int, units: FloatArray
+) -> None:
+    if independent < count:
+        raise InputError(
+            "pairs", count, "tensions that do not depend on one another", f"only {independent} of them do not"
+        )
     most = len(_extended([], _tensions(grasp.contacts, fingers, None), target, units))
-    if got < most:
-        raise InputError("pairs", given, f"{most} pairs, as many as there are independent tensions")
+    if independent < most:
+        raise InputError("pairs", count, f"{most} pairs, as many as there are independent tensions")
 
 
 def _component(contacts: Contacts, column: int, fingers: list[str]) -> tuple[str, ...]:
-    """What a component is, whose, and along which axis."""
+    """Describe a component: its kind, its contact, and its axis."""
     finger, moment = contacts.finger[column], bool(contacts.moment[column])
     same = np.flatnonzero((contacts.finger == finger) & (contacts.moment == moment))
     name = fingers[finger]
@@ -300,7 +302,7 @@ def _direction(u: FloatArray) -> str:
 
 
 def _tidy(u: FloatArray) -> FloatArray:
-    """The direction or its opposite, so that its largest component is positive."""
+    """Give the direction or its opposite, so that its largest component is positive."""
     return u if u[int(np.abs(u).argmax())] > 0.0 else -u
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.grasp.quality.closure import Limit, PushingWrenches, closure_of
 from graspfx.numeric import number
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 Bound = Literal["sum", "each"]
@@ -42,7 +40,7 @@ class Margin:
 
 
 def wrench_margin(
-    grasp: Grasp,
+    grasp: GraspMatrix,
     friction: ArrayLike = 0.0,
     torsion: ArrayLike = 0.0,
     *,
@@ -53,7 +51,7 @@ def wrench_margin(
     tolerance: float = 1e-3,
     points: int = 600,
 ) -> Margin:
-    """epsilon = min over |u| = 1 of max over w in W of u.w, W the wrenches of forces in the cones with bounded f_n.
+    """Compute min over |u| = 1 of max over w in W of u.w, W the wrenches of forces in the cones with bounded f_n.
 
     With `bound` "sum" the normal forces add up to 1 N at most, and W is the convex hull of the contacts' wrenches; with
     "each" every one is 1 N at most, and W is their Minkowski sum (Ferrari and Canny 1992, both). What W reaches along u
@@ -66,7 +64,7 @@ def wrench_margin(
     A grasp without force closure has the margin 0. Unlike closure, epsilon depends on length and point of reference.
 
     Args:
-        grasp, friction, torsion, limit, length, about: as `grasp.closure.force_closure`.
+        grasp, friction, torsion, limit, length, about: as `grasp.quality.closure.force_closure`.
         bound: on the normal forces.
         tolerance: relative, at which the two bounds agree well enough.
         points: of the polytope, at most.
@@ -128,7 +126,7 @@ def wrench_margin(
 
 
 def _reach(cones: PushingWrenches, directions: FloatArray, bound: Bound) -> tuple[FloatArray, FloatArray]:
-    """How far W reaches along each direction (k,), and the wrench there (k, w)."""
+    """Find how far W reaches along each direction (k,), and the wrench there (k, w)."""
     heights, forces = cones.reach(directions)
     each = cones.wrenches(forces)  # (k, n, w)
     if bound == "each":
@@ -139,7 +137,7 @@ def _reach(cones: PushingWrenches, directions: FloatArray, bound: Bound) -> tupl
 
 
 def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple[float, FloatArray]:
-    """A local minimum on the unit sphere, min sum s with s_i >= h_i(u), one s for all contacts or one each, s >= 0."""
+    """Descend to a local minimum on the unit sphere, min sum s, s_i >= h_i(u), one s for all contacts or each."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     n, w = len(cones.normals), len(start)
@@ -168,7 +166,7 @@ def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple
     def unit_slope(x: FloatArray) -> FloatArray:
         return np.append(2.0 * x[:w], np.zeros(slacks))[None]
 
-    found = minimize(
+    result = minimize(
         total,
         np.append(start, s),
         jac=slope,
@@ -180,7 +178,7 @@ def _descended(cones: PushingWrenches, start: FloatArray, bound: Bound) -> tuple
         ],
         options={"maxiter": 100, "ftol": 1e-12},
     )
-    u = np.asarray(found.x[:w])
+    u = np.asarray(result.x[:w])
     length = float(np.linalg.norm(u))
     if not np.isfinite(length) or length == 0.0:
         return np.inf, start

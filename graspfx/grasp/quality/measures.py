@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite, number
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 
@@ -55,9 +52,13 @@ class Measures:
 
 
 def measures(
-    grasp: Grasp, *, length: float | None = None, about: ArrayLike | None = None, torsion_length: float | None = None
+    grasp: GraspMatrix,
+    *,
+    length: float | None = None,
+    about: ArrayLike | None = None,
+    torsion_length: float | None = None,
 ) -> Measures:
-    """The singular values of a grasp in units of a length; see `Measures`.
+    """Measure a grasp by singular values in units of a length; see `Measures`.
 
     Args:
         grasp: the contacts.
@@ -79,16 +80,16 @@ def measures(
     w = len(G)
     if not w:
         return Measures(np.zeros(0), np.zeros((0, 0)), L, ell)
-    directions, found, _ = np.linalg.svd(G, full_matrices=True)
+    directions, singular, _ = np.linalg.svd(G, full_matrices=True)
     values = np.zeros(w)
-    values[: len(found)] = found
+    values[: len(singular)] = singular
     # a line of contacts in exact arithmetic leaves rounding, not a small number
     values[values <= max(G.shape) * np.finfo(float).eps * values[0]] = 0.0
     return Measures(values, directions, L if d > 1 else 1.0, ell)
 
 
-def moment_length(grasp: Grasp, length: float | None) -> float:
-    """By what moments are divided: as given, or the rms distance of the contacts from their centroid [m]."""
+def moment_length(grasp: GraspMatrix, length: float | None) -> float:
+    """Choose the length that divides moments: the argument, or the contacts' rms distance from their centroid [m]."""
     if length is not None:
         return _positive("length", length)
     if not grasp.moment_rows.any():
@@ -101,8 +102,8 @@ def moment_length(grasp: Grasp, length: float | None) -> float:
     return radius
 
 
-def reference_point(grasp: Grasp, about: ArrayLike | None) -> FloatArray:
-    """Where moments are taken: as given, else the centroid, or the origin where a translation is locked, (d,) [m]."""
+def reference_point(grasp: GraspMatrix, about: ArrayLike | None) -> FloatArray:
+    """Choose the point of moments, (d,) [m]: the argument, the centroid, or the origin for a locked translation."""
     if about is not None:
         point = finite("about", about)
         if point.shape != (grasp.dimensions,):
@@ -115,7 +116,7 @@ def reference_point(grasp: Grasp, about: ArrayLike | None) -> FloatArray:
 
 
 def turning(arms: FloatArray, forces: FloatArray) -> FloatArray:
-    """r x a for rows (k, d): (k, 0), (k, 1) or (k, 3)."""
+    """Compute r x a for rows (k, d): (k, 0), (k, 1) or (k, 3)."""
     d = arms.shape[1]
     if d == 3:
         return np.asarray(np.cross(arms, forces))
@@ -124,5 +125,5 @@ def turning(arms: FloatArray, forces: FloatArray) -> FloatArray:
     return np.zeros((len(arms), 0))
 
 
-def _positive(name: str, given: float) -> float:
-    return number(name, given, "a positive length [m]", zero=False)
+def _positive(name: str, value: float) -> float:
+    return number(name, value, "a positive length [m]", zero=False)

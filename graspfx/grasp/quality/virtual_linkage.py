@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
+from graspfx.grasp.matrix import GraspMatrix
 from graspfx.grasp.quality.internal import InternalCoordinates, internal_coordinates
 from graspfx.grasp.split import fraction
 from graspfx.numeric import finite
-
-if TYPE_CHECKING:
-    from graspfx.grasp.matrix import Grasp
 
 FloatArray = NDArray[np.float64]
 
@@ -54,7 +51,7 @@ class VirtualLinkage:
     """
 
     def __init__(
-        self, grasp: Grasp, *, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
+        self, grasp: GraspMatrix, *, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
     ) -> None:
         tolerance = fraction("tolerance", tolerance)
         self.grasp, self.actuators = grasp, actuators
@@ -70,9 +67,9 @@ class VirtualLinkage:
         H = np.zeros((unheld.shape[1], len(A)))
         rest = 0
         if unheld.size:
-            left, found, right = np.linalg.svd(unheld, full_matrices=False)
-            rest = int((found > least).sum())
-            H = (right[:rest].T / found[:rest]) @ left[:, :rest].T @ U[:, r:].T
+            left, singular, right = np.linalg.svd(unheld, full_matrices=False)
+            rest = int((singular > least).sum())
+            H = (right[:rest].T / singular[:rest]) @ left[:, :rest].T @ U[:, r:].T
             E[forces] -= E[forces] @ A[:, ~forces] @ H
             E[~forces] = H
         self.rank = r + rest
@@ -90,7 +87,7 @@ class VirtualLinkage:
         return np.eye(self.components) - self.external
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """External and internal parts of contact forces (m,) or (..., m); their sum is the force."""
+        """Divide contact forces (m,) or (..., m) into external and internal parts; their sum is the force."""
         f = finite("force", force)
         if f.shape[-1:] != (self.components,):
             raise InputError("force", f, f"an array whose last axis has the {self.components} contact components")
@@ -107,5 +104,5 @@ class VirtualLinkage:
         return self.internal_coordinates()
 
     def internal_coordinates(self, names: Sequence[str] | None = None) -> InternalCoordinates:
-        """The same with names for the fingers."""
+        """Give internal forces as named coordinates, with names for the fingers."""
         return internal_coordinates(self.grasp, self, self.rank, names, self.actuators)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.records import layout, size_for, start_of
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.coupling.state import FingerState, GraspState
 from graspfx.loop.energy.books import EnergyReport, LedgerState
 from graspfx.loop.energy.leak import ModeSplit
 from graspfx.loop.energy.watch import watch

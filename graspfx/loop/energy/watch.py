@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
-from graspfx.coupling.state import GraspState
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.brake import control
 from graspfx.loop.energy.ledger import hold, observe, report

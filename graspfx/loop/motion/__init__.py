@@ -1,1 +1,8 @@
-"""How a hand means to move its fingers."""
+"""How a hand means to move its fingers: motions, and turns about an axis."""
+
+from __future__ import annotations
+
+from graspfx.loop.motion.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum
+from graspfx.loop.motion.turn import Turn
+
+__all__ = ["Levels", "Motion", "Path", "Reach", "Rest", "Sine", "Sum", "Turn"]

@@ -58,7 +58,7 @@ def _read_hdf5(place: Path) -> Content:
 
 
 def _opened(place: Path) -> Any:
-    """The file as it is; one of format 1 still marked open, by a run that was killed, as its single writer left it."""
+    """Open the file; one of format 1 still marked open, by a run that was killed, as its single writer left it."""
     try:
         return h5py.File(place, "r")
     except OSError:
@@ -68,7 +68,7 @@ def _opened(place: Path) -> Any:
 
 
 def _left_open(place: Path) -> bool:
-    """Whether a writer has the file open, or never closed it, and nothing of it was cut off since.
+    """Tell whether a writer has the file open, or never closed it, and nothing of it was cut off since.
 
     From the HDF5 superblock, version 3. On a file that was cut short, a reader beside a writer waits for ever for what
     is missing: such a file must not get there.
@@ -84,8 +84,8 @@ def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
     """Leave columns out of a layout that came later than the file's format."""
     if number == FORMAT:
         return layout
-    later = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
-    return replace(layout, absent=(*layout.absent, *later)) if later else layout
+    absent = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
+    return replace(layout, absent=(*layout.absent, *absent)) if absent else layout
 
 
 def _outcome(file: Any) -> Outcome:
@@ -103,5 +103,5 @@ def _rows(file: Any, layout: Layout) -> FloatArray:
 
 
 def _line(error: Exception) -> str:
-    """What HDF5 says, on one line."""
+    """Write HDF5's message on one line."""
     return " ".join(str(error).split())

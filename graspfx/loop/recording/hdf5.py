@@ -75,7 +75,7 @@ def write_hdf5(
 
 
 def _pieces(blocks: Iterable[FloatArray], width: int) -> Iterator[FloatArray]:
-    """The same rows in pieces of whole chunks, so that each chunk is written once."""
+    """Cut rows into pieces of whole chunks, so that each chunk is written once."""
     rest = np.empty((0, width))
     for block in blocks:
         rest = np.concatenate([rest, block]) if len(rest) else block

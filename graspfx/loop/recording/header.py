@@ -1,4 +1,4 @@
-"""What a recording says of itself: the scene verbatim, versions, the machine, and how the run went."""
+"""Header of a recording: the scene verbatim, versions, the machine, and how the run went."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 @dataclass(frozen=True)
 class Header:
-    """What is known of a run before it starts.
+    """The facts of a run that are known before it starts.
 
     Attributes:
         period: T [s].
@@ -43,7 +43,7 @@ class Header:
 
 
 class RunFault(NamedTuple):
-    """What went wrong at a tick; from there on every force is zero."""
+    """A fault at a tick; from there on every force is zero."""
 
     tick: int
     message: str
@@ -66,26 +66,26 @@ class Outcome:
 
 
 def now() -> str:
-    """The time of day, UTC, ISO 8601."""
+    """Give the time of day, UTC, ISO 8601."""
     from datetime import UTC, datetime
 
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """Of Python, GraspFX, numpy and the other packages named that are installed."""
+    """List the versions of Python, GraspFX, numpy and the other packages named that are installed."""
     import numpy as np
 
     import graspfx
     from graspfx.installed import version
 
-    found = {"python": platform.python_version(), "graspfx": graspfx.__version__, "numpy": np.__version__}
+    versions_ = {"python": platform.python_version(), "graspfx": graspfx.__version__, "numpy": np.__version__}
     others = {package: version(package) for package in packages}
-    return found | {package: number for package, number in others.items() if number is not None}
+    return versions_ | {package: number for package, number in others.items() if number is not None}
 
 
 def machine() -> dict[str, str]:
-    """Platform, processor and interpreter."""
+    """Describe platform, processor and interpreter."""
     return {
         "platform": _platform(),
         "processor": platform.machine() if sys.platform == "linux" else platform.processor() or platform.machine(),
@@ -94,7 +94,7 @@ def machine() -> dict[str, str]:
 
 
 def _platform() -> str:
-    """As `platform.platform` has it, which on Linux waits 20 ms for a process that says `unknown`, or the machine."""
+    """Describe the platform like `platform.platform`, which on Linux waits 20 ms for a process that says `unknown`."""
     if sys.platform != "linux":
         return platform.platform()
     here, library = os.uname(), "".join(platform.libc_ver())

@@ -61,7 +61,7 @@ class Layout:
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
-        """By name: `finger_force`, ..., and per object `objects/NAME/position`, ..."""
+        """Columns by name: `finger_force`, ..., and per object `objects/NAME/position`, ..."""
         columns: dict[str, Column] = {}
         start = 0
         for name, axes, unit, meaning in self._quantities():
@@ -79,7 +79,7 @@ class Layout:
         return sum(prod(column.shape) for column in self.columns.values())
 
     def is_essential(self, name: str) -> bool:
-        """Whether no recording can lack a column."""
+        """Tell whether no recording can lack a column."""
         folder, _, last = name.rpartition("/")
         return name in ESSENTIAL or (folder.count("/") == 1 and last in ESSENTIAL_OF_OBJECTS)
 
@@ -124,7 +124,7 @@ class Layout:
                 yield from self._energies(at + "energy/")
 
     def _energies(self, at: str) -> Iterator[tuple[str, tuple[tuple[str, int], ...], str, str]]:
-        """All since the start but `stored` and `kinetic`, which are what is there now."""
+        """List the energies: totals since the start but for `stored` and `kinetic`, which are momentary."""
         mode = (("mode", 3),)
         yield at + "work", mode, "J", "of the held forces on the fingers' motion against the object"
         yield at + "stored", mode, "J", "in the springs of eq. (4)"

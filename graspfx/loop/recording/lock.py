@@ -11,7 +11,7 @@ from pathlib import Path
 from graspfx.errors import RecordingError
 
 FAR = 1 << 62  # where Windows locks a byte: readers there could not read one that is locked
-TAKEN = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK)
+BUSY = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
@@ -54,7 +54,7 @@ def lock(descriptor: int) -> bool:
     except OSError as error:
         if error.errno in NO_LOCKS:
             return True
-        if error.errno in TAKEN:
+        if error.errno in BUSY:
             return False
         raise
     return True

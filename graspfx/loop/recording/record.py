@@ -1,53 +1,14 @@
-"""A recording: what happened in a run, tick by tick, under the names of what it holds."""
+"""A recording: what happened in a run, its summary, and its way to a file and back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from os import PathLike
-from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from graspfx.errors import RecordingError, UnknownNameError
-from graspfx.loop.recording.header import Header, Outcome, RunFault
-from graspfx.loop.recording.layout import Layout
-from graspfx.spatial import product
-from graspfx.spatial import rotate_numbers as rotate
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-
-Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
+from graspfx.loop.recording.history import History
 
 
-@dataclass(frozen=True)
-class ObjectMotion:
-    """One object over time.
-
-    Attributes:
-        position: (N, d) [m].
-        velocity: (N, d) [m/s].
-        orientation: (N,) an angle [rad], (N, 4) a quaternion x y z w, or None on a line.
-        angular_velocity: (N,) or (N, 3) [rad/s], or None on a line.
-        wrench: (N, w), of the fingers on the object about its centre [N, N m].
-        law: (N,), that the elastic force satisfies, 0 Coulomb's and 1 the associated one; None without a coefficient.
-        residual: (N,), of that law [N]; None without a coefficient.
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    orientation: FloatArray | None
-    angular_velocity: FloatArray | None
-    wrench: FloatArray
-    law: NDArray[np.int8] | None = None
-    residual: FloatArray | None = None
-
-
-class Recording:
+class Recording(History):
     """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
 
     Args:
@@ -57,212 +18,8 @@ class Recording:
         outcome: how it went.
     """
 
-    def __init__(self, rows: FloatArray, layout: Layout, header: Header, outcome: Outcome | None = None) -> None:
-        if rows.ndim != 2 or rows.shape[1] != layout.width:
-            raise RecordingError(f"rows of shape {rows.shape} do not fit a layout of {layout.width} columns")
-        self.rows = rows
-        self.rows.flags.writeable = False
-        self.layout, self.header, self.outcome = layout, header, outcome or Outcome()
-        self.beside: Beside | None = None  # what a certificate says of a growing mode, where the scene is at hand
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def array(self, column: str) -> FloatArray:
-        """A column of the layout, (N, ...), as a view.
-
-        Raises:
-            UnknownNameError: the recording has no such column.
-        """
-        found = self.layout.columns.get(str(column))
-        if found is None:
-            raise UnknownNameError("column", str(column), self.layout.columns)
-        return self.rows[:, found.where].reshape(len(self.rows), *found.shape)
-
-    def optional(self, column: str) -> FloatArray | None:
-        """A column, or None if the layout lacks it."""
-        return self.array(column) if column in self.layout.columns else None
-
-    def _whole(self, column: str) -> NDArray[np.int8] | None:
-        found = self.optional(column)
-        return None if found is None else found.astype(np.int8)
-
-    @cached_property
-    def time(self) -> FloatArray:
-        """k T, (N,) [s]."""
-        return np.arange(len(self.rows), dtype=np.float64) * self.header.period
-
-    @property
-    def finger_position(self) -> FloatArray:
-        """As the devices report it, (N, n, d) [m]."""
-        return self.array("finger_position")
-
-    @property
-    def finger_velocity(self) -> FloatArray:
-        """As the devices report or estimate it, (N, n, d) [m/s]."""
-        return self.array("finger_velocity")
-
-    @property
-    def contact_position(self) -> FloatArray:
-        """c of e = p - c, on the surface; of a ball, of which p is the centre, a radius before it; (N, n, d) [m]."""
-        return self.array("contact_position")
-
-    @property
-    def finger_force(self) -> FloatArray:
-        """On the object, (N, n, d) [N]: the wrench is G times it, always."""
-        return self.array("finger_force")
-
-    @cached_property
-    def displayed_force(self) -> FloatArray:
-        """On the operator, after every limit that the framework knows, before output delay, (N, n, d) [N].
-
-        The negative of `finger_force`, since the object receives what was displayed.
-        """
-        found = self.optional("displayed_force")
-        return -self.finger_force if found is None else found
-
-    @property
-    def law_force(self) -> FloatArray | None:
-        """Of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
-        return self.optional("law_force")
-
-    @cached_property
-    def saturated(self) -> BoolArray | None:
-        """Whether a finger's force stands at its limit, (N, n); None where no device tells a largest force.
-
-        Others of the same object may differ from `law_force` too, for one law couples them.
-        """
-        found = self.optional("saturated")
-        return None if found is None else np.not_equal(found, 0.0)
-
-    @property
-    def finger_moment(self) -> FloatArray | None:
-        """On the object, (N, n, 3) [N m]; None for fingers that exert none."""
-        return self.optional("finger_moment")
-
-    @cached_property
-    def touching(self) -> BoolArray:
-        """(N, n)."""
-        return np.not_equal(self.array("touching"), 0.0)
-
-    @cached_property
-    def status(self) -> NDArray[np.int8] | None:
-        """0 free, 1 stick, 2 slide, (N, n); None in a scene without a coefficient of friction."""
-        return self._whole("status")
-
-    @property
-    def gap(self) -> FloatArray | None:
-        """Distance to the surface, negative inside, (N, n) [m]; None for attached contacts."""
-        return self.optional("gap")
-
-    @property
-    def true_position(self) -> FloatArray | None:
-        """Of simulated fingertips, (N, n, d) [m]; None for real devices."""
-        return self.optional("true_position")
-
-    @property
-    def device_energy(self) -> FloatArray:
-        """Work done so far on each fingertip by `displayed_force`, (N, n) [J]."""
-        return self.array("device_energy")
-
-    @cached_property
-    def objects(self) -> Mapping[str, ObjectMotion]:
-        """Each object's motion, by its name."""
-        motions = {}
-        for name in self.layout.objects:
-            at = f"objects/{name}/"
-            motions[name] = ObjectMotion(
-                position=self.array(at + "position"),
-                velocity=self.array(at + "velocity"),
-                orientation=self.optional(at + "orientation"),
-                angular_velocity=self.optional(at + "angular_velocity"),
-                wrench=self.array(at + "wrench"),
-                law=self._whole(at + "law"),
-                residual=self.optional(at + "residual"),
-            )
-        return MappingProxyType(motions)
-
-    @cached_property
-    def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
-        """The ledger of each object, by its name: quantities (N, 3) by mode (internal, translation, rotation) or (N,).
-
-        Empty unless the scene asks for it (`coupling.passivity`). The names are those of `loop.recording.layout`.
-        """
-        found: dict[str, dict[str, FloatArray]] = {}
-        for name in self.layout.objects:
-            at = f"objects/{name}/energy/"
-            books = {column.removeprefix(at): self.array(column) for column in self.layout.columns if at in column}
-            if books:
-                found[name] = books
-        return MappingProxyType(found)
-
-    def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
-        """Where the frame is in which the scene describes an object's shape: position (N, d) [m] and orientation.
-
-        Of a mesh it is its file's frame, which draws it at any tick; the recorded one is at the centre of mass, along
-        the principal axes. Of any other shape both are the same.
-
-        Raises:
-            UnknownNameError: there is no such object.
-        """
-        if name not in self.layout.objects:
-            raise UnknownNameError("object", str(name), self.layout.objects)
-        motion = self.objects[name]
-        frame = self.header.frames.get(name)
-        if frame is None or motion.orientation is None:
-            return motion.position, motion.orientation
-        x, y, z, w = motion.orientation.T
-        a, b, c, d = frame["orientation"]
-        # the formulas are elementwise: a column of ticks goes through them as a number does
-        offset = np.stack(np.broadcast_arrays(*rotate(x, y, z, w, *frame["position"])), axis=1)
-        return motion.position + offset, np.stack(product(x, y, z, w, a, b, c, d), axis=1)
-
-    @property
-    def object_position(self) -> FloatArray:
-        """The first object's, (N, d) [m]."""
-        return self._first_object.position
-
-    @property
-    def object_velocity(self) -> FloatArray:
-        """The first object's, (N, d) [m/s]."""
-        return self._first_object.velocity
-
-    @property
-    def object_orientation(self) -> FloatArray | None:
-        """The first object's: (N,), (N, 4) or None."""
-        return self._first_object.orientation
-
-    @property
-    def wrench(self) -> FloatArray:
-        """On the first object, (N, w) [N, N m]."""
-        return self._first_object.wrench
-
-    @property
-    def _first_object(self) -> ObjectMotion:
-        return self.objects[self.layout.objects[0]]
-
-    @property
-    def period(self) -> float:
-        """T [s]."""
-        return self.header.period
-
-    @property
-    def faults(self) -> tuple[RunFault, ...]:
-        """What went wrong, by tick."""
-        return self.outcome.faults
-
-    @property
-    def wall_time(self) -> float | None:
-        """That the run took [s]; None if it broke off."""
-        return self.outcome.wall_time
-
-    @property
-    def scene_text(self) -> str:
-        """The scene file, verbatim."""
-        return self.header.scene_text
-
     def summary(self) -> dict[str, Any]:
-        """The run in numbers, SI units; the keys are those of `graspfx.loop.recording.summary.summarise`."""
+        """Summarise the run in SI units; the keys are those of `graspfx.loop.recording.summary.summarise`."""
         from graspfx.loop.recording.growth.growth import losses
         from graspfx.loop.recording.summary import summarise
 
@@ -291,7 +48,7 @@ class Recording:
         )
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Writes the recording as HDF5; the file appears when it is whole.
+        """Write the recording as HDF5; the file appears when it is whole.
 
         Args:
             path: of the file.
@@ -306,7 +63,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:
-        """A recording from a file; also of a run that goes on or was killed, as far as it was written.
+        """Load a recording from a file; also of a run that goes on or was killed, as far as it was written.
 
         Args:
             path: of the file, or of the folder in which it is recording.h5. Where there is only the part that a run

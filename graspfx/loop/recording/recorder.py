@@ -22,7 +22,7 @@ class Sink(Protocol):
     """Where full blocks of rows go."""
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
-        """Rows (r, width), and the faults since the last write."""
+        """Write rows (r, width), and the faults since the last write."""
 
     def close(self, outcome: Outcome) -> None: ...
 
@@ -56,14 +56,14 @@ class Recorder:
         self._sinks = tuple(sinks)
         self._size = block or max(1, min(LARGEST_BLOCK, round(1.0 / header.period)))
         self._keep = keep
-        self._kept: list[FloatArray] = []
+        self._blocks: list[FloatArray] = []
         self._full: list[FloatArray] = []  # on their way to the sinks
-        self._told = 0
+        self._faults_written = 0
         self._open()
         self._outcome: Outcome | None = None
 
     def space(self) -> tuple[FloatArray, int, int]:
-        """A block of rows (r, width), the first that is free and how many are; one at least."""
+        """Give a block of rows (r, width), the first free one and the count of free ones; one at least."""
         if self.used == self._size:
             self._turn()
         return self._block, self.used, self._size - self.used
@@ -76,19 +76,19 @@ class Recorder:
         self.faults.append(RunFault(k, message))
 
     def drain(self) -> None:
-        """Hands what is full to the sinks; call it between ticks."""
+        """Hand full blocks to the sinks; call it between ticks."""
         if self.used == self._size:
             self._turn()
         while self._full:
             block = self._full.pop(0)
             if self._keep:
-                self._kept.append(block)
+                self._blocks.append(block)
             self._write(block)
 
     def finish(
         self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
     ) -> Recording:
-        """Writes what is left, closes the sinks and gives the recording of the rows that were kept.
+        """Write the rest, close the sinks and give the recording of the retained rows.
 
         Args:
             wall_time: that the run took [s].
@@ -98,15 +98,15 @@ class Recorder:
         """
         self.drain()
         rest = self._block[: self.used]
-        self._kept += [rest] if self._keep else []
+        self._blocks += [rest] if self._keep else []
         self._outcome = Outcome(tuple(self.faults), wall_time, complete, engine=engine, **coupling)
         try:
-            if self.used or len(self.faults) > self._told:
+            if self.used or len(self.faults) > self._faults_written:
                 self._write(rest)
         finally:
             for sink in self._sinks:
                 sink.close(self._outcome)
-        rows = np.concatenate([np.empty((0, self.layout.width)), *self._kept])
+        rows = np.concatenate([np.empty((0, self.layout.width)), *self._blocks])
         return Recording(rows, self.layout, self.header, self._outcome)
 
     def __enter__(self) -> Self:
@@ -127,7 +127,7 @@ class Recorder:
         self._open()
 
     def _write(self, rows: FloatArray) -> None:
-        faults = self.faults[self._told :]
-        self._told = len(self.faults)
+        faults = self.faults[self._faults_written :]
+        self._faults_written = len(self.faults)
         for sink in self._sinks:
             sink.write(rows, faults)

@@ -132,7 +132,7 @@ class FileSink:
 
 
 def _why(error: Exception) -> str:
-    """What the system says, or HDF5, on one line."""
+    """Write the system's message, or HDF5's, on one line."""
     return (isinstance(error, OSError) and error.strerror) or " ".join(str(error).split())
 
 

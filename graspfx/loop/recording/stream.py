@@ -89,7 +89,7 @@ class Stream:
         return self._size
 
     def flush(self) -> None:
-        """Nothing waits: writes go to the system at once."""
+        """Flush nothing: writes go to the system at once."""
 
     def _push(self, data: memoryview) -> None:
         self._file.seek(self._place)

@@ -43,7 +43,7 @@ def summarise(
     saturated: BoolArray | None = None,
     growth: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
-    """A run in numbers, SI units; None for what this run does not have.
+    """Summarise a run in SI units; a value is None where this run does not have it.
 
     Keys:
         ticks, period, duration: N, T [s], N T [s].
@@ -145,15 +145,15 @@ def summarise(
 
 
 def _books(ledgers: Sequence[Mapping[str, FloatArray]]) -> dict[str, Any]:
-    found: dict[str, Any] = dict.fromkeys(("leak", "braking", "braked", "ledger_gap"))
+    summary: dict[str, Any] = dict.fromkeys(("leak", "braking", "braked", "ledger_gap"))
     if not ledgers or not len(ledgers[0]["gap"]):
-        return found
-    found["leak"] = np.max([np.maximum(-each["balance"], 0.0).max(axis=0) for each in ledgers], axis=0).tolist()
-    found["ledger_gap"] = max(_gap(each) for each in ledgers)
+        return summary
+    summary["leak"] = np.max([np.maximum(-each["balance"], 0.0).max(axis=0) for each in ledgers], axis=0).tolist()
+    summary["ledger_gap"] = max(_gap(each) for each in ledgers)
     if "damping" in ledgers[0]:
-        found["braking"] = np.max([each["damping"].max(axis=0) for each in ledgers], axis=0).tolist()
-        found["braked"] = np.sum([each["braked"][-1] for each in ledgers], axis=0).tolist()
-    return found
+        summary["braking"] = np.max([each["damping"].max(axis=0) for each in ledgers], axis=0).tolist()
+        summary["braked"] = np.sum([each["braked"][-1] for each in ledgers], axis=0).tolist()
+    return summary
 
 
 def _gap(ledger: Mapping[str, FloatArray]) -> float:
@@ -164,7 +164,7 @@ def _gap(ledger: Mapping[str, FloatArray]) -> float:
 def internal_deformation(
     finger_position: FloatArray, contact_position: FloatArray, touching: BoolArray | None = None
 ) -> FloatArray:
-    """sqrt(mean_i |e_i - mean e|^2), e = p - c: how far the fingers that touch squeeze in against each other [m].
+    """Compute sqrt(mean_i |e_i - mean e|^2), e = p - c: how far touching fingers squeeze in against each other [m].
 
     e less its mean is (I - P) e with the object's rotation locked, eq. (3), so that moving the whole hand against the
     object does not count; for two opposed fingers, each d deep, it is d.
@@ -187,7 +187,7 @@ def internal_deformation(
 
 
 def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) -> float | None:
-    """RMS of |x - s| over the ticks and x's rows, s minimising |x - s|^2 + q |D s|^2, D the fourth differences.
+    """Compute the RMS of |x - s| over ticks and rows of x, s minimising |x - s|^2 + q |D s|^2, D fourth differences.
 
     Whittaker's smoother: x - s is what a Butterworth high-pass of order 4 run forth and back leaves, x passed by
     1/(1 + (above/f)^8), but it takes polynomials up to the third degree away entirely and needs nothing beyond the ends
@@ -222,7 +222,7 @@ def _peak(values: FloatArray) -> float | None:
 
 
 def _peaks(force: FloatArray) -> list[float | None]:
-    """The largest length of each finger's force [N]."""
+    """Find the largest length of each finger's force [N]."""
     return [_peak(np.linalg.norm(force[:, i], axis=1)) for i in range(force.shape[1])]
 
 

@@ -1,1 +1,1 @@
-"""One tick of a scene: its text, where its numbers stand, and what runs it."""
+"""One tick of a scene: its code, the parts that it runs over, and the text that it becomes."""

@@ -11,9 +11,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import source_function
+from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.tick.tick import FAULTED, TICK, Tick
+from graspfx.loop.tick.memory import FAULTED, TICK
+from graspfx.loop.tick.script import Tick
 
 FloatArray = NDArray[np.float64]
 Run = Callable[[int, int, int], int]
@@ -107,6 +108,7 @@ class Interpreted:
             **{name: source_function(kernel) for name, kernel in tick.script.kernels.items()},
             **arrays,
         }
+        keep_lowerings()
         self._run: Run = self._function("run", whole_text(tick, pausing=True))
         self._begin = self._function("begin", part_text("begin", "k", tick.begin))
         self._end = self._function("end", part_text("end", "k, r", tick.end))

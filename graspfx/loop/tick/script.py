@@ -1,8 +1,10 @@
-"""A text of kernel calls, with the memory and the functions that its names stand for."""
+"""The script of a tick: its text, with the memories and kernels that names in it stand for."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,8 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-OWN = ("begin", "end", "run", "k", "count", "r", "i", "row", "rows", "code", "ahead", "int", "range")  # of the text
+OF_TEXTS = ("begin", "end", "run", "k", "count", "r", "i", "rows")  # names that the text around a tick's lines has
+OF_PYTHON = ("abs", "float", "int", "math", "max", "min", "range")
 
 
 class Script:
@@ -22,6 +25,8 @@ class Script:
         self.arrays: dict[str, FloatArray] = {}
         self.frozen: dict[tuple[str, int], float] = {}
         self.kernels: dict[str, Callable[..., Any]] = {}
+        self.variables = {*OF_TEXTS, *OF_PYTHON}
+        self._addresses: list[tuple[int, str]] = []  # of the arrays' first entries, in order
 
     def memory(self, kind: str, array: FloatArray, structure: Iterable[int] = ()) -> str:
         """The name of an array, the same whenever it is the same memory; entries in `structure` never change.
@@ -45,22 +50,79 @@ class Script:
                 raise InputError(kind, array.shape, f"a block of its own, which shares nothing with {name}")
         return f"{kind}{len(self.arrays)}"
 
+    def place(self, array: FloatArray) -> tuple[str, int]:
+        """The name of the memory that a flat array is a piece of, and the entry that is its first.
+
+        Raises:
+            InputError: it is a piece of none.
+        """
+        if len(self._addresses) != len(self.arrays):
+            self._addresses = sorted((_address(known), name) for name, known in self.arrays.items())
+        address = _address(array)
+        k = bisect_right(self._addresses, address, key=lambda pair: pair[0]) - 1
+        if k >= 0:
+            start, name = self._addresses[k]
+            first = (address - start) // array.itemsize
+            if first + len(array) <= len(self.arrays[name]):
+                return name, first
+        raise InputError("array", f"one of {len(array)} entries", "a piece of a memory of the script")
+
     def kernel(self, function: Callable[..., Any]) -> str:
         """The name of a function."""
-        name = f"{function.__name__}_" if function.__name__ in OWN else function.__name__
-        while self.kernels.setdefault(name, function) is not function:
+        name = function.__name__
+        while name in self.variables or self.kernels.setdefault(name, function) is not function:
             name += "_"
         return name
 
+    def variable(self, name: str) -> str:
+        """A name of a number that is no memory's and no kernel's, this one if it can be."""
+        while name in self.kernels or name in self.arrays:
+            name += "_"
+        self.variables.add(name)
+        return name
 
-def copied(to: str, entries: Iterable[int], source: str, others: Iterable[int], sign: str = "") -> list[str]:
-    """Lines that copy entries one by one."""
-    return [f"{to}[{int(a)}] = {sign}{source}[{int(b)}]" for a, b in zip(entries, others, strict=True)]
+
+@dataclass
+class Port:
+    """The memory through which a device that is no kernel is read and written."""
+
+    station: int
+    position: FloatArray
+    velocity: FloatArray
+    command: FloatArray
+    memory: FloatArray  # whether it could be read; then the three above, and the limits
+    limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
 
 
-def under(condition: str, lines: Iterable[str], otherwise: Iterable[str] = ()) -> list[str]:
-    """Lines that run if a condition holds, and others that run if not; nothing if there are none."""
-    body, rest = [f"    {line}" for line in lines], [f"    {line}" for line in otherwise]
-    if not body:
-        return [f"if not ({condition}):", *rest] if rest else []
-    return [f"if {condition}:", *body, *(["else:", *rest] if rest else [])]
+@dataclass
+class Table:
+    """The targets of a hand that is no kernel, for each tick of a call."""
+
+    plant: int
+    memory: FloatArray  # (CHUNK, width), flat: r and r' at the end of each sample, then in its middle if asked for
+    middle: bool
+
+
+@dataclass
+class Tick:
+    """The lines of a tick's script, and what is left to be done beside it."""
+
+    script: Script
+    own: FloatArray = field(default_factory=lambda: np.zeros(0))  # the servo's memory
+    begin: list[str] = field(default_factory=list)  # read, couple, limit, display
+    end: list[str] = field(default_factory=list)  # let go after a fault, record, move
+    ports: list[Port] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    guests: list[int] = field(default_factory=list)  # movers that other software moves between two calls
+    bodies: list[int] = field(default_factory=list)  # movers that are no kernels
+    plants: list[int] = field(default_factory=list)  # plants that are no kernels
+
+    @property
+    def own_name(self) -> str:
+        """The name of the servo's memory in the script."""
+        return next(name for name, array in self.script.arrays.items() if array is self.own)
+
+
+def _address(array: FloatArray) -> int:
+    address: int = array.__array_interface__["data"][0]
+    return address

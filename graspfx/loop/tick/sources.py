@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from graspfx.loop.energy.observer import BY_MODE, OF_OBJECT
 from graspfx.loop.parts import Parts
 
+FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 COMPUTED = ("finger_position", "finger_velocity", "contact_position", "finger_force", "finger_moment",
@@ -18,35 +19,33 @@ OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "res
 
 
 def sources(
-    parts: Parts, blocks: Sequence[str], books: Sequence[str], servo: str, own: Mapping[str, tuple[int, int]]
-) -> Iterator[tuple[int, tuple[str, int]]]:
-    """Numbers of a row, each with the name of a memory and an entry of it.
+    parts: Parts, servo: FloatArray, own: Mapping[str, tuple[int, int]]
+) -> Iterator[tuple[int, FloatArray, int]]:
+    """Numbers of a row, each with the memory and the entry that it shows.
 
     Args:
-        parts: what runs.
-        blocks: the names of the objects' memories.
-        books: those of the observers.
-        servo: that of the servo.
+        parts: of the scene.
+        servo: its memory.
         own: columns that are the servo's, each with its first entry and their count.
     """
     columns, numbers = parts.layout.columns, np.arange(parts.layout.width)
 
-    def pairs(column: str, source: str, entries: Index) -> Iterator[tuple[int, tuple[str, int]]]:
+    def pairs(column: str, source: FloatArray, entries: Index) -> Iterator[tuple[int, FloatArray, int]]:
         if column in columns:
             places = numbers[columns[column].where]
-            yield from ((int(p), (source, int(e))) for p, e in zip(places, entries.ravel(), strict=True))
+            yield from ((int(p), source, int(e)) for p, e in zip(places, entries.ravel(), strict=True))
 
-    for held, block in zip(parts.objects, blocks, strict=True):
-        where = held.grasped.where
+    for held in parts.objects:
+        block, where = held.grasped.block, held.grasped.where
         for quantity in COMPUTED:
             if quantity in columns:
                 places = numbers[columns[quantity].where].reshape(columns[quantity].shape)[held.fingers]
                 for p, e in zip(places.ravel(), where[quantity].ravel(), strict=True):
-                    yield int(p), (block, int(e))
+                    yield int(p), block, int(e)
         for quantity in OBJECT:
             yield from pairs(f"objects/{held.name}/{quantity}", block, where[quantity])
-    for held, observer, book in zip(parts.objects, parts.observers, books, strict=False):
+    for held, observer in zip(parts.objects, parts.observers, strict=False):
         for quantity in (*BY_MODE, *OF_OBJECT):
-            yield from pairs(f"objects/{held.name}/energy/{quantity}", book, observer.where[quantity])
+            yield from pairs(f"objects/{held.name}/energy/{quantity}", observer.buffer, observer.where[quantity])
     for column, (first, count) in own.items():
         yield from pairs(column, servo, np.arange(first, first + count))

@@ -1,1 +1,21 @@
-"""Bodies that PyBullet moves."""
+"""Rigid bodies moved by PyBullet: its one integrator, semi-implicit in position, with viscosity applied exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from graspfx.objects.bullet.bullet import create
+from graspfx.objects.surroundings import Meeting, Member, Obstacle
+
+if TYPE_CHECKING:
+    from graspfx.objects.bullet.world import BulletWorld
+
+__all__ = ["create", "create_world"]
+
+
+def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> BulletWorld:
+    """Make the world of objects that meet obstacles or one another."""
+    from graspfx.objects.bullet.world import BulletWorld
+
+    return BulletWorld(members, obstacles, meeting)

@@ -1,4 +1,4 @@
-"""Rigid bodies moved by PyBullet: its one integrator, semi-implicit in position, with viscosity applied exactly."""
+"""A rigid body in a PyBullet world: pushed before the world's step, read after it; PyBullet without its banner."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,14 +20,10 @@ from graspfx.compile.records import Record, start_of
 from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import guest
 from graspfx.objects.body import BlockBody, FloatArray
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.objects.decay import decay_integrals
 from graspfx.objects.guest import GuestState
-from graspfx.objects.state import BodyState, Motion
-from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Quaternion, Vector, rotate
-
-if TYPE_CHECKING:
-    from graspfx.objects.bullet.world import BulletWorld
 
 BANNER = b"pybullet build time"
 Call = Callable[[], None]
@@ -294,13 +290,6 @@ class BulletBody(BlockBody, Carrier):
 def create(state: FloatArray) -> BulletBody:
     """The body that `dynamics = "bullet"` names."""
     return BulletBody(state)
-
-
-def create_world(members: Sequence[Member], obstacles: Sequence[Obstacle], meeting: Meeting) -> BulletWorld:
-    """The world of objects that meet obstacles or one another."""
-    from graspfx.objects.bullet.world import BulletWorld
-
-    return BulletWorld(members, obstacles, meeting)
 
 
 def new_client() -> int:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Table
+from graspfx.objects.body_state import EXACT, IMPLICIT, BodyState
 from graspfx.objects.decay import coefficients
 from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.rotation import scaled, spin_of
-from graspfx.objects.state import EXACT, IMPLICIT, BodyState
 from graspfx.spatial import Vector, cross, orthogonalise, total
 
 NO_MODE = 1e-20  # squared length of a mode that is none, relative to the longest

@@ -15,10 +15,10 @@ from graspfx.cones.problem import choices, problem_size, set_up
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor import rest
 from graspfx.objects.floor.lowest import BALL, ELLIPSOID, NOTCH, RIM, lowest
 from graspfx.objects.floor.planes import MOST, SIDES, Feature, FloorState
-from graspfx.objects.state import BodyState
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy

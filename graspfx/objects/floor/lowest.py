@@ -6,8 +6,8 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Many
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor.planes import MOST, SIDES, Feature, FloorPlane, PlaneContact
-from graspfx.objects.state import BodyState
 from graspfx.spatial import ZERO, Vector, dot
 
 # Kinds of features.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, table
 from graspfx.cones.problem import FrictionProblem
-from graspfx.objects.state import Motion
+from graspfx.objects.body_state import Motion
 from graspfx.spatial import Matrix, Vector
 
 SIDES = 8  # fixed points of a rim, and directions in which a plane's contacts are chosen

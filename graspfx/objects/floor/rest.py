@@ -21,11 +21,11 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Table
 from graspfx.cones.friction import ASSOCIATED, UNRESOLVED, friction_force
 from graspfx.cones.problem import FREE, Gains
+from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
 from graspfx.objects.floor.compliance import contact_modes
 from graspfx.objects.floor.lowest import lowest, thin
 from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.integrators import predict, step
-from graspfx.objects.state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
 from graspfx.spatial import ZERO, Matrix, Vector, cross, dot, exponential, rotate
 
 NEAR = 0.05  # of the body's reach: points so near a plane are contacts as soon as any point touches it

@@ -24,7 +24,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from graspfx.errors import InputError, closest, shown
+from graspfx.errors import InputError, abbreviate, closest
 from graspfx.numeric import LARGEST, SMALLEST
 
 DRAFT: Final = {"draft": True}  # the context that turns every field which is not valid into an absent one
@@ -46,10 +46,10 @@ class Table(BaseModel):
     def _tolerate(cls, data: Any, info: ValidationInfo) -> Any:
         if info.context is not DRAFT:
             return data
-        given: Mapping[str, Any] = data if isinstance(data, Mapping) else {}
+        values: Mapping[str, Any] = data if isinstance(data, Mapping) else {}
         missing = {name: INVALID for name, field in cls.model_fields.items() if field.is_required()}
         open_ended = cls.model_config["extra"] == "allow"
-        return missing | {key: value for key, value in given.items() if open_ended or key in cls.model_fields}
+        return missing | {key: value for key, value in values.items() if open_ended or key in cls.model_fields}
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -92,7 +92,7 @@ class Table(BaseModel):
 
 
 def listed(value: Any) -> Any:
-    """Arrays as nested lists."""
+    """Write arrays as nested lists."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
@@ -129,7 +129,7 @@ Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[
 
 
 def _gain(value: Any) -> Gains:
-    """A gain in any of its forms; one fault, whichever form it fails."""
+    """Check a gain in any of its forms; one fault, whichever form it fails."""
     value = listed(value)
     array = _numbers(value)
     square = array is not None and array.ndim in (2, 3) and array.shape[-1] == array.shape[-2]
@@ -139,12 +139,12 @@ def _gain(value: Any) -> Gains:
         )
         raise PydanticCustomError("gain", "expected {expected}; given {given}", _context(expected, value))
     if not np.isfinite(array).all():
-        raise PydanticCustomError("gain", "expected finite numbers; given {given}", {"given": shown(value)})
+        raise PydanticCustomError("gain", "expected finite numbers; given {given}", {"given": abbreviate(value)})
     if np.abs(array).max() > LARGEST:
         text = "expected no more than {most} N/m or N s/m; given {given}"
-        raise PydanticCustomError("gain", text, {"most": f"{LARGEST:g}", "given": shown(value)})
+        raise PydanticCustomError("gain", text, {"most": f"{LARGEST:g}", "given": abbreviate(value)})
     if array.ndim < 2 and (array < 0).any():
-        raise PydanticCustomError("gain", "expected no less than 0; given {given}", {"given": shown(value)})
+        raise PydanticCustomError("gain", "expected no less than 0; given {given}", {"given": abbreviate(value)})
     if array.ndim >= 2:
         _check_matrices(array.reshape(-1, *array.shape[-2:]))
     frozen: Gains = _frozen(array.tolist())
@@ -164,7 +164,7 @@ def _check_matrices(matrices: np.ndarray[Any, np.dtype[np.float64]]) -> None:
 
 
 def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Numbers, nested regularly, as an array; None for anything else (strings and booleans are no numbers)."""
+    """Read numbers, nested regularly, as an array; None for anything else (strings and booleans are no numbers)."""
     if isinstance(value, list | tuple):
         parts = [_numbers(item) for item in value]
         arrays = [part for part in parts if part is not None]
@@ -177,7 +177,7 @@ def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
 
 
 def as_float(value: float) -> float:
-    """A number as a float; infinite where a whole number is too large to be one."""
+    """Read a number as a float; infinite where a whole number is too large to be one."""
     try:
         return float(value)
     except OverflowError:
@@ -189,7 +189,7 @@ def _frozen(value: Any) -> Any:
 
 
 def _context(expected: str, value: object) -> dict[str, Any]:
-    return {"expected": expected, "given": shown(value)}
+    return {"expected": expected, "given": abbreviate(value)}
 
 
 _NUMBER = {"type": "number", "minimum": 0}
@@ -205,9 +205,9 @@ Gain = Annotated[
 
 
 def by_kind(
-    known: tuple[str, ...], *, what: str, implied: Mapping[str, str] | None = None
+    kinds: tuple[str, ...], *, field: str, implied: Mapping[str, str] | None = None
 ) -> tuple[BeforeValidator, Discriminator]:
-    """What chooses among tables by their key `kind`: one fault about the kind, else the faults of the chosen table.
+    """Make the choice among tables by their key `kind`: one fault about the kind, else those of the chosen table.
 
     A table without a kind that has one of the keys `implied` is of the kind that goes with it.
     """
@@ -223,12 +223,12 @@ def by_kind(
         if isinstance(value, Table) or value is None or value is INVALID:
             return value
         if not isinstance(value, Mapping):
-            raise PydanticCustomError("kind", "expected a table; given {given}", {"given": shown(value)})
+            raise PydanticCustomError("kind", "expected a table; given {given}", {"given": abbreviate(value)})
         kind = kind_of(value)
-        if not isinstance(kind, str) or kind not in known:
-            close = closest(kind, known) if isinstance(kind, str) else None
+        if not isinstance(kind, str) or kind not in kinds:
+            close = closest(kind, kinds) if isinstance(kind, str) else None
             hint = f"; did you mean {close!r}?" if close else ""
-            context = {"given": shown(kind), "known": ", ".join(known), "what": what, "hint": hint}
+            context = {"given": abbreviate(kind), "known": ", ".join(kinds), "what": field, "hint": hint}
             raise PydanticCustomError("kind", "unknown kind of {what} {given}{hint} (known: {known})", context)
         return value
 

@@ -1,4 +1,4 @@
-"""What is where at one instant of a recording: surfaces in the world, fingertips, contact points and forces."""
+"""Geometry at one instant of a recording: surfaces in the world, fingertips, contact points and forces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import GraspFXError, InputError, shown
+from graspfx.errors import GraspFXError, InputError, abbreviate
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Instant:
 
 
 def instant(recording: Recording, time: float | None = None, folder: Path | None = None) -> Instant:
-    """What a recording holds at a time.
+    """Read a recording at a time.
 
     Args:
         recording: with at least one tick.
@@ -172,13 +172,13 @@ def _tips(recording: Recording) -> FloatArray:
 
 def _radii(recording: Recording) -> list[float]:
     tables = recording.header.scene_table.get("finger", ())
-    found = [float(each.get("radius") or 0.0) for each in tables if isinstance(each, Mapping)]
+    radii = [float(each.get("radius") or 0.0) for each in tables if isinstance(each, Mapping)]
     n = len(recording.layout.fingers)
-    return found if len(found) == n else [0.0] * n
+    return radii if len(radii) == n else [0.0] * n
 
 
 def _lifted(values: FloatArray, d: int) -> FloatArray:
-    """Vectors on a line as vectors in the plane."""
+    """Lift vectors on a line into the plane."""
     missing = d - values.shape[-1]
     return np.concatenate([values, np.zeros((*values.shape[:-1], missing))], axis=-1) if missing else values
 
@@ -212,10 +212,10 @@ def _described(recording: Recording, table: Mapping[str, Any], k: int, d: int, n
 
 
 def _pose(recording: Recording, name: str) -> tuple[FloatArray, FloatArray | None]:
-    """Of the frame in which the scene describes a shape, over time; a recording may know it from its centre of mass."""
-    known = getattr(recording, "described_pose", None)
-    if known is not None:
-        position, orientation = known(name)
+    """Give the pose of the frame in which the scene describes a shape, over time, from its centre if that is known."""
+    describe = getattr(recording, "described_pose", None)
+    if describe is not None:
+        position, orientation = describe(name)
         return position, orientation
     motion = recording.objects[name]
     return motion.position, motion.orientation
@@ -226,15 +226,15 @@ def _things(
     d: int, extent: float, folder: Path | None, notes: list[str],
 ) -> Iterator[Thing]:  # fmt: skip
     try:
-        made = surface(shape, d, extent, folder).placed(x, q)
+        solid = surface(shape, d, extent, folder).placed(x, q)
     except GraspFXError as error:
-        notes.append(f"{name} is not drawn: {shown(str(error), 300)}")
+        notes.append(f"{name} is not drawn: {abbreviate(str(error), 300)}")
         return
-    yield Thing(name, made, fixed, shape.get("kind") in ENDLESS, path)
+    yield Thing(name, solid, fixed, shape.get("kind") in ENDLESS, path)
 
 
 def _centred(thing: Thing, middle: FloatArray, d: int) -> Thing:
-    """A piece of an endless surface, moved along it to where it is nearest to the middle."""
+    """Slide a piece of an endless surface to where it is nearest to the middle."""
     v = thing.surface.vertices
     if d == 3:
         along = np.array([v[1] - v[0], v[3] - v[0]])

@@ -50,8 +50,8 @@ class Camera:
             ]
         )
 
-    def seen(self, points: ArrayLike) -> FloatArray:
-        """Points (..., 3) as right, up and nearness (..., 3) [m]."""
+    def project(self, points: ArrayLike) -> FloatArray:
+        """Project points (..., 3) to right, up and nearness (..., 3) [m]."""
         return np.asarray(np.asarray(points, dtype=float) @ self.axes.T)
 
 
@@ -73,13 +73,13 @@ class Painter:
     _widths: list[FloatArray] = field(default_factory=list)
     _hiding: list[FloatArray] = field(default_factory=list)
 
-    def add(self, made: Surface, colour: str, *, outline: str = "", both_sides: bool = False) -> None:
-        """A surface of this colour; with an outline, its creases and its rim against what is behind.
+    def add(self, solid: Surface, colour: str, *, outline: str = "", both_sides: bool = False) -> None:
+        """Add a surface of this colour; with an outline, its creases and its rim against what is behind.
 
         Args:
             both_sides: it is open, and seen from behind too.
         """
-        corners = self.camera.seen(finer(made, CELL * self.extent).vertices.reshape(-1, 3, 3))
+        corners = self.camera.project(finer(solid, CELL * self.extent).vertices.reshape(-1, 3, 3))
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
         whole = lengths > 0.0
@@ -91,14 +91,14 @@ class Painter:
         self._put(corners, colours, colours, SEAM)
         self._hiding.append(corners)
         if outline:
-            self.segments(_edges(made, self.camera), outline, OUTLINE)
+            self.segments(_edges(solid, self.camera), outline, OUTLINE)
 
     def line(self, points: FloatArray, colour: str, width: float) -> None:
-        """A line through points (k, 3), hidden where something is before it."""
+        """Add a line through points (k, 3), hidden where something is before it."""
         self.segments(np.stack([points[:-1], points[1:]], axis=1), colour, width)
 
     def segments(self, ends: FloatArray, colour: str, width: float) -> None:
-        """Straight pieces (k, 2, 3), each hidden where something is before it."""
+        """Add straight pieces (k, 2, 3), each hidden where something is before it."""
         from matplotlib.colors import to_rgba
 
         if not len(ends):
@@ -109,25 +109,25 @@ class Painter:
             steps = 1 + int(np.linalg.norm(b - a) / longest)
             cuts = a + np.linspace(0.0, 1.0, steps + 1)[:, None] * (b - a)
             parts.append(np.stack([cuts[:-1], cuts[1:], cuts[1:]], axis=1))
-        corners = self.camera.seen(np.concatenate(parts))
+        corners = self.camera.project(np.concatenate(parts))
         edges = np.tile(to_rgba(colour), (len(corners), 1))
         self._put(corners, np.zeros((len(corners), 4)), edges, width, NEARER * self.extent)
 
     def hidden(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Which of points (n, 3) are behind a surface that was added so far."""
-        seen = self.camera.seen(points)
-        found = np.zeros(len(seen), dtype=bool)
+        """Tell which of points (n, 3) are behind a surface that was added so far."""
+        projected = self.camera.project(points)
+        mask = np.zeros(len(projected), dtype=bool)
         if not self._hiding:
-            return found
+            return mask
         a, b, c = np.moveaxis(np.concatenate(self._hiding), 1, 0)
         doubled = _cross(b - a, c - a)
         with np.errstate(divide="ignore", invalid="ignore"):
-            for i, p in enumerate(seen):
+            for i, p in enumerate(projected):
                 u, v = _cross(p - a, c - a) / doubled, _cross(b - a, p - a) / doubled
                 inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
                 nearness = a[:, 2] + u * (b - a)[:, 2] + v * (c - a)[:, 2]
-                found[i] = bool((nearness[inside] > p[2] + 2.0 * NEARER * self.extent).any())
-        return found
+                mask[i] = bool((nearness[inside] > p[2] + 2.0 * NEARER * self.extent).any())
+        return mask
 
     def bounds(self) -> FloatArray:
         """Lower and upper corner (2, 2) of all surfaces that were added, to the right and up; lines may leave them."""
@@ -135,7 +135,7 @@ class Painter:
         return np.array([flat.min(axis=0), flat.max(axis=0)])
 
     def draw(self, axes: Axes) -> None:
-        """Everything, from far to near."""
+        """Draw everything, from far to near."""
         from matplotlib.collections import PolyCollection
 
         order = np.argsort(np.concatenate(self._depths), kind="stable")
@@ -164,7 +164,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _shaded(normals: FloatArray, colour: str) -> FloatArray:
-    """Blinn and Phong's: ambient, diffuse and gloss, for normals as seen (f, 3)."""
+    """Shade by Blinn and Phong: ambient, diffuse and gloss, for normals as seen (f, 3)."""
     from matplotlib.colors import to_rgb
 
     light = np.array(LIGHT) / np.linalg.norm(LIGHT)
@@ -176,17 +176,17 @@ def _shaded(normals: FloatArray, colour: str) -> FloatArray:
     return np.column_stack([rgb, np.ones(len(rgb))])
 
 
-def _edges(made: Surface, camera: Camera) -> FloatArray:
-    """Edges (k, 2, 3) at creases that are seen, at the rim, and where a surface ends."""
-    extent = float(np.ptp(made.vertices, axis=0).max())
-    _, label = np.unique(np.round(made.vertices / (1e-7 * extent)), axis=0, return_inverse=True)
-    f = label.reshape(-1)[made.faces]
-    corners = made.vertices[made.faces]
+def _edges(solid: Surface, camera: Camera) -> FloatArray:
+    """List edges (k, 2, 3) at creases that are seen, at the rim, and where a surface ends."""
+    extent = float(np.ptp(solid.vertices, axis=0).max())
+    _, label = np.unique(np.round(solid.vertices / (1e-7 * extent)), axis=0, return_inverse=True)
+    f = label.reshape(-1)[solid.faces]
+    corners = solid.vertices[solid.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
     whole = lengths > 1e-14 * extent**2
     f, corners, normals = f[whole], corners[whole], normals[whole] / lengths[whole, None]
-    front = camera.seen(normals)[:, 2] > 0.0
+    front = camera.project(normals)[:, 2] > 0.0
     ends = np.stack([corners, corners[:, [1, 2, 0]]], axis=2).reshape(-1, 2, 3)
     sides = np.sort(np.stack([f, f[:, [1, 2, 0]]], axis=2).reshape(-1, 2), axis=1)
     owner = np.repeat(np.arange(len(f)), 3)
@@ -195,5 +195,5 @@ def _edges(made: Surface, camera: Camera) -> FloatArray:
     last[group.reshape(-1)] = np.arange(len(sides))
     one, two = owner[first], owner[last]
     crease = (normals[one] * normals[two]).sum(axis=1) < cos(radians(CREASE))
-    shown = (crease & (front[one] | front[two])) | (front[one] != front[two]) | (count == 1)
-    return np.asarray(ends[first[shown]])
+    visible = (crease & (front[one] | front[two])) | (front[one] != front[two]) | (count == 1)
+    return np.asarray(ends[first[visible]])

@@ -53,7 +53,7 @@ def picture(
     view: tuple[float, float] | None = None,
     folder: Path | None = None,
 ) -> tuple[str, ...]:
-    """Draws one instant of a recording, in space or in the plane, to scale.
+    """Draw one instant of a recording, in space or in the plane, to scale.
 
     Forces are those of the fingers on the object; an arrow ends at its fingertip. What a finger behind an object does
     is drawn dashed.
@@ -74,20 +74,20 @@ def picture(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    made = Figure(layout="constrained")
-    formats = FigureCanvasAgg(made).get_supported_filetypes()
+    figure = Figure(layout="constrained")
+    formats = FigureCanvasAgg(figure).get_supported_filetypes()
     if Path(path).suffix[1:].lower() not in formats:
         raise InputError("path", fspath(path), f"a file that ends in .{', .'.join(sorted(formats))}")
     now = instant(recording, time, folder)
-    axes = made.add_subplot()
+    axes = figure.add_subplot()
     longest = float(np.linalg.norm(now.forces, axis=1).max(initial=0.0))
     scale = LONGEST_ARROW * now.extent / longest if longest > 0.0 else 0.0  # m per N
     if now.dimensions == 3:
         _in_space(axes, now, scale, view)
     else:
         _in_plane(axes, now, scale)
-    _frame(made, axes, now, scale, longest)
-    made.savefig(fspath(path), dpi=200)
+    _frame(figure, axes, now, scale, longest)
+    figure.savefig(fspath(path), dpi=200)
     return now.notes
 
 
@@ -113,44 +113,50 @@ def _in_space(axes: Axes, now: Instant, scale: float, view: tuple[float, float] 
     painter.draw(axes)
     low, high = painter.bounds()
     _fit(axes, now, low, high)
-    _dots(axes, now, camera.seen(now.contacts)[:, :2], ~behind)
+    _dots(axes, now, camera.project(now.contacts)[:, :2], ~behind)
     for i, colour in enumerate(_finger_colours(now)):
         ends = _arrow_ends(now, i, scale)
         if behind[i] and ends is not None:
-            (x0, y0), (x1, y1) = (camera.seen(end)[:2] for end in ends)
+            (x0, y0), (x1, y1) = (camera.project(end)[:2] for end in ends)
             ghost = {"arrowstyle": "-|>", "linestyle": (0, (2.5, 2)), "color": colour, "shrinkA": 0, "shrinkB": 0}
             axes.annotate("", (x1, y1), (x0, y0), arrowprops={**ghost, "linewidth": 0.9}, zorder=2)
     tails = _tails(now, scale)
-    _label(axes, now, camera.seen(tails)[:, :2], camera.seen(tails - now.middle)[:, :2], camera.seen(now.tips)[:, :2])
+    _label(
+        axes,
+        now,
+        camera.project(tails)[:, :2],
+        camera.project(tails - now.middle)[:, :2],
+        camera.project(now.tips)[:, :2],
+    )
     _triad(axes, camera)
 
 
 def _best_view(now: Instant) -> tuple[float, float]:
-    """From where most contacts are on the near side and apart from one another; the usual corner if none is better."""
+    """Find a view with most contacts on the near side and apart from each other; the usual corner if none is better."""
     out = _outward(now) - now.contacts
     lengths = np.linalg.norm(out, axis=1)
     out = out[lengths > 0.0] / lengths[lengths > 0.0, None]
-    best, found = -np.inf, (FRONT, ELEVATIONS[0])
+    best, angles = -np.inf, (FRONT, ELEVATIONS[0])
     for elevation in ELEVATIONS:
         for turn in range(0, 360, 15):
             azimuth = FRONT + turn
             if turn % 90 in ALONG_AN_AXIS:
                 continue
-            seen = Camera(azimuth, elevation).seen
-            facing = seen(out)[:, 2] if len(out) else np.zeros(1)
-            flat = seen(now.contacts)[:, :2] / now.extent
+            project = Camera(azimuth, elevation).project
+            facing = project(out)[:, 2] if len(out) else np.zeros(1)
+            flat = project(now.contacts)[:, :2] / now.extent
             apart = np.linalg.norm(flat[:, None] - flat, axis=2) + np.eye(len(flat))
             worth = (
                 np.clip(facing + 0.35, 0.0, 0.6).sum() + 0.5 * np.clip(apart.min(axis=1, initial=0.2), 0.0, 0.2).sum()
             )
             worth -= 1e-3 * (min(turn, 360 - turn) / 15 + abs(elevation - ELEVATIONS[0]) / 15)
             if worth > best + 1e-9:
-                best, found = worth, (azimuth, elevation)
-    return found
+                best, angles = worth, (azimuth, elevation)
+    return angles
 
 
 def _outward(now: Instant) -> FloatArray:
-    """A point a little outside of each contact: against its force, or away from the middle."""
+    """Place a point a little outside of each contact: against its force, or away from the middle."""
     away = -now.forces
     idle = ~now.touching | (np.linalg.norm(away, axis=1) == 0.0)
     away[idle] = (now.contacts - now.middle)[idle]
@@ -159,7 +165,7 @@ def _outward(now: Instant) -> FloatArray:
 
 
 def _triad(axes: Axes, camera: Camera) -> None:
-    """The world's axes, in the lower left corner."""
+    """Draw the world's axes in the lower left corner."""
     from matplotlib.offsetbox import AnchoredOffsetbox, DrawingArea
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.text import Text
@@ -245,7 +251,7 @@ def _radius(now: Instant, i: int) -> float:
 
 
 def _arrow_ends(now: Instant, i: int, scale: float) -> tuple[FloatArray, FloatArray] | None:
-    """Tail and tip of a force's arrow; None for one too short to be seen.
+    """Give tail and tip of a force's arrow; None for one too short to be seen.
 
     It ends at the near side of a ball, and of a point at the contact, so that it stands outside the object.
     """
@@ -258,10 +264,10 @@ def _arrow_ends(now: Instant, i: int, scale: float) -> tuple[FloatArray, FloatAr
 
 
 def _tails(now: Instant, scale: float) -> FloatArray:
-    """Where names go: (n, d), the tails of arrows, else the fingertips."""
+    """Give where names go: (n, d), the tails of arrows, else the fingertips."""
     ends = [_arrow_ends(now, i, scale) for i in range(len(now.tips))]
-    found = [now.tips[i] if each is None else each[0] for i, each in enumerate(ends)]
-    return np.array(found).reshape(-1, now.dimensions)
+    tails = [now.tips[i] if each is None else each[0] for i, each in enumerate(ends)]
+    return np.array(tails).reshape(-1, now.dimensions)
 
 
 def _thinned(path: FloatArray) -> FloatArray:
@@ -270,37 +276,37 @@ def _thinned(path: FloatArray) -> FloatArray:
 
 
 def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray) -> None:
-    """Equal axes about what is drawn, with room for names."""
+    """Fit equal axes about the drawing, with room for names."""
     size = float(np.max(high - low))
     room = 0.07 * size
     widest = max((len(text) for text in _texts(now)), default=0) * LETTER * TEXT / (72.0 * WIDTH)
-    aside = max(room, min(1.3 * widest, 0.3) * size)
-    axes.set_xlim(low[0] - aside, high[0] + aside)
+    margin = max(room, min(1.3 * widest, 0.3) * size)
+    axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - room, high[1] + room)
     axes.set_aspect("equal")
 
 
-def _dots(axes: Axes, now: Instant, flat: FloatArray, seen: NDArray[np.bool_]) -> None:
-    """Contact points of the fingers that touch; a ball shows itself where it touches."""
-    shown = seen & now.touching & (now.radii == 0.0)
-    axes.scatter(flat[shown, 0], flat[shown, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
+def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]) -> None:
+    """Draw contact points of the fingers that touch; a ball shows itself where it touches."""
+    dots = visible & now.touching & (now.radii == 0.0)
+    axes.scatter(flat[dots, 0], flat[dots, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 
 
 def _label(axes: Axes, now: Instant, tails: FloatArray, away: FloatArray, tips: FloatArray) -> None:
-    """Names beside the tails of the arrows, on the side away from the object, clear of arrows and of one another."""
+    """Write names beside the tails of the arrows, away from the object, clear of arrows and of each other."""
     from matplotlib.patheffects import withStroke
 
     size = float(np.ptp(axes.get_xlim()))
     points = size / (72.0 * WIDTH)  # data units per point
     height = (TEXT + 8.0) * points
-    taken: list[FloatArray] = []  # centres and sizes
+    occupied: list[FloatArray] = []  # centres and sizes
     along = np.linspace(0.0, 1.0, 12)[:, None, None]
     busy = (tails + along * (tips - tails)).reshape(-1, 2)  # arrows
     for i, (text, colour) in enumerate(zip(_texts(now), _finger_colours(now), strict=True)):
         box = np.array([LETTER * TEXT * points * len(text), height])
         direction = away[i] if np.linalg.norm(away[i]) > 0.0 else np.array([0.0, 1.0])
-        x, y = _free_place(tails[i], float(np.arctan2(direction[1], direction[0])), box, taken, busy)
-        taken.append(np.array([x, y, *box]))
+        x, y = _free_place(tails[i], float(np.arctan2(direction[1], direction[0])), box, occupied, busy)
+        occupied.append(np.array([x, y, *box]))
         axes.text(
             x, y, text.replace("$", r"\$"), color=colour, fontsize=TEXT, ha="center", va="center", zorder=6,
             path_effects=[withStroke(linewidth=2.5, foreground="white")],
@@ -308,30 +314,30 @@ def _label(axes: Axes, now: Instant, tails: FloatArray, away: FloatArray, tips: 
 
 
 def _texts(now: Instant) -> list[str]:
-    """What the fingers are called: their names, or of many their numbers."""
+    """Name the fingers: by their names, or, where there are many, by their numbers."""
     return list(map(str, range(len(now.names)))) if len(now.names) > MOST_NAMES else list(now.names)
 
 
 def _free_place(
-    mark: FloatArray, first: float, box: FloatArray, taken: Sequence[FloatArray], busy: FloatArray
+    mark: FloatArray, first: float, box: FloatArray, occupied: Sequence[FloatArray], busy: FloatArray
 ) -> FloatArray:
-    """Around a mark, from a direction on, the first place where a box meets none that is taken and no busy point."""
+    """Search around a mark, from a direction on, for a place where a box meets no occupied one and no busy point."""
     places = []
     for ring in RINGS:
         for turn in TURNS:
             u = np.array([np.cos(first + turn), np.sin(first + turn)])
             places.append(mark + (0.5 * np.abs(u) @ box + 0.45 * ring * box[1]) * u)
     for place in places:
-        free = all((np.abs(place - other[:2]) > 0.5 * (box + other[2:])).any() for other in taken)
+        free = all((np.abs(place - other[:2]) > 0.5 * (box + other[2:])).any() for other in occupied)
         if free and (np.abs(busy - place) > 0.5 * box).any(axis=1).all():
             return np.asarray(place)
     return np.asarray(places[0])
 
 
-def _frame(made: Figure, axes: Axes, now: Instant, scale: float, longest: float) -> None:
-    """Title, scales, and the figure's size."""
+def _frame(figure: Figure, axes: Axes, now: Instant, scale: float, longest: float) -> None:
+    """Add title, scales, and the figure's size."""
     width, height = (float(np.ptp(each)) for each in (axes.get_xlim(), axes.get_ylim()))
-    made.set_size_inches(WIDTH, 0.75 + min(max(WIDTH * height / width, 1.2), 1.4 * WIDTH))
+    figure.set_size_inches(WIDTH, 0.75 + min(max(WIDTH * height / width, 1.2), 1.4 * WIDTH))
     title = fill(now.title.replace("$", r"\$"), 60)
     axes.set_title(f"{title}\nt = {now.time:.3f} s".lstrip(), fontsize=TEXT + 1, loc="left")
     axes.set_axis_off()
@@ -343,7 +349,7 @@ def _frame(made: Figure, axes: Axes, now: Instant, scale: float, longest: float)
 
 
 def _bar(axes: Axes, right: float, length: float, text: str, style: str) -> None:
-    """A scale under the picture, from its right end; lengths are shares of the picture's width."""
+    """Draw a scale under the picture, from its right end; lengths are shares of the picture's width."""
     axes.annotate(
         "", (right, BELOW), (right - length, BELOW), xycoords="axes fraction", textcoords="axes fraction",
         arrowprops={"arrowstyle": style, "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},
@@ -356,7 +362,7 @@ def _bar(axes: Axes, right: float, length: float, text: str, style: str) -> None
 
 
 def _nice(value: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above."""
+    """Find the largest of 1, 2 and 5 times a power of ten that is not above."""
     power = 10.0 ** floor(log10(value))
     share = value / power
     return (5.0 if share >= 5.0 else 2.0 if share >= 2.0 else 1.0) * power

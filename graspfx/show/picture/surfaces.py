@@ -37,14 +37,14 @@ class Surface:
     faces: IntArray
 
     def placed(self, position: ArrayLike, orientation: ArrayLike | None) -> Surface:
-        """The surface in the world: turned by a quaternion x, y, z, w or an angle, then moved."""
+        """Move the surface into the world: turn it by a quaternion x, y, z, w or an angle, then shift it."""
         x = np.zeros(self.vertices.shape[1])
         x[: np.size(position)] = position  # a position on a line is one along x
         return Surface(self.vertices @ rotation(orientation, len(x)).T + x, self.faces)
 
 
 def rotation(orientation: ArrayLike | None, dimensions: int) -> FloatArray:
-    """The matrix (d, d) of a quaternion x, y, z, w, of an angle [rad], or of no turn."""
+    """Give the matrix (d, d) of a quaternion x, y, z, w, of an angle [rad], or of no turn."""
     if orientation is None:
         return np.eye(dimensions)
     if dimensions == 2:
@@ -60,7 +60,7 @@ def rotation(orientation: ArrayLike | None, dimensions: int) -> FloatArray:
 
 
 def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Path | None = None) -> Surface:
-    """What a shape's table describes.
+    """Build the surface that a shape's table describes.
 
     Args:
         shape: the table: `kind` and its lengths, `mesh` with a file, or `vertices` and `faces`.
@@ -84,28 +84,28 @@ def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Pa
 
 
 def ball(radius: float, turn: int = 24) -> Surface:
-    """A sphere about the origin."""
+    """Build a sphere about the origin."""
     return _revolved(*_arc(radius, 0.0, pi, turn // 2), turn)
 
 
 def arrow(tail: FloatArray, tip: FloatArray, radius: float) -> Surface:
-    """A round arrow: a shaft of this radius, and a head that is at most half of it."""
+    """Build a round arrow: a shaft of this radius, and a head that is at most half of it."""
     along = tip - tail
     length = float(np.linalg.norm(along))
     head = min(6.0 * radius, 0.5 * length)
     steps = max(2, int((length - head) / (2.0 * radius)))
     z = np.concatenate([[0.0], np.linspace(0.0, length - head, steps), np.linspace(length - head, length, 4)])
     r = np.concatenate([[0.0], np.full(steps, radius), 2.4 * radius * np.linspace(1.0, 0.0, 4)])
-    made = _revolved(r[::-1], z[::-1], 12)
+    solid = _revolved(r[::-1], z[::-1], 12)
     w = along / length
     u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
     u /= np.linalg.norm(u)
-    return Surface(made.vertices @ np.array([u, np.cross(w, u), w]) + tail, made.faces)
+    return Surface(solid.vertices @ np.array([u, np.cross(w, u), w]) + tail, solid.faces)
 
 
-def finer(made: Surface, longest: float) -> Surface:
-    """The surface with its triangles halved across their longest sides, until those are short enough."""
-    corners = made.vertices[made.faces]  # (f, 3, 3)
+def finer(solid: Surface, longest: float) -> Surface:
+    """Halve the surface's triangles across their longest sides until those are short enough."""
+    corners = solid.vertices[solid.faces]  # (f, 3, 3)
     for _ in range(HALVINGS):
         sides = np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2)
         large = sides.max(axis=1) > longest
@@ -123,14 +123,14 @@ def finer(made: Surface, longest: float) -> Surface:
 
 
 def _arc(radius: float, begin: float, end: float, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Radii and heights of an arc, angles from the pole."""
+    """List radii and heights of an arc, angles from the pole."""
     angle = np.linspace(begin, end, steps + 1)
     r = radius * np.sin(angle)
     return np.where(r > POLE * radius, r, 0.0), radius * np.cos(angle)
 
 
 def _revolved(r: FloatArray, z: FloatArray, turn: int = TURN) -> Surface:
-    """A profile turned about z, from the top to the bottom of what it encloses."""
+    """Turn a profile about z, from the top to the bottom of what it encloses."""
     angle = 2.0 * pi * np.arange(turn) / turn
     rings = np.stack(
         [np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), np.repeat(z[:, None], turn, axis=1)], axis=2
@@ -191,12 +191,12 @@ def _cylinder(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _steps(length: float, radius: float) -> int:
-    """Of a wall, so that its cells are about square."""
+    """Count the cells of a wall, so that they are about square."""
     return 2 + min(GRID * 4, int(length / (2.0 * pi * radius / TURN)))
 
 
 def _patch(shape: Mapping[str, Any], extent: float) -> Surface:
-    """A square of an endless plane."""
+    """Build a square of an endless plane."""
     w = np.array(shape["normal"], dtype=float)
     w /= np.linalg.norm(w)
     u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
@@ -210,10 +210,10 @@ def _mesh(shape: Mapping[str, Any], folder: Path | None) -> Surface:
 
     settings = {"scale": shape.get("scale", 1.0), "shell": bool(shape.get("shell", False))}
     if shape.get("mesh") is None:
-        made = make_mesh(shape["vertices"], shape["faces"], **settings)
+        mesh = make_mesh(shape["vertices"], shape["faces"], **settings)
     else:
-        made = load_mesh((folder or Path()) / str(shape["mesh"]), **settings)
-    return Surface(np.asarray(made.vertices), np.asarray(made.faces))
+        mesh = load_mesh((folder or Path()) / str(shape["mesh"]), **settings)
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces))
 
 
 # In the plane, and on a line -----------------------------------------------------------------------------------------
@@ -242,7 +242,7 @@ def _stadium(shape: Mapping[str, Any], _: float) -> Surface:
 
 
 def _ground(shape: Mapping[str, Any], extent: float) -> Surface:
-    """A strip of what lies below a plane; of a sheet, its line."""
+    """Build a strip of the ground below a plane; of a sheet, its line."""
     w = np.zeros(2)
     w[: len(shape["normal"])] = shape["normal"]
     w /= np.linalg.norm(w)

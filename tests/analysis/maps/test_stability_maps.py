@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,9 @@ T, SPRING = 0.005, 33.0
 def test_external_map(integrator: str, delay: int, damping: float) -> None:
     rng = np.random.default_rng(5)
     mass, friction = rng.uniform(0.02, 0.5, (4, 1)), rng.uniform(0.05, 1.0, (4, 1))
-    b_v, spring = rng.uniform(0.1, 2.0, 5), np.array([0.0, 33.0, 33.0, 100.0, 0.0])
-    options = {"integrator": integrator, "delay": delay}
+    b_v: Any = rng.uniform(0.1, 2.0, 5)
+    spring: Any = np.array([0.0, 33.0, 33.0, 100.0, 0.0])
+    options: dict[str, Any] = {"integrator": integrator, "delay": delay}
     found = gx.stability.external_limit_map(
         mass, friction, T, 0.1, b_v, spring=spring, coupling_damping=damping, **options
     )
@@ -38,7 +40,7 @@ def test_external_map(integrator: str, delay: int, damping: float) -> None:
         limits = gx.stability.external_limits(
             mass[i, 0], friction[i, 0], T, 0.1, b_v[j], spring=spring[j], coupling_damping=damping, **options
         )
-        assert stable[i, j] == limits.is_stable(k[i, j])
+        assert stable[i, j] == limits.is_stable(float(k[i, j]))
 
 
 def test_wall_map() -> None:
@@ -46,7 +48,7 @@ def test_wall_map() -> None:
     for delay in (0, 2):
         found = gx.stability.wall_limit_map(0.1, b[:, None], T, spring=[0.0, SPRING], delay=delay)
         for i, j in np.ndindex(30, 2):
-            alone = gx.stability.wall_limit(0.1, b[i], T, spring=(0.0, SPRING)[j], delay=delay)
+            alone = gx.stability.wall_limit(0.1, float(b[i]), T, spring=(0.0, SPRING)[j], delay=delay)
             assert found[i, j] == pytest.approx(alone, rel=1e-12)
 
 

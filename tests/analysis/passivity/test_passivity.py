@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import control
 import mpmath
 import numpy as np
@@ -13,6 +15,9 @@ from graspfx.analysis.passivity.display import StateSpace, display
 from graspfx.analysis.passivity.frequency import worst_on_grid
 from graspfx.analysis.passivity.pencil import PositiveReal
 from graspfx.errors import InputError
+
+dlti: Any = scipy.signal.dlti  # makes objects of other classes, which its stubs do not say
+lti: Any = scipy.signal.lti
 
 T = 0.005
 CASES = range(20)
@@ -206,12 +211,12 @@ def test_every_form_of_a_display_gives_one_answer():
     expected = passivity.required_damping(parts, T)
     sys = control.ss(*parts, T)
     assert passivity.required_damping(sys, T) == expected
-    assert passivity.required_damping(scipy.signal.dlti(*parts, dt=T), T) == expected
+    assert passivity.required_damping(dlti(*parts, dt=T), T) == expected
     assert passivity.required_damping(lambda z: sys(z), T) == pytest.approx(expected, rel=1e-9)
     one = control.ss(0.5, 1.0, 2.0, 30.0, T)
     expected = passivity.required_damping(one, T)
     num, den = [30.0, -13.0], [1.0, -0.5]  # 2/(z - 0.5) + 30
-    assert passivity.required_damping(scipy.signal.dlti(num, den, dt=T), T) == pytest.approx(expected, rel=1e-12)
+    assert passivity.required_damping(dlti(num, den, dt=T), T) == pytest.approx(expected, rel=1e-12)
     assert passivity.required_damping(control.tf(num, den, T), T) == pytest.approx(expected, rel=1e-9)
     assert passivity.required_damping(80.0, T) == pytest.approx(0.2, rel=1e-15)
     assert passivity.required_damping(np.diag([80.0, 40.0]), T) == pytest.approx(0.2, rel=1e-15)
@@ -246,7 +251,7 @@ def test_a_negative_stiffness_shows_in_the_energy_and_not_in_the_frequencies():
     ("H", "name"),
     [
         (control.ss(-1.0, 1.0, 1.0, 0.0), "H"),
-        (scipy.signal.lti([1.0], [1.0, 1.0]), "H"),
+        (lti([1.0], [1.0, 1.0]), "H"),
         (control.ss(0.5, 1.0, 1.0, 0.0, 0.001), "H"),
         ((np.eye(2), np.eye(2), np.eye(2)), "H"),
         ((np.eye(2), np.ones((2, 1)), np.ones((2, 2)), 1.0), "H"),

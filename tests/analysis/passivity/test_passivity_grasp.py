@@ -175,7 +175,7 @@ def test_fingers_that_touch_and_let_go_leak_no_more(seed):
 
 def test_what_does_not_fit_is_refused():
     with pytest.raises(UnknownNameError):
-        passivity.grasp_display([[1.0]], [[1.0]], 0.1, 0.8, T, integrator="exakt")
+        passivity.grasp_display([[1.0]], [[1.0]], 0.1, 0.8, T, integrator="exakt")  # type: ignore[arg-type] # misspelt
     for call in (
         lambda: passivity.grasp_display([[1.0]], [[1.0]], 0.0, 0.8, T),
         lambda: passivity.grasp_display(np.eye(2), [[1.0]], 0.1, 0.8, T),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,14 +65,14 @@ def test_the_cubes_rotation_is_the_weakest_mode(mass: float, number: float) -> N
     """50 mm, 0.1 kg: M = I/(2 r^2) = 0.033 kg, rotational viscosity b_v a^2/6; none makes every gain unstable."""
     inertia, arm = M_V * 0.05**2 / 6, 0.025
     M, B = inertia / (2 * arm**2), 0.8 * 0.05**2 / 6 / (2 * arm**2)
-    options = {"fingers": 1, "spring": SPRING, "integrator": "explicit"}
+    options: dict[str, Any] = {"fingers": 1, "spring": SPRING, "integrator": "explicit"}
     assert gx.stability.external_limit(mass, FRICTION[mass], T, M, B, **options) == pytest.approx(number, abs=0.5)
     assert gx.stability.external_limit(mass, FRICTION[mass], T, M, 0.0, **options) == 0.0
 
 
 def test_pushing_can_be_lost_where_the_grasp_is_not() -> None:
     """One finger of two sees 2 kep kip/(kep + kip) = 52.3 N/m and the whole object, whose limit is 51.9 (eq. 26)."""
-    options = {"spring": SPRING, "integrator": "explicit"}
+    options: dict[str, Any] = {"spring": SPRING, "integrator": "explicit"}
     kep = gx.stability.external_limit(0.05, FRICTION[0.05], T, M_V, 0.8, **options)
     alone = gx.stability.external_limit(0.05, FRICTION[0.05], T, M_V, 0.8, fingers=1, **options)
     assert 2 * kep * 80.0 / (kep + 80.0) == pytest.approx(52.3, abs=0.05)
@@ -81,7 +82,7 @@ def test_pushing_can_be_lost_where_the_grasp_is_not() -> None:
 def test_stable_gains_are_several_intervals() -> None:
     """1 kg, b = 0.5993, one sample of delay, semi-implicit: [0, 1425] and [4569, 7840] N/m."""
     system = (1.0, 0.5993, T, M_V, 0.8)
-    options = {"spring": SPRING, "integrator": "semi-implicit", "delay": 1}
+    options: dict[str, Any] = {"spring": SPRING, "integrator": "semi-implicit", "delay": 1}
     found = gx.stability.stable_intervals(*system, **options)
     assert np.array(found) == pytest.approx(np.array([[0.0, 1425.0], [4569.5, 7840.2]]), abs=0.5)
     assert gx.stability.external_limit(*system, **options) == found[0][1]
@@ -150,7 +151,13 @@ def test_ends_of_intervals_are_where_eigenvalues_cross(seed: int) -> None:
         m, b, T, M, B, fingers=1, spring=spring, integrator=kind, delay=delay, object_delay=object_delay,
         coupling_damping=damping,
     )  # fmt: skip
-    options = {"spring": spring, "integrator": kind, "delay": delay, "object_delay": object_delay, "damping": damping}
+    options: dict[str, Any] = {
+        "spring": spring,
+        "integrator": kind,
+        "delay": delay,
+        "object_delay": object_delay,
+        "damping": damping,
+    }
 
     def size(k: float) -> float:
         """The drift of device and object together, at z = 1 without a spring, is not counted."""
@@ -248,10 +255,10 @@ def test_explicit_steps_that_diverge_by_themselves_have_no_stable_gain() -> None
      ({"object_mass": [1.0, 2.0]}, "object_mass"), ({"spring": "stiff"}, "spring"), ({"upper": 0.0}, "upper"),
      ({"integrator": "implicit", "object_delay": 1}, "object_delay")],
 )  # fmt: skip
-def test_arguments_that_cannot_be(change: dict[str, object], name: str) -> None:
+def test_arguments_that_cannot_be(change: dict[str, Any], name: str) -> None:
     given = {"mass": 0.1, "damping": 0.2, "period": T, "object_mass": M_V, "object_damping": 0.8} | change
     with pytest.raises(InputError, match=f"^{name}: given"):
-        gx.stability.stable_intervals(**given)  # type: ignore[arg-type]
+        gx.stability.stable_intervals(**given)
 
 
 @pytest.mark.parametrize(("integrator", "lag"), [("explicit", 1.0), ("exact", 0.5)])

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from graspfx.analysis.discrete import INTEGRATORS, device, held, object_step
+from graspfx.analysis.discrete import INTEGRATORS, device, force_response, object_step
 from graspfx.analysis.stability.fullloop import object_matrices
 from graspfx.objects import integrators
 from graspfx.objects.body import INTEGRATORS as BODIES
 from graspfx.objects.body import fill_body
+from graspfx.objects.decay import coefficients
 
 
 def test_held_motion_to_fifty_digits() -> None:
@@ -27,7 +28,7 @@ def test_held_motion_to_fifty_digits() -> None:
             kappa = p * p / 4 * (1 + 10 ** rng.uniform(-12, -1) * rng.choice([-1, 1]))
         if i % 7 == 0:
             kappa = 0.0
-        R, Q = held(p, kappa, T)
+        R, Q = force_response(p, kappa, T)
         with mpmath.workdps(50):
             P, K, t = map(mpmath.mpf, (p, kappa, T))
             root = mpmath.sqrt(P * P / 4 - K)
@@ -60,8 +61,8 @@ def test_integrators_are_the_bodys(name: str) -> None:
     """Against the coefficients that a run uses, to 1e-14."""
     for rate in (0.0, 1e-6, 3.0, 150.0):
         p, q, decay, s = object_step(name, rate, 0.005)
-        P, Q, R, S = integrators.coefficients(BODIES[name], rate, 0.005)
-        assert np.array([p, q, 1.0 - decay, s]) == pytest.approx(np.array([P, Q, R, S]), rel=1e-14, abs=1e-18)
+        c = coefficients(BODIES[name], rate, 0.005)
+        assert np.array([p, q, 1.0 - decay, s]) == pytest.approx(np.array([c.p, c.q, c.r, c.s]), rel=1e-14, abs=1e-18)
 
 
 def test_pybullet_moves_as_named() -> None:

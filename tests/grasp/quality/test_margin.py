@@ -162,6 +162,6 @@ def test_no_closure_no_margin():
 def test_refuses_what_it_does_not_know():
     points = polygon(3, 1.0)
     with pytest.raises(UnknownNameError, match="each"):
-        gx.Grasp(points, -points).margin(0.5, bound="eech")
+        gx.Grasp(points, -points).margin(0.5, bound="eech")  # type: ignore[arg-type] # misspelt
     with pytest.raises(InputError, match="tolerance"):
         gx.Grasp(points, -points).margin(0.5, tolerance=0.0)

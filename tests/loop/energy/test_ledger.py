@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import FunctionType
 from typing import Any
 
 import mpmath
@@ -15,9 +14,9 @@ import graspfx as gx
 from graspfx.certificate.plan import plan
 from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.coupling.state import FingerState, GraspState
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop.energy.books import FingerBooks, LedgerState
@@ -25,10 +24,11 @@ from graspfx.loop.energy.observer import Observer
 from graspfx.loop.energy.watch import watch
 from graspfx.objects import energy
 from graspfx.objects.body import NativeBody, fill_body
+from graspfx.objects.body_state import EXACT, BodyState, Motion
 from graspfx.objects.integrators import orient
-from graspfx.objects.state import EXACT, BodyState, Motion
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.shape import Box
+from tests.support.optional import require
 
 WATCH = {"coupling.passivity": "observe"}
 CLOSED = 1e-12  # of the largest entry: a sum of 10^4 roundings of 1e-16 each
@@ -72,7 +72,7 @@ def test_the_ledger_closes_in_every_kind_of_scene(name: str, duration: float, ch
 def spinning(**changes: Any) -> gx.Scene:
     """Four fingers hold a brick of three moments by friction, or attached, while it falls and spins; or as changed."""
     tips = [[-0.03, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, -0.04, 0.0]]
-    device = {"name": "simulated", "mass": 0.1, "friction": 0.5}
+    device = {"name": "simulated", "mass": 0.1, "damping": 0.5}
     made = gx.Scene(
         dimensions=3, period=0.002, duration=0.4, gravity=[0.0, 0.0, -9.81],
         object={
@@ -109,9 +109,9 @@ def test_the_ledger_closes_under_every_integrator(integrator: str, changes: dict
     assert_closed(rec)
     books = rec.energy["object"]
     turning = rec.array("objects/object/angular_velocity").copy()
-    R = Rotation.from_quat(rec.object_orientation.copy())
+    R = Rotation.from_quat(require(rec.object_orientation).copy())
     own = R.inv().apply(turning)
-    moments = np.broadcast_to(scene.object[0].inertia, 3)
+    moments = np.broadcast_to(np.array(scene.object[0].inertia, dtype=float), 3)
     kinetic = 0.05 * (rec.object_velocity**2).sum(axis=1) + 0.5 * (own**2) @ moments
     np.testing.assert_allclose(books["kinetic"], kinetic, rtol=1e-12)
     fallen = -0.1 * 9.81 * (rec.object_position[:, 2] - rec.object_position[0, 2])
@@ -158,7 +158,7 @@ def held(
         n, d, T, Coupling(external=Impedance(kep, ked), internal=Impedance(kip, kid)),
         Rules(attached=not shaped, friction=friction, fade=None),
         lambda state: fill_body(state, dimensions=d, mass=1.0, inertia=1e-3 if d > 1 else None),
-        shape=Box([0.04] * d) if shaped else None,
+        shape=Box((0.04,) * d) if shaped else None,
     )  # fmt: skip
     if shaped:
         grasp.meet(np.array([[-0.021, 0.0], [0.021, 0.0]])[:, :d])
@@ -196,8 +196,7 @@ def test_fingers_in_a_sine_on_a_held_object(mode: int, equal: bool) -> None:
         kip, kid = kep, ked
     grasp, observer = held(3, 2, kep, kip, ked, kid, T=T)
     direction = list(MOTIONS.values())[mode]
-    k, b, w = (kip, kid) if mode == 0 else (kep, ked), None, 2 * np.pi / (N * T)
-    k, b = k
+    (k, b), w = (kip, kid) if mode == 0 else (kep, ked), 2 * np.pi / (N * T)
     for j in range(3 * N + 1):
         angle = 2 * np.pi * j / N
         grasp.finger_position[:] = ring(3, 2) + A * np.sin(angle) * direction
@@ -331,8 +330,9 @@ def test_bad_values_and_the_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize("coefficient", [0.0, 0.4])
 def test_kernels_as_written_lowered_and_compiled_give_the_same_bits(coefficient: float) -> None:
     """All that an observer does, over samples of fingers that move at random on a body that moves."""
-    rules = {"shaped": True, "friction": coefficient} if coefficient else {}
-    grasp, observer = held(3 if not coefficient else 2, 2, 150.0, 400.0, 0.3, 0.7, **rules)
+    grasp, observer = held(
+        2 if coefficient else 3, 2, 150.0, 400.0, 0.3, 0.7, shaped=coefficient > 0.0, friction=coefficient
+    )
     rng = np.random.default_rng(3)
     start = grasp.finger_position.copy() if not coefficient else np.array([[-0.019, 0.0], [0.018, 1e-3]])
     for k in range(12):
@@ -344,14 +344,10 @@ def test_kernels_as_written_lowered_and_compiled_give_the_same_bits(coefficient:
         assert grasp.sample() == 0
         ledger = LedgerState(observer.buffer)
         ledger.control = k % 2 == 1
-        runs = []
-        for way in (written(watch), watch, compiled(watch)):
-            S, B = grasp.block.copy(), observer.buffer.copy()
-            if not isinstance(way, FunctionType):
-                way(S, 0, B, 0, 1e-3)
-            else:
-                way(GraspState(S.data), LedgerState(B.data), 1e-3)
-            runs.append((S, B))
+        runs = [(grasp.block.copy(), observer.buffer.copy()) for _ in range(3)]
+        for way, (S, B) in zip((written(watch), watch), runs, strict=False):
+            way(GraspState(S.data), LedgerState(B.data), 1e-3)
+        compiled(watch)(runs[2][0], 0, runs[2][1], 0, 1e-3)
         for S, B in runs[1:]:
             assert S.tobytes() == runs[0][0].tobytes()
             assert B.tobytes() == runs[0][1].tobytes()
@@ -365,7 +361,7 @@ def test_springs_of_matrix_gains_hold_the_displacement_of_their_force(singular: 
     gains = Impedance([[70.0, 0.0], [0.0, 0.0]] if singular else [[70.0, 5.0], [5.0, 60.0]])
     grasp = GraspedObject(
         2, 2, 1e-3, Coupling(gains, gains, form="symmetric"), Rules(friction=0.4, fade=None),
-        lambda state: fill_body(state, dimensions=2, mass=1.0, inertia=1e-3), shape=Box([0.04, 0.04]),
+        lambda state: fill_body(state, dimensions=2, mass=1.0, inertia=1e-3), shape=Box((0.04, 0.04)),
     )  # fmt: skip
     grasp.meet(np.array([[-0.021, 0.0], [0.021, 0.0]]))
     observer = Observer(

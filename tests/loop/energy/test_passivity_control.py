@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
-from graspfx.coupling.state import GraspState
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop.energy import brake, ledger
 from graspfx.loop.energy import leak as po
@@ -92,7 +92,7 @@ def owing(mode: int, debt: float, **rules: Any) -> tuple[GraspedObject, Observer
         4, 3, T, Coupling(external=Impedance(150.0), internal=Impedance(400.0)),
         Rules(attached=attached, fade=None, **rules),
         lambda state: fill_body(state, dimensions=3, mass=0.2, inertia=1e-4),
-        shape=Box([0.04] * 3),
+        shape=Box((0.04,) * 3),
     )  # fmt: skip
     tips = np.array([[-0.02, 0.003, 0.0], [0.02, -0.002, 0.004], [0.001, 0.02, -0.004], [0.0, -0.02, 0.003]])
     grasp.meet(tips * 1.05)

@@ -41,6 +41,7 @@ for limit in json.loads(sys.argv[2]):
         report = os.open(said, os.O_WRONLY | os.O_CREAT)
         os.dup2(report, 2)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        sys.dont_write_bytecode = True  # Python would cut short a module's bytecode, and read it ever after
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
         if command:
             sys.exit(main(["run", "reference-1dof", "--duration", "5", "--no-figure", "--out", out]))

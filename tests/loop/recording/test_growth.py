@@ -88,7 +88,12 @@ def test_no_scene_of_the_shelf_grows(name: str) -> None:
 def test_nothing_is_certified_unless_something_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     rec = gx.run(gx.load("paper-spring"), duration=2.0)
-    rec.beside = lambda name, mode: {"text": asked.append(name)}
+
+    def beside(name: str, mode: Any) -> dict[str, Any]:
+        asked.append(name)
+        return {}
+
+    rec.beside = beside
     assert rec.summary()["growth"] == [] and not asked
 
 

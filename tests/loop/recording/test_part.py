@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,8 @@ def test_a_second_writer_is_kept_out_while_the_first_one_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    sink = write_part(Path("a/recording.h5") if Path("a").mkdir() is None else Path())
+    Path("a").mkdir()
+    sink = write_part(Path("a/recording.h5"))
     run = ["run", "reference-1dof", "--duration", "0.05", "--no-figure", "--out", "a"]
     assert main(run) == 2
     said = capsys.readouterr().err
@@ -217,8 +219,8 @@ def test_a_kill_between_two_steps_of_the_end_loses_nothing(tmp_path: Path) -> No
 
 def test_the_disk_is_told_to_keep_the_rows_about_once_a_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock, syncs = 0.0, []
-    monkeypatch.setattr(journals.time, "monotonic", lambda: clock)
-    monkeypatch.setattr(journals.os, "fsync", lambda _: syncs.append(clock))
+    monkeypatch.setattr(time, "monotonic", lambda: clock)
+    monkeypatch.setattr(os, "fsync", lambda _: syncs.append(clock))
     monkeypatch.setattr(journals, "sync_folder", lambda _: None)
     sink = FileSink(tmp_path / NAME, made, header())
     for k in range(1, 17):

@@ -11,8 +11,8 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.errors import InputError
 from graspfx.loop.tick.engine import Interpreted
-from graspfx.loop.tick.script import Script
-from graspfx.loop.tick.tick import Tick, write
+from graspfx.loop.tick.script import Script, Tick
+from graspfx.loop.tick.text import write
 
 
 def test_a_memory_has_one_name_however_it_is_shown() -> None:
@@ -44,7 +44,7 @@ def test_a_kernel_may_be_called_as_what_the_script_calls_its_own() -> None:
 def test_a_plant_that_shows_copies_is_refused() -> None:
     """Its position would be recorded as it was at the beginning."""
     with build(gx.load("reference-1dof")) as servo:
-        moved = servo.moved[0]
+        moved = servo.plants[0]
         real = moved.plant
 
         class Copying:

@@ -43,7 +43,7 @@ class Divergence(NamedTuple):
 
 
 def divergences(octave: Octave) -> list[Divergence]:
-    """Stretches of an octave in which a motion grows along one exponential; none of an octave with many samples."""
+    """Find stretches of an octave in which a motion grows along one exponential; none in one of many samples."""
     if octave.size > MOST_SAMPLES:
         return []
     y = np.diff(octave.samples(), 2, axis=0)

@@ -27,7 +27,7 @@ DRIVE_SAMPLES = 2048
 
 
 def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
-    """The pole of a stretch; None where it is no oscillation that grows for long enough, of one phase.
+    """Find the pole of a stretch; None where it is no oscillation that grows for long enough, of one phase.
 
     Where one oscillation does not explain it two may, of which the larger one in the end has to be what grows.
     """
@@ -50,13 +50,13 @@ def coherent_pole(octave: Octave, stretch: Stretch) -> complex | None:
 
 
 def _size_at_end(y: FloatArray, z: complex, others: list[complex]) -> float:
-    """Log amplitude."""
+    """Estimate the log amplitude at the end."""
     size = float(np.abs(amplitudes(y, z, others)).max())
     return math.log(max(size, TINY)) + math.log(max(abs(z), TINY)) * len(y)
 
 
 def _grows(z: complex, growth: float, count: int) -> bool:
-    """Whether a pole lies in the octave, turns often enough in so many samples and grows as the windows do."""
+    """Tell whether a pole lies in the octave, turns often enough in so many samples and grows as the windows do."""
     turn = abs(float(np.angle(z)))
     low, high = AGREEMENT
     agrees = low * growth < math.log(max(abs(z), TINY)) < high * growth
@@ -64,7 +64,7 @@ def _grows(z: complex, growth: float, count: int) -> bool:
 
 
 def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
-    """Whether what grows is faster than half the octave's samples can tell: it is as large in the octave above.
+    """Tell whether growth is faster than half the octave's samples can tell: it is as large in the octave above.
 
     What is at half the octave's samples passes twice as large to it as to the one above.
     """
@@ -73,7 +73,7 @@ def is_alias(octave: Octave, above: Octave, stretch: Stretch) -> bool:
 
 
 def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
-    """Whether the growth ends above all that was before, or is more than noise ever does to a mode with little damping.
+    """Tell whether the growth ends above everything before, or exceeds what noise does to a mode with little damping.
 
     The amplitude of such a mode wanders: it comes back from near zero, along any curve and of one phase, to no more
     than it was before.
@@ -84,7 +84,7 @@ def stands_out(logs: FloatArray, stretch: Stretch) -> bool:
 
 
 def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float, size: float) -> bool:
-    """Whether a motion that has grown a little stops at a small size although nothing limits it, as noise lets it.
+    """Tell whether a motion that has grown a little stops at a small size although nothing limits it, as noise lets it.
 
     Args:
         grasp: whose motion it is.
@@ -103,7 +103,7 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
 
 
 def is_driven(octave: Octave, stretch: Stretch, z: complex, hands: Drive) -> bool:
-    """Whether the hands may mean it."""
+    """Tell whether the hands may mean it."""
     frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
     y = octave.windows(stretch.first, stretch.length)
     if hands.swings(frequency, 1.5 / (len(y) * octave.step)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,7 @@ from graspfx.loop.recording.growth.octaves import (
 )
 from graspfx.loop.recording.growth.ringing import ringing, touches
 from graspfx.loop.recording.growth.view import GraspView, grasps
-
-if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.history import History
 
 FloatArray = NDArray[np.float64]
 
@@ -64,11 +62,11 @@ class Growth:
 
     @property
     def growth(self) -> float:
-        """Of log amplitude, in all."""
+        """Growth of the log amplitude, in all."""
         return math.log(self.last / self.first)
 
     def to_dict(self) -> dict[str, Any]:
-        """For summaries and JSON, SI units."""
+        """Give the numbers for summaries and JSON, SI units."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -83,8 +81,8 @@ class Growth:
         return f"NOT STABLE: {how}, {where}, {size}{more}"
 
 
-def losses(recording: Recording) -> list[dict[str, Any]]:
-    """The growths of a recording for its summary: numbers, the certificate's word where there is one, and a sentence.
+def losses(recording: History) -> list[dict[str, Any]]:
+    """List the growths of a recording for its summary: numbers, the certificate's word if there is one, and a sentence.
 
     Nothing is certified unless something grows.
     """
@@ -96,8 +94,8 @@ def losses(recording: Recording) -> list[dict[str, Any]]:
     return tables
 
 
-def growths(recording: Recording) -> list[Growth]:
-    """The strongest loss of stability of each object that fingers touch; none where a run is stable as far as it shows.
+def growths(recording: History) -> list[Growth]:
+    """Find the strongest loss of stability of each object that fingers touch; none where a run looks stable.
 
     A stretch of a run counts as growth if, in an octave of frequency, the fingers' displacement against the object
     grows by e^2 along an exponential for eight cycles, one pole explains it, and the hands do not mean it. Operators'
@@ -143,7 +141,7 @@ def _grown(grasp: GraspView) -> Growth | None:
 
 
 def _rung(grasp: GraspView) -> Growth | None:
-    """What grew too fast to be seen growing, and rings."""
+    """Find oscillations that grew too fast to be seen growing, and ring."""
     layout = grasp.recording.layout
     period = grasp.recording.period
     hands: Drive | None = None
@@ -163,7 +161,7 @@ def _rung(grasp: GraspView) -> Growth | None:
 
 
 def _content(x: FloatArray, turn: float) -> float:
-    """The largest amplitude of a frequency, in cycles a sample, in columns (M, c)."""
+    """Find the largest amplitude of a frequency, in cycles a sample, in columns (M, c)."""
     taper = np.hanning(len(x))
     phase = np.exp(-2j * np.pi * turn * np.arange(len(x)))
     return float(np.abs(((x - x.mean(axis=0)) * (taper * phase)[:, None]).sum(axis=0)).max() * 2.0 / taper.sum())
@@ -180,7 +178,7 @@ def _divergence(grasp: GraspView, away: Divergence) -> Growth:
 
 
 def _led(away: Divergence, hands: Drive) -> bool:
-    """Whether the hands may mean it."""
+    """Tell whether the hands may mean it."""
     step = away.octave.step
     times = away.begin + step * (np.arange(away.stretch.length * WINDOW + 2) - 1)
     intent = np.diff(hands.at(times), 2, axis=0)

@@ -18,7 +18,7 @@ def mode_name(
     names: Sequence[str],
     gains: tuple[float, float] = (1.0, 1.0),
 ) -> str:
-    """The part of a swing that holds most energy: internal, external translation or rotation; or who pushes alone.
+    """Name the part of a swing with most energy: internal, external translation or rotation; or who pushes alone.
 
     The split is eq. (3) of hard fingers, the best fit of a motion of the free object to the swing of those that touch.
 
@@ -53,7 +53,7 @@ def mode_name(
 
 
 def _turns(arms: FloatArray) -> FloatArray:
-    """How fingers move as the object turns, (n d, 0), (n d, 1) or (n d, 3)."""
+    """Compute how fingers move as the object turns, (n d, 0), (n d, 1) or (n d, 3)."""
     n, d = arms.shape
     if d == 1:
         return np.zeros((n, 0))
@@ -63,7 +63,7 @@ def _turns(arms: FloatArray) -> FloatArray:
 
 
 def _fit(basis: FloatArray, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """The nearest combination of columns."""
+    """Fit the nearest combination of columns."""
     if not basis.shape[1]:
         return np.zeros_like(x)
     return np.asarray(basis @ np.linalg.lstsq(basis, x, rcond=None)[0], dtype=np.complex128)

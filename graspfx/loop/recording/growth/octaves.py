@@ -53,30 +53,30 @@ class Octave:
         self.logs = self._sizes(highest)
 
     def fast(self, first: int, stop: int) -> FloatArray:
-        """Sixth differences over 64 about the samples from `first` up to `stop`, as far as there are any."""
+        """Take sixth differences over 64 about the samples from `first` up to `stop`, as far as there are any."""
         x = self._rows(max(first - ORDER // 2, 0), min(stop + ORDER // 2, self.size))
         return np.diff(x, ORDER, axis=0) / 2.0**ORDER
 
     def samples(self) -> FloatArray:
-        """All of them, (r, c)."""
+        """Read all samples, (r, c)."""
         return self._rows(0, self.size)
 
     def size_before(self, time: float) -> float:
-        """RMS of the fast part over the last samples before a time [s]."""
+        """Compute the RMS of the fast part over the last samples before a time [s]."""
         stop = min(max(int((time - self.begin) / self.step), END), self.size)
         return float(np.sqrt((self.fast(stop - END, stop) ** 2).mean()))
 
     def windows(self, first: int, count: int) -> FloatArray:
-        """The fast part of these windows."""
+        """Take the fast part of these windows."""
         begin = ORDER // 2 + 1 + first * WINDOW
         return self.fast(begin, begin + count * WINDOW)
 
     def time(self, window: int) -> float:
-        """Where a window begins [s]."""
+        """Give the time at which a window begins [s]."""
         return self.begin + (ORDER // 2 + 1 + window * WINDOW) * self.step
 
     def below(self) -> Octave | None:
-        """The octave below; None where it would be too short to show growth."""
+        """Make the octave below; None where it would be too short to show growth."""
         x = np.concatenate(self._lower) if self._lower else np.empty((0, 0))
         if len(x) < WINDOW * SHORTEST + ORDER + 2:
             return None
@@ -84,7 +84,7 @@ class Octave:
         return Octave(lambda a, b: x[a:b], len(x), 2.0 * self.step, self.begin + HALVING / 2 * self.step)
 
     def _sizes(self, highest: bool) -> list[FloatArray]:
-        """In blocks, each with what it shares with its neighbours, so that little more than the half is in memory."""
+        """Measure in overlapping blocks, so that little more than the half is in memory."""
         sizes: list[list[FloatArray]] = [[], []]
         for begin in range(0, self.size, BLOCK):
             stop = min(begin + BLOCK, self.size)
@@ -107,7 +107,7 @@ class Octave:
 
 
 def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
-    """From the one that ends at half the sampling rate downwards.
+    """Yield octaves from the one that ends at half the sampling rate downwards.
 
     Args:
         rows: of the motion, (r, c) for rows from one number up to another; asked for in blocks.
@@ -123,7 +123,7 @@ def octaves(rows: Rows, size: int, step: float) -> Iterator[Octave]:
 
 
 def rises(logs: FloatArray) -> list[Stretch]:
-    """Stretches of growth by e^2 and more along a line; of each length the one that grows most.
+    """Find stretches of growth by e^2 and more along a line; of each length the one that grows most.
 
     Lines are fitted by least squares, for lengths that grow by 1.5 and starts a sixth of them apart, from sums that are
     made once.
@@ -148,7 +148,7 @@ def rises(logs: FloatArray) -> list[Stretch]:
 
 
 def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex128], float]:
-    """The poles z_i of y_k = sum_i c_i z_i^k, and the share of y, without its growth, that they explain.
+    """Fit the poles z_i of y_k = sum_i c_i z_i^k, and the share of y, without its growth, that they explain.
 
     ESPRIT (R. Roy and T. Kailath, ESPRIT, IEEE Trans. ASSP 37(7), 1989) on y_k exp(-growth k), in which the beginning
     counts as much as the end: what changes its phase by itself, as noise does, is not explained.
@@ -171,7 +171,7 @@ def poles(y: FloatArray, growth: float, rank: int) -> tuple[NDArray[np.complex12
 
 
 def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDArray[np.complex128]:
-    """c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; no z_i far from z."""
+    """Fit c (c,) of y_k = Re(c z^k + c_1 z_1^k + ...), (M, c), by least squares of y_k |z|^-k; no z_i far from z."""
     k = np.arange(len(y), dtype=float)
     phases = np.stack([(each / abs(z)) ** k for each in (z, *others)], axis=1)
     basis = np.concatenate([phases.real, -phases.imag], axis=1)
@@ -181,7 +181,7 @@ def amplitudes(y: FloatArray, z: complex, others: Sequence[complex] = ()) -> NDA
 
 
 def gain(frequency: float, octave: Octave, step: float) -> float:
-    """By what a sine's amplitude passes from samples `step` apart to the fast part of an octave."""
+    """Compute the gain of a sine's amplitude from samples `step` apart to the fast part of an octave."""
     share, T = 1.0, step
     for _ in range(round(math.log2(octave.step / step))):
         share *= abs(math.cos(math.pi * frequency * T)) ** HALVING

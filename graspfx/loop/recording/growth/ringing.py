@@ -28,7 +28,7 @@ class Ringing(NamedTuple):
 
 
 def touches(touching: BoolArray) -> list[tuple[int, int]]:
-    """The longest row of touches of each finger without a long pause, as (first, stop) of ticks; none of a few."""
+    """Find the longest row of touches of each finger without a long pause, as (first, stop) of ticks; none of a few."""
     spans = []
     for column in touching.T:
         onsets = np.flatnonzero(column[1:] & ~column[:-1]) + 1
@@ -44,7 +44,7 @@ def touches(touching: BoolArray) -> list[tuple[int, int]]:
 
 
 def ringing(displacement: FloatArray, first: int, noise: float) -> Ringing | None:
-    """The oscillation of a motion, if it is one that keeps its size and stands above the noise of sensors.
+    """Find the oscillation of a motion that keeps its size and stands above the noise of sensors; None without one.
 
     Args:
         displacement: (M, c), rows from `first` on.

@@ -1,4 +1,4 @@
-"""What Whittaker's smoother leaves of a signal, from numpy alone."""
+"""Whittaker's smoother, from numpy alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SQUARED_DIFFERENCES = (70.0, -56.0, 28.0, -8.0, 1.0)  # the diagonals of D D'
 
 
 def roughness(x: FloatArray, q: float) -> FloatArray:
-    """x - s, s minimising |x - s|^2 + q |D s|^2 with D the fourth differences: q D' (q D D' + I)^-1 D x.
+    """Compute x - s, s minimising |x - s|^2 + q |D s|^2 with D the fourth differences: q D' (q D D' + I)^-1 D x.
 
     No difference of nearly equal numbers is taken: what is smooth is small to its own digits.
 
@@ -26,7 +26,7 @@ def roughness(x: FloatArray, q: float) -> FloatArray:
 
 
 def _solve(q: float, b: FloatArray) -> FloatArray:
-    """(q D D' + I)^-1 b by cyclic reduction of the Cholesky factorisation.
+    """Solve (q D D' + I) x = b by cyclic reduction of the Cholesky factorisation.
 
     Blocks of four rows are tridiagonal; every second one is eliminated at once, log2(N/4) times over: as stable as
     Cholesky's method in any order of the rows is, with one call of LAPACK's loops for each time.
@@ -48,7 +48,7 @@ def _solve(q: float, b: FloatArray) -> FloatArray:
 
 
 def _reduced(A: FloatArray, B: FloatArray, R: FloatArray) -> FloatArray:
-    """x (m, b, k) of A_i x_i + B_{i-1} x_{i-1} + B_i' x_{i+1} = R_i, symmetric and positive definite.
+    """Solve A_i x_i + B_{i-1} x_{i-1} + B_i' x_{i+1} = R_i for x (m, b, k), symmetric and positive definite.
 
     Eliminating the odd blocks, A_i = L L', takes (L^-1 C)' (L^-1 C) from the even ones, C what joins it to them.
     """
@@ -63,18 +63,18 @@ def _reduced(A: FloatArray, B: FloatArray, R: FloatArray) -> FloatArray:
     joined[:, :, 2 * b :] = R[1::2]
     L = np.linalg.cholesky(A[1::2])
     joined = np.linalg.solve(L, joined)
-    before, behind, known = joined[:, :, :b], joined[:, :, b : 2 * b], joined[:, :, 2 * b :]
+    before, behind, constants = joined[:, :, :b], joined[:, :, b : 2 * b], joined[:, :, 2 * b :]
     A, R, x = A[0::2].copy(), R[0::2].copy(), np.empty_like(R)
     A[:odd] -= np.swapaxes(before, 1, 2) @ before
-    R[:odd] -= np.swapaxes(before, 1, 2) @ known
+    R[:odd] -= np.swapaxes(before, 1, 2) @ constants
     if after:
         back = np.swapaxes(behind[:after], 1, 2)
         A[1:] -= back @ behind[:after]
-        R[1:] -= back @ known[:after]
+        R[1:] -= back @ constants[:after]
         x[0::2] = _reduced(A, -back @ before[:after], R)
     else:
         x[0::2] = _reduced(A, B[:0], R)
-    rest = known - before @ x[0:-1:2]
+    rest = constants - before @ x[0:-1:2]
     rest[:after] -= behind[:after] @ x[2::2]
     x[1::2] = np.linalg.solve(np.swapaxes(L, 1, 2), rest)
     return x

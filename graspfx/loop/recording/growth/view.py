@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.drive import Drive, drive
 from graspfx.loop.recording.growth.mode import mode_name
+from graspfx.loop.recording.history import History
 from graspfx.loop.recording.layout import WIDTHS
-
-if TYPE_CHECKING:
-    from graspfx.loop.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """What is looked at for one object.
+    """One object's part of a recording, with its fingers.
 
     Attributes:
         name: of the object.
@@ -29,47 +26,47 @@ class GraspView:
         rows: how many count: up to a fault.
     """
 
-    recording: Recording
+    recording: History
     name: str
     number: int
     fingers: NDArray[np.intp]
     rows: int
 
     def displacement(self, first: int, stop: int) -> FloatArray:
-        """e = p - c of the fingers that touch, zero of the others, (r, n d) [m]."""
+        """Compute e = p - c of the fingers that touch, zero of the others, (r, n d) [m]."""
         e = self._position(first, stop) - self.recording.contact_position[first:stop, self.fingers]
         e *= self.recording.touching[first:stop, self.fingers, None]
         return e.reshape(len(e), -1)
 
     def arms(self, first: int, stop: int) -> FloatArray:
-        """Of the fingers about the object, mean (n, d) [m]."""
+        """Compute the mean arms of the fingers about the object, (n, d) [m]."""
         centre = self.recording.objects[self.name].position[first:stop, None]
         return np.asarray((self._position(first, stop) - centre).mean(axis=0))
 
     def touching(self, first: int, stop: int) -> NDArray[np.bool_]:
-        """Who touches most of the time, (n,)."""
+        """Tell which fingers touch most of the time, (n,)."""
         return np.asarray(self.recording.touching[first:stop, self.fingers].mean(axis=0) > 0.5)
 
     def depth(self, first: int, stop: int) -> float:
-        """The largest of the fingers' mean displacements [m]."""
+        """Find the largest of the fingers' mean displacements [m]."""
         mean = self.displacement(first, stop).mean(axis=0).reshape(len(self.fingers), -1)
         return float(np.linalg.norm(mean, axis=1).max())
 
     def noise(self, first: int, stop: int) -> float:
-        """Of the measured positions, RMS [m]; zero where nothing is known of it."""
+        """Estimate the RMS noise of the measured positions [m]; zero where nothing is known of it."""
         true, report = self.recording.true_position, self.recording.finger_position
         if true is None:
             return 0.0
         return float(np.sqrt(((report - true)[first:stop, self.fingers] ** 2).mean()))
 
     def drive(self) -> Drive:
-        """What hands mean to do with it."""
+        """Read what hands mean to do with the object."""
         header = self.recording.header
         centre = self.recording.objects[self.name].position[0]
         return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
 
     def mode(self, swing: NDArray[np.complex128], first: int, stop: int) -> str:
-        """The name of a swing (n d,) in these rows."""
+        """Name a swing (n d,) in these rows."""
         layout, table = self.recording.layout, self.recording.header.scene_table
         things = table.get("object") or [{}]
         free = (things[self.number] if self.number < len(things) else {}).get("free")
@@ -91,8 +88,8 @@ class GraspView:
         return (self.recording.finger_position if true is None else true)[first:stop, self.fingers]
 
 
-def grasps(recording: Recording) -> Iterator[GraspView]:
-    """Each object with its fingers, up to a fault."""
+def grasps(recording: History) -> Iterator[GraspView]:
+    """List each object with its fingers, up to a fault."""
     layout = recording.layout
     rows = min([len(recording), *(fault.tick for fault in recording.faults)])
     for number, name in enumerate(layout.objects):

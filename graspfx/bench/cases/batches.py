@@ -1,0 +1,173 @@
+"""Thousands of variants of the 1-DOF system, whole calls, beside arrays of numpy and runs one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import graspfx as gx
+from graspfx.batch.batch import Runs
+from graspfx.batch.variants import Variants
+from graspfx.bench.case import Case, Method, is_installed, missing
+from graspfx.bench.peers.arrays import last_positions, one_dof
+from graspfx.environment import processors
+from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+Values = dict[str, FloatArray]
+
+TITLE = "Batches"
+LIMITS = """
+Time is that of a whole call, from the scene and the values to the last positions of both fingers and of the object, per
+variant; its programs are compiled and kept beforehand. `run_batch` checks and builds a scene for every value of a key,
+and for random points of several keys one for nearly every point, which takes nearly all of the time: "its runs alone"
+is what is left without that, as if the variants were known. The scene is attached and on a line; fingers that let go
+are run one by one. One by one is `gx.run(scene.replace(...))`, as a user writes it, for a few of the variants. The
+arrays of numpy are for this one system and nothing else; to write them takes an hour. The error is that of the last
+positions against single runs, of the largest in them. A call of more than some seconds is timed once.
+"""
+
+STIFFNESS, VISCOSITY, MASS = "coupling.external.stiffness", "object.viscosity", "object.mass"
+RANGES = {STIFFNESS: (5.0, 60.0), VISCOSITY: (0.6, 1.5), MASS: (0.05, 0.2)}
+BOUND = 1e-12
+CHECKED = 12
+SINGLES = 10  # variants that are run one by one
+QUANTITIES: Mapping[str, Any] = {"measure": ["finger_position", "object_position"], "statistics": ["last"]}
+
+
+@dataclass(frozen=True)
+class BatchProblem:
+    """Variants of the scene `reference-1dof`.
+
+    Attributes:
+        scene: the scene.
+        values: by dotted key, of each variant, (V,).
+        ticks: of each run.
+    """
+
+    scene: Scene
+    values: Values
+    ticks: int
+
+    def __len__(self) -> int:
+        return len(next(iter(self.values.values())))
+
+    @property
+    def seconds(self) -> float:
+        return self.ticks * self.scene.period
+
+    @cached_property
+    def reference(self) -> tuple[Any, FloatArray]:
+        """Numbers of a few variants, and their last positions by single runs, (CHECKED, 3) [m]."""
+        numbers = np.random.default_rng(3).integers(0, len(self), CHECKED)
+        return numbers, np.stack([self.single_run(k) for k in numbers])
+
+    def error(self, last: FloatArray) -> float:
+        """Compare last positions (V, 3) with those of single runs: the largest difference, relative."""
+        numbers, expected = self.reference
+        return float((np.abs(last[numbers] - expected).max(axis=1) / np.abs(expected).max(axis=1)).max())
+
+    def single_run(self, k: int, **more: Any) -> FloatArray:
+        """Run one variant by itself; its last positions (3,) [m]."""
+        run = gx.run(
+            self.scene.replace({key: float(each[k]) for key, each in self.values.items()} | more), self.seconds
+        )
+        return np.concatenate([run.finger_position[-1, :, 0], run.object_position[-1]])
+
+    def arrays(self) -> FloatArray:
+        """Run all variants as arrays of numpy; their last positions (V, 3) [m]."""
+        own = {STIFFNESS: self.scene.coupling.external.stiffness, VISCOSITY: self.scene.object[0].viscosity,
+               MASS: self.scene.object[0].mass}  # fmt: skip
+        columns = [self.values.get(key, np.full(len(self), float(np.asarray(each)))) for key, each in own.items()]
+        stiffness, viscosity, mass = columns
+        return last_positions(one_dof(self.scene), stiffness, viscosity, mass, self.ticks)
+
+
+def cases(quick: bool) -> Iterator[Case]:
+    """Compare whole calls for values of one key, for random points of two and three, and for a grid of two."""
+    many, points, side, ticks = (200, 50, 20, 200) if quick else (10_000, 1000, 100, 1000)
+    scene, rng = gx.load("reference-1dof"), np.random.default_rng(7)
+    one = BatchProblem(scene, {STIFFNESS: np.linspace(*RANGES[STIFFNESS], many)}, ticks)
+    yield _case(f"{many} values of one key, {ticks} ticks", one, one.values, _one_by_one(one))
+    for count, word in ((2, "two"), (3, "three")):
+        keys = list(RANGES)[:count]
+        random = BatchProblem(scene, {key: rng.uniform(*RANGES[key], points) for key in keys}, ticks)
+        yield _case(f"{points} random points of {word} keys, {ticks} ticks", random, random.values, _one_by_one(random))
+    lists = {key: np.linspace(*RANGES[key], side) for key in (STIFFNESS, VISCOSITY)}
+    grid = np.stack(np.meshgrid(*lists.values(), indexing="ij"), axis=-1).reshape(-1, 2)
+    product = BatchProblem(scene, dict(zip(lists, grid.T, strict=True)), ticks)
+    yield _case(f"{side} by {side} values of two keys, {ticks} ticks", product, lists, _runs_alone(product))
+
+
+def _case(name: str, problem: BatchProblem, lists: Values, more: Iterator[Method]) -> Case:
+    methods = [whole_call(problem, lists), *more, by_numpy(problem)]
+    return Case("batches", name, "relative", methods, BOUND)
+
+
+def whole_call(problem: BatchProblem, lists: Values) -> Method:
+    """Call `run_batch` like a user; with lists as long as the batch, point by point."""
+    name, V = "GraspFX run_batch", len(problem)
+    if not is_installed("llvmlite"):
+        return missing(name, "llvmlite")
+    by_points = len(next(iter(lists.values()))) == V
+    batches: list[Any] = []
+
+    def call() -> None:
+        batches[:] = [gx.run_batch(problem.scene, lists, problem.seconds, zip=by_points, **QUANTITIES)]
+
+    def error() -> float:
+        if not batches:
+            call()
+        fingers, thing = (batches[0][quantity]["last"].reshape(V, -1) for quantity in QUANTITIES["measure"])
+        return problem.error(np.concatenate([fingers, thing], axis=1))
+
+    return Method(name, call, error, calls=V, once=by_points)
+
+
+def _one_by_one(problem: BatchProblem) -> Iterator[Method]:
+    """Time `gx.run` of a few variants, by its default engine and compiled."""
+    for name, more in (("gx.run one by one", {}), ("gx.run one by one, compiled", {"engine": "compiled"})):
+        if more and not is_installed("llvmlite"):
+            yield missing(f"GraspFX {name}", "llvmlite")
+            continue
+        yield Method(f"GraspFX {name}", partial(_run_each, problem, more), 0.0, "what is compared with", calls=SINGLES)
+
+
+def _run_each(problem: BatchProblem, more: Mapping[str, Any]) -> None:
+    for k in range(SINGLES):
+        problem.single_run(k, **more)
+
+
+def _runs_alone(problem: BatchProblem) -> Iterator[Method]:
+    """Run the variants of a batch that are built and whose programs are known."""
+    if not is_installed("llvmlite"):
+        yield missing("GraspFX run_batch, its runs alone", "llvmlite")
+        return
+    unique = {key: sorted(set(each.tolist())) for key, each in problem.values.items()}
+    columns = [np.searchsorted(unique[key], each) for key, each in problem.values.items()]
+    variants = Variants(problem.scene, unique, np.stack(columns, axis=1))
+    groups = variants.groups()
+    for threads, note in ((processors(), "every processor"), (1, "one processor")):
+        runs = Runs(problem.scene, variants, len(problem), problem.seconds, threads)
+        measure = partial(runs.measured, groups, QUANTITIES["measure"], QUANTITIES["statistics"])
+        yield Method(
+            f"GraspFX run_batch, its runs alone, {note}", measure, partial(_error_of_measures, problem, measure),
+            "not what a user waits for", calls=len(problem),
+        )  # fmt: skip
+
+
+def _error_of_measures(problem: BatchProblem, measure: Callable[[], Any]) -> float:
+    measures = measure()
+    parts = [measures[quantity]["last"].reshape(len(problem), -1) for quantity in QUANTITIES["measure"]]
+    return problem.error(np.concatenate(parts, axis=1))
+
+
+def by_numpy(problem: BatchProblem) -> Method:
+    return Method(
+        "numpy, arrays of variants", problem.arrays, lambda: problem.error(problem.arrays()), calls=len(problem)
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""True answers, to more digits than a method has."""

@@ -1,0 +1,1 @@
+"""The report of benchmarks: its rows, its page and its figures."""

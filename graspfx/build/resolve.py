@@ -1,0 +1,122 @@
+"""A scene resolved once: its devices connected, its shapes loaded, its laws and hands made, for all that asks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build import encounters
+from graspfx.build.force_limits import force_limits
+from graspfx.build.hand_parts import HandPart, make_hand
+from graspfx.build.holdings import holdings
+from graspfx.build.meshes import mesh_name
+from graspfx.build.object_parts import ObjectPart, make_objects
+from graspfx.build.stock import Stock
+from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
+from graspfx.loop.device import SimulatedDevice
+from graspfx.objects.surroundings import Obstacle
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A scene's parts, each made when it is first asked for, and only then.
+
+    Attributes:
+        scene: the description.
+        stock: its connected devices and its shapes.
+    """
+
+    scene: Scene
+    stock: Stock
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder in which relative paths of the scene start; None for the current one."""
+        return self.stock.folder
+
+    @cached_property
+    def wires(self) -> tuple[Wire, ...]:
+        """The devices, to be looked at: a run takes those of `own_wires`."""
+        return wires(self.scene, self.stock)
+
+    def own_wires(self) -> tuple[Wire, ...]:
+        """Give devices to open, or to move by a plant, that nobody else has.
+
+        The first caller has those that the checks connected; a later one has devices connected anew, as a device
+        belongs to one run: it carries that run's state, and hardware may still be open.
+        """
+        return self.wires if self.stock.claim() else wires_anew(self.scene, self.folder)
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Where the fingers start, (n, d) [m]."""
+        return np.array([finger.start for finger in self.scene.finger], dtype=float)
+
+    @cached_property
+    def objects(self) -> tuple[ObjectPart, ...]:
+        """The objects with their solids, laws and rules, in the scene's order."""
+        return make_objects(self.scene, self.stock, self.wires)
+
+    @cached_property
+    def hands(self) -> tuple[HandPart, ...]:
+        """The hands in the order of their first fingers."""
+        return tuple(make_hand(self.scene, self.stock, each) for each in holdings(self.scene))
+
+    @cached_property
+    def obstacles(self) -> list[Obstacle]:
+        """The obstacles in their places."""
+        return encounters.obstacles(self.scene, self.stock)
+
+    @cached_property
+    def limits(self) -> FloatArray | None:
+        """The largest force of each finger's device [N], infinite where it tells none; None if all do."""
+        return force_limits(len(self.scene.finger), self.wires)
+
+    @cached_property
+    def simulated(self) -> bool:
+        """Whether every device is a simulation."""
+        return all(isinstance(wire.device, SimulatedDevice) for wire in self.wires)
+
+    @property
+    def mesh_notes(self) -> list[str]:
+        """The repairs of the meshes, and what looks wrong in them, a sentence each."""
+        meshes = [(part.table, part.solid.mesh) for part in self.objects]
+        return [f"{mesh_name(table)}: {note}" for table, mesh in meshes if mesh is not None for note in mesh.mesh.notes]
+
+    @property
+    def mesh_frames(self) -> dict[str, Mapping[str, list[float]]]:
+        """The `SceneMesh.frame` of each object that has a mesh, by its name."""
+        meshes = [(part.name, part.solid.mesh) for part in self.objects]
+        return {name: mesh.frame for name, mesh in meshes if mesh is not None}
+
+
+def reach_faults(scene: Scene) -> list[Finding]:
+    """Find the fingers of a scene without other faults that cannot be put where they start."""
+    parts = resolve(scene)
+    return placing_faults(parts.start, parts.own_wires())
+
+
+def resolve(scene: Scene) -> Parts:
+    """Give the parts of a scene: the same ones each time, for as long as there is the scene.
+
+    What the scene's checks have connected and loaded is not asked for again. A copy of a scene, or one with values
+    replaced, has parts of its own.
+    """
+    if scene._stock is None:
+        scene._stock = Stock(scene.source.folder)
+    stock: Stock = scene._stock
+    if stock.parts is None:
+        stock.parts = Parts(scene, stock)
+    parts: Parts = stock.parts
+    return parts

@@ -1,0 +1,144 @@
+"""Scratch space of a lowering: statements, temporary variables, entries of records, errors."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, get_args, get_origin
+
+from graspfx.compile.lower.kinds import (
+    Constant,
+    Grid,
+    Group,
+    Lowered,
+    Place,
+    Span,
+    entries,
+    like,
+    load,
+    offsets,
+    plus,
+)
+from graspfx.compile.lower.pieces import (
+    assign,
+    assign_all,
+    value_of,
+)
+from graspfx.compile.marks import LOWERED
+from graspfx.compile.records import Field, Floats, Many, Record, Table, is_value, layout, size_of
+from graspfx.errors import InputError
+
+
+@dataclass
+class Frame:
+    """The names of one function: those of its variables, and those of its module."""
+
+    scope: dict[str, Lowered]
+    namespace: Mapping[str, Any]
+    prefix: str = ""  # of the variables of a function that is written out
+
+
+class Scratch:
+    """The statements and temporary variables of one kernel; what must come before an expression is put into `out`."""
+
+    def __init__(self, name: str, file: str) -> None:
+        self.kernel, self.file = name, file
+        self.out: list[ast.stmt] = []
+        self.temporaries = 0
+        self.depth = 0
+        self.files: set[str] = {file}
+        self.callees: dict[str, Callable[..., Any]] = {}
+        self.buffers: list[str] = []  # of the kernel's parameters
+
+    def entry(self, owner: Place, field: Field) -> Lowered:
+        """Read a field of a record."""
+        at = self.at(owner, field)
+        kind = field.kind
+        if field.reference:
+            stands = ast.Call(load("int"), [ast.Subscript(load(owner.buffer), at, ast.Load())], [])
+            return Place(kind, owner.buffer, stands)
+        if kind is Floats:
+            return Span(owner.buffer, at)
+        if kind is Table:
+            assert field.extent is not None
+            return Grid(owner.buffer, at, self.size(owner, field.extent.columns))
+        if get_origin(kind) is Many:
+            assert field.extent is not None
+            each = get_args(kind)[0]
+            columns = field.extent.columns
+            stride = self.size(owner, columns) if columns else ast.Constant(size_of(each))
+            return Group(each, owner.buffer, at, stride, self.size(owner, field.extent.rows))
+        if isinstance(kind, type) and issubclass(kind, Record):
+            return Place(kind, owner.buffer, at)
+        return entries(kind, owner.buffer, at)
+
+    def at(self, owner: Place, field: Field) -> ast.expr:
+        if field.offset.isdigit():
+            return plus(owner.offset, int(field.offset))
+        return ast.BinOp(owner.offset, ast.Add(), self.size(owner, field.offset))
+
+    def size(self, owner: Place, text: str) -> ast.expr:
+        """Express a size by the record's entries."""
+
+        class Loads(ast.NodeTransformer):
+            def visit_Name(self, node: ast.Name) -> ast.expr:
+                field_ = layout(owner.kind)[node.id]
+                entry = entries(field_.kind, owner.buffer, plus(owner.offset, int(field_.offset)))
+                assert isinstance(entry, ast.expr)
+                return entry
+
+        tree: ast.expr = Loads().visit(ast.parse(text, mode="eval").body)
+        return tree
+
+    def constant(self, item: Any, name: str, frame: Frame) -> Lowered:
+        if isinstance(item, bool | int | float):
+            # the kernel's own module names its numbers in the program; those of others are written out
+            return load(name) if not frame.prefix and frame.namespace.get(name) is item else ast.Constant(item)
+        if is_value(type(item)):
+            return value_of(item)
+        return Constant(item)
+
+    def callee(self, node: ast.expr, function: Any, frame: Frame) -> ast.expr:
+        """Name a function that is called: its own name in the module, or one that stands for another module's."""
+        if not frame.prefix and not hasattr(function, LOWERED):
+            return node
+        own = str(function.__name__)
+        if getattr(builtins, own, None) is function:
+            return load(own)
+        name = f"{own}_k" if hasattr(function, LOWERED) else own
+        while self.callees.setdefault(name, function) is not function:
+            name += "_"
+        return load(name)
+
+    def temporary(self) -> str:
+        self.temporaries += 1
+        return f"t{self.temporaries}"
+
+    def atom(self, node: ast.expr) -> ast.expr:
+        """Put a number in a variable, unless it is one or a constant already."""
+        if isinstance(node, ast.Name | ast.Constant):
+            return node
+        name = self.temporary()
+        self.out.append(assign(name, node))
+        return load(name)
+
+    def atoms(self, value: Lowered, name: str = "") -> Lowered:
+        """Put all numbers of a value in variables."""
+        if isinstance(value, Constant):
+            return value
+        numbers = offsets(value)
+        if all(isinstance(number, ast.Name | ast.Constant) for number in numbers):
+            return value
+        if isinstance(value, ast.expr) and not name:
+            return self.atom(value)
+        result = like(value, name or self.temporary())
+        self.out.append(assign_all(offsets(result), numbers))
+        return result
+
+    def cannot(self, node: ast.AST, why: str) -> InputError:
+        line = getattr(node, "lineno", 0)
+        text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
+        return InputError(f"{self.file}:{line}", text, "what a kernel may hold", why)

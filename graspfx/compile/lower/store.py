@@ -1,0 +1,72 @@
+"""Disk cache of lowered kernels: one entry for all of our kernels that were asked for, as long as no source changes."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import marshal
+import sys
+from dataclasses import dataclass, field
+from functools import cache
+from types import CodeType, FunctionType
+from typing import Any
+
+from graspfx.compile import cache as disk
+from graspfx.compile.own_sources import is_own, source_stamps
+
+
+@dataclass(frozen=True)
+class Lowering:
+    """A kernel's lowered text, the functions that it calls by the names in the text, and its source files."""
+
+    text: str
+    code: CodeType
+    callees: dict[str, tuple[str, str]]  # module and qualified name
+    files: tuple[str, ...]
+
+
+@dataclass
+class Store:
+    """Lowerings by the kernels' names; those that are new are written by `save`."""
+
+    key: str
+    entries: dict[str, Any] = field(default_factory=dict)
+    changed: bool = False
+
+    def find(self, function: FunctionType) -> Lowering | None:
+        """Look up a kernel of ours."""
+        entry = self.entries.get(_name(function))
+        if entry is None:
+            return None
+        text, code, callees, files = entry
+        loaded = marshal.loads(base64.b64decode(code))
+        return Lowering(
+            text, loaded, {alias: (module, name) for alias, (module, name) in callees.items()}, tuple(files)
+        )
+
+    def add(self, function: FunctionType, lowering: Lowering) -> None:
+        """Add a kernel, if it is ours: the key says nothing of others' sources."""
+        if all(is_own(file) for file in lowering.files):
+            code = base64.b64encode(marshal.dumps(lowering.code)).decode()
+            self.entries[_name(function)] = [lowering.text, code, lowering.callees, lowering.files]
+            self.changed = True
+
+    def save(self) -> None:
+        """Write what is new; a cache that cannot be written costs the next process the lowering again."""
+        if self.changed:
+            disk.store(self.key, json.dumps(self.entries).encode())
+            self.changed = False
+
+
+@cache
+def store() -> Store:
+    """Open the cache of this version of the sources, under this Python."""
+    digest = hashlib.sha256(repr((sys.version, marshal.version, source_stamps())).encode())
+    key = f"lowered-{digest.hexdigest()}"
+    content = disk.load(key)
+    return Store(key, json.loads(content) if content is not None else {})
+
+
+def _name(function: FunctionType) -> str:
+    return f"{function.__module__}.{function.__qualname__}"

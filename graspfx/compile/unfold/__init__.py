@@ -1,0 +1,1 @@
+"""Functions over a scene's parts, unfolded into programs."""

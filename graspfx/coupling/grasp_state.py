@@ -1,0 +1,142 @@
+"""The state of a grasped object, as it stands in a block: the object, its coupling, its fingers, what solvers need."""
+
+from __future__ import annotations
+
+from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, table
+from graspfx.cones.problem import FrictionProblem
+from graspfx.grasp.contact_state import FramedContact, Freedom
+from graspfx.objects.body_state import BodyState, Motion
+from graspfx.spatial import Matrix, Vector, Vector4
+
+
+class FingerState(FramedContact):
+    """A finger; frame O is the object's, in which contact, normal and contact frame are, W the world's."""
+
+    position: Vector  # p, W [m]
+    velocity: Vector  # p', W [m/s]
+    face: int  # active face of a box, -1 not known
+    gap: float  # positive outside [m]
+    touching: bool
+    displacement: Vector4  # e = p - c, O, and rho theta of a soft finger [m]
+    rate: Vector4  # e', O, and rho theta' [m/s]
+    force: Vector  # on the object, W [N]
+    contact_world: Vector  # c, W [m]
+    local: Vector4  # force, O, and torsion / rho [N]
+    split_contact: Vector  # c, weight and normal that the modes were computed from
+    split_weight: float
+    split_normal: Vector
+    share: float  # of the metric: the device's mass over the mean, 1 for equal devices
+    coefficient: float  # mu
+    status: int  # 0 free, 1 stick, 2 slide, where there is a coefficient
+    retained: Vector4  # e + s, what slipping and letting go leave of the displacement, O [m]
+    anchor: Matrix  # the object's rotation from which torsion counts
+    torsion_at_anchor: float  # rho theta [m]
+    twist_axis: Vector  # direction in which torsion acts on the object, O
+    moment: Vector  # torsion on the object, W [N m]
+    radius: float  # of a ball fingertip, 0 for a point [m]
+    elastic: Vector4  # `local` without damping, where it is wanted
+    sqrt_weight: float  # where there is a projection
+    gains_contact: Vector  # c, weight and normal that K and D were computed from
+    gains_weight: float
+    gains_normal: Vector
+    walk: int  # offset of its state on a mesh
+    limit: float  # largest force of its device, infinite where there is none [N]
+    cut: float  # limit that its cone is cut off at, infinite except while it is [N]
+    saturated: bool  # at its limit
+    law_force: Vector  # the law's own, before limits, W [N]
+    carried: Vector4  # P f, its part of the least force of the same wrench, O [N]
+
+
+class Gain(Record):
+    """A gain that is a matrix."""
+
+    whole: bool  # (n d) x (n d), else n times d x d
+    first: int  # of its entries among those of all four
+
+
+class GraspState(Record):
+    """An object, its coupling and its shape; switches are 0.0 or 1.0."""
+
+    count: int  # n
+    dimensions: int  # d
+    period: float  # T [s]
+    external_stiffness: float  # kep [N/m]
+    external_damping: float  # ked [N s/m]
+    internal_stiffness: float  # kip [N/m]
+    internal_damping: float  # kid [N s/m]
+    equal: bool  # kep = kip and ked = kid: the conventional method, no projector
+    dense: bool  # gains are matrices
+    damped: bool  # some damping is not zero
+    attached: bool  # bilateral: contacts fixed in the object, no normals
+    stick: bool  # a touching finger holds where it touched
+    fade: bool  # a free finger's weight goes down with its gap
+    fade_start: float  # gaps between which it does [m]
+    fade_end: float
+    at_contact: bool  # the reaction acts at the contact point, else at the fingertip
+    implicit: bool  # forces and the object's displacement come from one system
+    arm_low: float  # rms arms between which a rotation joins the external space [m]
+    arm_high: float
+    shape: int  # kind; parameters in the next three
+    parameters: Vector  # of a mesh instead: offsets of its array and of the first finger's state on it
+    mixed: bool  # only some translations or some rotations are free: the modes turn with the object
+    mode_count: int  # modes in use
+    split_known: bool
+    shortfall: float  # by how much `fade_start` was too small, at most over the run [m]
+    singular: bool  # some direction has no damping while others have
+    friction: bool  # some finger has a coefficient: forces lie in cones, and contact points slip
+    coordinates: int  # contact coordinates per finger, c: d, or 4 in space where some finger is soft
+    width: int  # entries of a finger in a mode: 3, or 4 where some finger is soft
+    unknowns: int  # n c, and the object's free directions under the implicit integrator
+    components: int  # n d where gains are matrices, else 0
+    matrix_entries: int  # of the four gains together, 0 where they are numbers
+    law: int  # that the elastic force of this sample satisfies: 0 Coulomb's, 1 the associated one
+    residual: float  # of that law [N]
+    problem: Ref[FrictionProblem]  # of the elastic force
+    damping_problem: Ref[FrictionProblem]  # of the damping force
+    rays: bool  # without friction, and gains are numbers: forces along the normals
+    observed: bool  # the elastic force is wanted
+    stiffness_rule: int  # how K of matrices is composed: equal, literal, symmetric (`gains`)
+    damping_rule: int  # and D
+    axes_of_gains: int  # in which they stand: the object's, or none; the world's; the contacts' (`gains`)
+    kep: Gain  # external stiffness, where gains are matrices
+    ked: Gain
+    kip: Gain
+    kid: Gain
+    stiffness_skew: float  # the largest sum of squares of K - K' so far
+    damping_skew: float
+    blended: int  # rotations that are not in the split whole, though they have an arm
+    in_band: float  # samples with such a rotation
+    release: float  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
+    limited: bool  # some device has a largest force
+    gradual: bool  # damping grows with depth (`depth`)
+    damping_depth: float  # over which it grows [m]
+    stiffest: Vector  # of gains that are matrices: the largest eigenvalues of kip, ked and kid
+    gains_known: bool
+    gains_rotation: Matrix  # of the object, that K and D were computed from
+    freedom: Freedom
+    body: BodyState
+    fingers: Many[FingerState] = many("count")
+    modes: Table = table("6", "1 + width * count")  # a blend, then each finger's motion (`grasp.rigid_modes`)
+    square: Table = table("unknowns", "unknowns")  # the law in contact frames; pivots change it
+    vector: Floats = floats("unknowns")  # that goes with it
+    diagonal: Floats = floats("unknowns")  # of the square before any pivot
+    known: Floats = floats("count * coordinates")  # what a projection starts from: displacement, or elastic force
+    marks: Floats = floats("count * coordinates")  # 1.0 for a contact coordinate to be released
+    engaged: Floats = floats("count")  # 1 engaged, 0 released, -1 left alone
+    mode_force: Floats = floats("6")  # what each mode adds to the internal force
+    part: Table = table("count * coordinates", "count * coordinates")  # K or D / T by itself, implicit integrator
+    rest: Floats = floats("count * coordinates")  # vector that goes with it
+    levers: Table = table("6", "count * coordinates")  # G in contact frames, implicit integrator
+    stiffness: Table = table("components", "components")  # K in the object's axes, where gains are matrices
+    damping: Table = table("components", "components")  # D
+    mode_rows: Table = table("24", "components")  # L^-1 q_k, L q_k, and their products with two gains
+    mode_products: Table = table("6", "6")
+    directions: Table = table("6", "1 + 4 * count")  # a length, then contact forces that have a wrench (`scaling`)
+    skewest_stiffness: Table = table("components", "components")  # the K with the largest skew part so far
+    skewest_damping: Table = table("components", "components")
+    matrices: Floats = floats("matrix_entries")  # kep, ked, kip, kid
+
+    @property
+    def motion(self) -> Motion:
+        """The motion that this sample is about: under the implicit integrator where the object will be."""
+        return self.body.next_motion if self.implicit else self.body.motion

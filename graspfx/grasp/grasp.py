@@ -1,0 +1,94 @@
+"""A grasp: contacts on an object, their matrix, its splits, and how good the grasp is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+from graspfx.grasp.matrix import GraspMatrix
+from graspfx.grasp.split import Split
+
+if TYPE_CHECKING:
+    from graspfx.grasp.quality.closure import ForceClosure, Limit
+    from graspfx.grasp.quality.margin import Bound, Margin
+    from graspfx.grasp.quality.measures import Measures
+    from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
+
+
+class Grasp(GraspMatrix):
+    """Contacts on an object: f_v = G f, G (w, m), column j = [a_j; (c_i - o) x a_j] for a force, [0; a_j] for a moment.
+
+    w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z), 6 in space (force, then moment), less the locked freedoms.
+    f is the force of the fingers on the object; columns go contact by contact, a contact's forces before its moments.
+
+    Args:
+        points: contact points (n, d) [m].
+        normals: (n, d), into the object.
+        model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
+            `grasp.contact.Contacts`).
+        frames: (n, d, d), each contact's axes as columns, the last one the normal; the world's axes if None.
+        origin: o, to which moments refer [m]; zero if None.
+        free: which of the object's freedoms can move, a mask over all w; the others' rows are left out.
+
+    Attributes:
+        contacts: the checked contacts with their components.
+        finger_of_column: (m,), which contact a column belongs to.
+        torsion_columns: (m,), True where the component is a moment [N m].
+        moment_rows: (w,), True where the row is a moment of the wrench.
+
+    Raises:
+        InputError: as `grasp.contact.contacts`, or an origin or mask that does not fit.
+    """
+
+    def split(self, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> Split:
+        """Split contact forces into external and internal ones (eq. 3); see `Split`."""
+        return Split(self, metric=metric, tolerance=tolerance)
+
+    def virtual_linkage(
+        self, actuators: Sequence[tuple[int, int]] | None = None, tolerance: float = 1e-6
+    ) -> VirtualLinkage:
+        """Split by a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
+        from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
+
+        return VirtualLinkage(self, actuators=actuators, tolerance=tolerance)
+
+    def measures(
+        self,
+        *,
+        length: float | None = None,
+        about: ArrayLike | None = None,
+        torsion_length: float | None = None,
+    ) -> Measures:
+        """Measure singular values, isotropy, volume and minimum; see `grasp.quality.measures.measures`."""
+        from graspfx.grasp.quality.measures import measures
+
+        return measures(self, length=length, about=about, torsion_length=torsion_length)
+
+    def force_closure(
+        self, friction: ArrayLike = 0.0, torsion: ArrayLike = 0.0, *, limit: Limit = "elliptic"
+    ) -> ForceClosure:
+        """Test whether contacts that push can make every wrench; see `grasp.quality.closure.force_closure`."""
+        from graspfx.grasp.quality.closure import force_closure
+
+        return force_closure(self, friction, torsion, limit=limit)
+
+    def margin(
+        self,
+        friction: ArrayLike = 0.0,
+        torsion: ArrayLike = 0.0,
+        *,
+        bound: Bound = "sum",
+        limit: Limit = "elliptic",
+        length: float | None = None,
+        about: ArrayLike | None = None,
+        tolerance: float = 1e-3,
+    ) -> Margin:
+        """Find the largest ball of wrenches that bounded pushes can make; see `grasp.quality.margin.wrench_margin`."""
+        from graspfx.grasp.quality.margin import wrench_margin
+
+        return wrench_margin(
+            self, friction, torsion,
+            bound=bound, limit=limit, length=length, about=about, tolerance=tolerance,
+        )  # fmt: skip

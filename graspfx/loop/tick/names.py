@@ -1,0 +1,161 @@
+"""Names of the entries of a tick's memories, by the declarations of what stands in them: `finger[0].force.x`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.records import name_of
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.loop.device import FusedDevice
+from graspfx.loop.parts import Parts
+from graspfx.loop.plant import FusedHand, FusedPlant
+from graspfx.loop.recording.layout import Layout
+from graspfx.loop.tick import memory
+from graspfx.loop.tick.script import Script, Tick
+
+FloatArray = NDArray[np.float64]
+Named = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
+AXES = "xyz"
+
+
+class Names:
+    """What each memory of a script is called, and each of its entries.
+
+    Attributes:
+        memories: names of arrays, such as `object[0]`.
+    """
+
+    def __init__(self, parts: Parts, tick: Tick) -> None:
+        script, self.memories = tick.script, _memories(tick.script)
+        arrays = {id(array): name for name, array in script.arrays.items()}
+        self._objects = {arrays[id(held.grasped.block)]: held for held in parts.objects}
+        entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
+        self._known = {
+            (arrays[id(array)], entry): f"{self.memories[arrays[id(array)]]}{name}" if name[0] == "." else name
+            for array, entry, name in entries
+            if id(array) in arrays
+        }
+
+    def entry(self, array: str, k: int) -> str:
+        """Name an entry of an array; one that nothing declares by its number."""
+        if (array, k) not in self._known:
+            self._known[array, k] = self._object(array, k) if array in self._objects else f"{self.memories[array]}[{k}]"
+        return self._known[array, k]
+
+    def _object(self, array: str, k: int) -> str:
+        """Name an entry by its block's declaration, fingers by their numbers in the scene."""
+        held = self._objects[array]
+        text = name_of(GraspState, k, held.grasped.block)
+        if not text.startswith("fingers["):
+            return _inside(self.memories[array], text)
+        j, _, rest = text.removeprefix("fingers[").partition("]")
+        return f"finger[{held.fingers[int(j)]}]{rest}"
+
+    def shared(self, array: str, k: int) -> str:
+        """Name an entry where a function serves several memories of a kind: without the number of this one."""
+        kind = self.memories[array].partition("[")[0]
+        if array in self._objects:
+            return _inside(kind, name_of(GraspState, k, self._objects[array].grasped.block))
+        return self.entry(array, k).replace(self.memories[array], kind, 1)
+
+
+def columns(layout: Layout) -> Mapping[int, str]:
+    """Name each number of a recorded row."""
+    names: dict[int, str] = {}
+    for column in layout.columns.values():
+        by_finger = column.dimensions[:1] == ("finger",)
+        ends = _components(column.shape[by_finger:])
+        starts = [f"[{f}]" for f in range(len(layout.fingers))] if by_finger else [""]
+        name = f"row.{column.name.replace('/', '.')}"
+        suffixes = [f"{name}{start}{end}" for start in starts for end in ends]
+        names |= dict(zip(range(*column.where.indices(layout.width)), suffixes, strict=True))
+    return names
+
+
+def _memories(script: Script) -> dict[str, str]:
+    """The arrays' names with numbers that begin anew for each kind."""
+    counts: dict[str, int] = {}
+    names = {}
+    for array in script.arrays:
+        kind = array.rstrip("0123456789")
+        names[array] = kind if kind == "servo" else f"{kind}[{counts.get(kind, 0)}]"
+        counts[kind] = counts.get(kind, 0) + 1
+    return names
+
+
+def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
+    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "AHEAD"):
+        yield servo, getattr(memory, name), f"servo.{name.lower()}"
+    stuck = [f"body[{i}].stuck" for i in range(len(parts.movers))]
+    stuck += [f"plant[{j}].stuck" for j in range(len(parts.plants))]
+    yield from ((servo, memory.STUCK + i, name) for i, name in enumerate(stuck))
+    n, d = len(parts.layout.fingers), parts.layout.dimensions
+    start = memory.STUCK + len(stuck)
+    for quantity, width in (("displayed", d), ("before", d), ("energy", 1)):
+        for f in range(n):
+            yield from _vectors(servo, start + f * width, f"finger[{f}].{quantity}", 1, width)
+        start += n * width
+
+
+def _devices(parts: Parts) -> Iterator[Named]:
+    d = parts.layout.dimensions
+    for station in parts.stations:
+        if isinstance(station.device, FusedDevice):
+            state, ports, k = station.device.state, station.device.ports, len(station.fingers)
+            yield from _vectors(state, ports.sensed, ".sensed", 1, len(station.device.sensed))
+            for quantity in ("position", "velocity", "command", "effort"):
+                yield from _vectors(state, getattr(ports, quantity), f".{quantity}", k, d)
+
+
+def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
+    d = parts.layout.dimensions
+    for port in tick.ports:
+        k = len(port.position)
+        yield port.memory, 0, ".readable"
+        for i, quantity in enumerate(("position", "velocity", "command")):
+            yield from _vectors(port.memory, 1 + i * k * d, f".{quantity}", k, d)
+        if port.limit is not None:
+            yield from _vectors(port.memory, 1 + 3 * k * d, ".limit", k, 1)
+
+
+def _plants(parts: Parts) -> Iterator[Named]:
+    d = parts.layout.dimensions
+    for m in parts.plants:
+        if isinstance(m.plant, FusedPlant):
+            state, ports, n = m.plant.state, m.plant.ports, len(m.fingers)
+            for quantity in ("effort", "position", "velocity"):
+                yield from _vectors(state, getattr(ports, quantity), f".{quantity}", n, d)
+            for quantity, first in (("middle", ports.middle), ("end", ports.end)):
+                if first is not None:
+                    yield from _vectors(state, first, f".{quantity}.position", n, d)
+                    yield from _vectors(state, first + n * d, f".{quantity}.velocity", n, d)
+
+
+def _hands(parts: Parts) -> Iterator[Named]:
+    for m in parts.plants:
+        if isinstance(m.hand, FusedHand):
+            for quantity in ("position", "velocity"):
+                first = getattr(m.hand.ports, quantity)
+                yield from _vectors(m.hand.state, first, f".{quantity}", len(m.fingers), parts.layout.dimensions)
+
+
+def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[Named]:
+    """Some vectors one after another."""
+    for i in range(count):
+        for a, suffix in enumerate(_components((d,))):
+            yield state, first + i * d + a, f"{name}{f'[{i}]' if count > 1 else ''}{suffix}"
+
+
+def _components(shape: Sequence[int]) -> list[str]:
+    """Suffixes of a number, of a vector's components, or of many numbers."""
+    width = shape[0] if shape else 1
+    if width == 1:
+        return [""]
+    return [f".{AXES[a]}" for a in range(width)] if width <= len(AXES) else [f"[{a}]" for a in range(width)]
+
+
+def _inside(memory: str, name: str) -> str:
+    return f"{memory}{'' if name.startswith('[') else '.'}{name}"

@@ -1,0 +1,36 @@
+"""Keys of a scene: where a value stands in nested tables, and its name with dots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from graspfx.errors import Fault
+
+Key = tuple[str | int, ...]
+
+
+def dotted(key: Sequence[str | int]) -> str:
+    """Write a key with dots."""
+    return ".".join(map(str, key))
+
+
+def key_in(data: Any, location: Sequence[str | int]) -> Key:
+    """Find where a validator's location stands in the data: without the names of alternatives, which the data lacks."""
+    key: list[str | int] = []
+    for part in location:
+        if isinstance(part, str) and part.startswith("<"):
+            continue
+        if isinstance(part, int) and isinstance(data, Mapping):
+            continue  # a lone table where a list of tables may stand
+        key.append(part)
+        if isinstance(part, int):
+            data = data[part] if isinstance(data, Sequence) and part < len(data) else None
+        else:
+            data = data.get(part) if isinstance(data, Mapping) else None
+    return tuple(key)
+
+
+def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> list[Fault]:
+    """Write faults by dotted key, as the data writes it."""
+    return [Fault(dotted(key_in(data, at)), text) for at, text in findings]

@@ -1,0 +1,196 @@
+"""The tables of a scene file, field by field: object, obstacle, coupling, device, finger; SI units."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic_core import PydanticCustomError
+
+from graspfx.errors import abbreviate
+from graspfx.objects.surroundings import STIFFNESS
+from graspfx.scene.former import current
+from graspfx.scene.tables.fields import (
+    Count,
+    Gain,
+    Name,
+    NotNegative,
+    NumberOrVector,
+    Pair,
+    Positive,
+    Switch,
+    Table,
+    Vector,
+    as_float,
+)
+from graspfx.scene.tables.hands import HandOrName
+from graspfx.scene.tables.shapes import Shape
+
+
+class Object(Table):
+    """The object in the fingers: m a + b v = f_v (27), translation and rotation."""
+
+    name: Name = "object"
+    mass: Positive | None = Field(default=None, description="m [kg]; this or the density is required")
+    density: Positive | None = Field(default=None, description="[kg/m^3], in space, of a shape that has a volume")
+    viscosity: NotNegative = Field(description="b [N s/m]")
+    rotational_viscosity: NotNegative | None = Field(
+        default=None, description="[N m s/rad]; required where a rotation is free"
+    )
+    inertia: NumberOrVector | None = Field(
+        default=None, description="about the centre [kg m^2]; that of the solid shape if not given"
+    )
+    shape: Shape | None = None
+    free: Annotated[tuple[Switch, ...], Field(description="which of the w freedoms move")] | None = None
+    dynamics: str = Field(default="native", description="native, bullet or another that `graspfx list` names")
+    integrator: Literal["explicit", "semi-implicit", "exact", "implicit"] = "exact"
+    position: Vector | None = Field(
+        default=None, description="of the centre, or a mesh file's origin, at first, (d,) [m]; the origin"
+    )
+    orientation: NumberOrVector | None = Field(
+        default=None, description="plane: an angle [rad]; space: a quaternion x, y, z, w"
+    )
+    velocity: Vector | None = Field(default=None, description="(d,) [m/s]; at rest")
+    angular_velocity: NumberOrVector | None = Field(default=None, description="[rad/s], space: (3,); at rest")
+
+
+class Obstacle(Table):
+    """A thing that objects meet and nothing moves: a floor, a wall, a table. Fingers pass through it."""
+
+    name: Name = "obstacle"
+    shape: Shape
+    position: Vector | None = Field(default=None, description="of its centre, (d,) [m]; the origin")
+    orientation: NumberOrVector | None = Field(
+        default=None, description="plane: an angle [rad]; space: a quaternion x, y, z, w"
+    )
+
+
+class World(Table):
+    """How objects meet obstacles and one another; how fingers touch them is the coupling's."""
+
+    friction: NotNegative = Field(default=0.5, description="Coulomb's coefficient of every pair")
+    restitution: Annotated[NotNegative, Field(le=1)] = Field(
+        default=0.0, description="speed of parting over speed of meeting; native objects take 0 only"
+    )
+    stiffness: Positive = Field(
+        default=STIFFNESS, description="of a contact point of a native object on an obstacle [N/m]"
+    )
+    collide: Switch | None = Field(
+        default=None, description="whether objects meet one another; by default those in space with dynamics = 'bullet'"
+    )
+
+
+class Impedance(Table):
+    """Stiffness and damping of eq. (4), as a number, one per finger, or matrices in the axes of `coupling.axes`."""
+
+    stiffness: Gain = Field(description="[N/m]")
+    damping: Gain = Field(default=0.0, description="[N s/m]")
+
+
+_by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
+PairOrAuto = Annotated[Annotated[Literal["auto"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
+PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
+
+
+def _friction(value: Any) -> Any:
+    if isinstance(value, str) and value == "stick":
+        return value
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= as_float(value) < math.inf:
+        return float(value)
+    text = "expected 0 or 'stick' or a coefficient of more than 0; given {given}"
+    raise PydanticCustomError("friction", text, {"given": abbreviate(value)})
+
+
+def _model(value: Any) -> Any:
+    if isinstance(value, str) and value in ("frictionless", "full"):
+        text = "expected 'hard' or 'soft': {given} is a contact for analysis (gx.Grasp), no finger of a run"
+        raise PydanticCustomError("model", text, {"given": abbreviate(value)})
+    return value
+
+
+class Coupling(Table):
+    """How the fingers hold the object: eq. (4) and the rules of touching."""
+
+    contact: Literal["unilateral", "attached"] = "unilateral"
+    external: Impedance
+    internal: Impedance
+    form: Literal["literal", "symmetric"] = "literal"
+    axes: Literal["object", "world", "contact"] = Field(
+        default="object",
+        description="in which gains that are matrices stand: those in which the object's shape is described, in which "
+        "springs create no energy; the world's; or each contact's, the normal first, as diag(k_n, k_t) or "
+        "diag(k_n, k_t, k_t)",
+    )
+    reaction: Literal["fingertip", "contact"] = "fingertip"
+    friction: Annotated[Literal["stick"] | float, BeforeValidator(_friction)] = Field(
+        default=0.0, description="0 (slips freely), 'stick' (holds where it touched) or a coefficient of Coulomb's law"
+    )
+    metric: Literal["equal", "mass"] = Field(
+        default="equal", description="how fingers count in the split and the gains: the same, or by device mass"
+    )
+    absent: Literal["fade", "follow"] = "fade"
+    fade: PairOrAuto = Field(
+        default="auto",
+        description="gaps between which a free finger leaves the split [m]; 'auto': [0.002, 0.01], and more where the "
+        "gains and the hands' squeeze ask for it",
+    )
+    passivity: Literal["off", "observe", "control"] = Field(
+        default="off", description="energies by mode: none, booked and recorded, or also damped where they are made"
+    )
+    damping_depth: NotNegative = Field(
+        default=0.0,
+        description="over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once",
+    )
+    blend: PairOrOff = Field(
+        default=(0.00025, 0.001),
+        description="rms arms between which a rotation joins the external space [m]; 'off': as soon as it has an arm, "
+        "eq. (4) to the letter",
+    )
+
+
+class Device(Table):
+    """A driver and its settings: whatever its `connect` takes."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str = Field(description="a driver's name, or the path of a .py file")
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The table's other keys, each under the name that the driver has for it now."""
+        return {current(self.name, key): value for key, value in (self.model_extra or {}).items()}
+
+    @property
+    def former(self) -> dict[str, str]:
+        """Settings under former names: the name now, by the one in the table."""
+        return {key: now for key in self.model_extra or {} if (now := current(self.name, key)) != key}
+
+
+class SharedDevice(Device):
+    """A device with several fingers, which name it by its label."""
+
+    label: Name
+
+
+_by_name = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<table>")
+DeviceOrName = Annotated[Annotated[str, Tag("<name>")] | Annotated[Device, Tag("<table>")], _by_name]
+
+
+class Finger(Table):
+    """A fingertip: the device that moves it, the hand that holds it, the object that it touches."""
+
+    name: Name | None = None
+    device: DeviceOrName = Field(description="a table, or the label of a [[device]]")
+    channel: Count = Field(default=0, description="which finger of the device")
+    hand: HandOrName | None = Field(default=None, description="a table, or the name of a [[hand]]")
+    start: Vector = Field(description="(d,) [m]")
+    radius: NotNegative = Field(default=0.0, description="of the ball that the fingertip is; 0: a point [m]")
+    object: Name | None = Field(default=None, description="the name of an [object]; the first if not given")
+    model: Annotated[Literal["hard", "soft"], BeforeValidator(_model)] = Field(
+        default="hard", description="a soft finger exerts torsion about the contact's normal too; in space"
+    )
+    patch: Positive | None = Field(
+        default=None, description="rho of a soft finger: with friction mu its torsion is mu rho f_n at most [m]"
+    )
+    friction: NotNegative | None = Field(default=None, description="coefficient of its own; coupling.friction")

@@ -1,0 +1,106 @@
+"""The house is in order: no two files import one another, no name of a file stands twice, no file is too long."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from graspfx import plugins
+from tests.support.rooms import PACKAGE, ROOT, SHELF, cycles, files, imports, in_order, page, rooms
+
+LONGEST = 400  # lines
+GROUPS = {"graspfx.devices", "graspfx.dynamics", "graspfx.hands", "graspfx.scenes"}  # of entry points
+DOTTED = re.compile(r"(?<![\w./])graspfx(?:\.\w+)+")
+SHORT = re.compile(
+    r"`((?:analysis|batch|bench|build|certificate|compile|cones|loop|objects|show|surfaces|testing)(?:\.\w+)+)`"
+)
+FILE = re.compile(r"(?<![\w./-])(?:\w+/)+\w+\.py\b")
+
+
+def test_no_two_files_import_one_another() -> None:
+    """Imports in functions and for type checkers count; `plugins.UPWARD` is the one way up, by name."""
+    assert cycles(imports()) == []
+
+
+def test_a_cycle_is_found() -> None:
+    graph = {"a": ["b"], "b": ["c"], "c": ["b", "d"], "d": [], "e": ["e"]}
+    assert cycles(graph) == [["b", "c"], ["e"]]
+
+
+def test_imports_in_functions_and_for_type_checkers_are_seen() -> None:
+    assert "graspfx.grasp.quality.internal" in imports()["graspfx.grasp.split"]  # in a method, and for type checkers
+    assert "graspfx.loop.device" in imports()["graspfx.devices.simulated.point_device"]
+    assert "graspfx.analysis.stability" in imports()["graspfx.certificate.mode_limits"]  # entered on the way
+
+
+@pytest.mark.parametrize("name", sorted(plugins.UPWARD))
+def test_the_way_up_leads_up(name: str) -> None:
+    module, _, function = plugins.UPWARD[name].rpartition(".")
+    assert callable(getattr(import_module(module), function))
+    order = in_order(rooms())
+    home = {"Recording": "loop", "Scene": "scene"}[name.partition(".")[0]]
+    assert order.index(module.split(".")[1]) < order.index(home)
+
+
+def test_no_name_of_a_file_stands_twice() -> None:
+    """Commands are named as users type them, and the files of packages as Python asks."""
+    stems = [path.stem for name, path in files().items() if not name.startswith(f"{PACKAGE}.commands.")]
+    assert [name for name, count in Counter(stems).items() if count > 1] == ["__init__"]
+
+
+def test_no_file_is_too_long() -> None:
+    long = {name: len(path.read_text("utf-8").splitlines()) for name, path in files().items()}
+    assert {name: count for name, count in long.items() if count > LONGEST} == {}
+
+
+@pytest.mark.parametrize("name", sorted(name for name, path in files().items() if path.name == "__init__.py"))
+def test_every_room_says_what_it_is_about(name: str) -> None:
+    module = import_module(name)
+    assert (module.__doc__ or "").strip()
+    assert Path(str(module.__file__)) == files()[name] or name.startswith(SHELF)
+
+
+def test_the_map_is_that_of_the_code() -> None:
+    assert (ROOT / "docs" / "development" / "map.md").read_text("utf-8") == page(), "make map"
+
+
+def leads_somewhere(name: str) -> bool:
+    """Tell whether a dotted name is that of a module, or of something in one."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found: object = import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[count:]:
+            found = getattr(found, part, None)
+        return found is not None
+    return False
+
+
+@pytest.mark.parametrize("folder", ["graspfx", "devices", "docs", "README.md", "CHANGELOG.md"])
+def test_modules_and_files_that_a_text_names_are_there(folder: str) -> None:
+    """Full names everywhere; in sources also those that begin with a room."""
+    place = ROOT / folder
+    texts = [place] if place.is_file() else sorted([*place.rglob("*.py"), *place.rglob("*.md")])
+    lost = []
+    for path in texts:
+        text = path.read_text("utf-8")
+        names = set(DOTTED.findall(text)) - GROUPS
+        if path.suffix == ".py":
+            names |= {f"{PACKAGE}.{name}" for name in SHORT.findall(text)}
+        lost += [(path.name, name) for name in sorted(names) if not leads_somewhere(name)]
+        others = [
+            name for name in FILE.findall(text) if not any((ROOT / under / name).exists() for under in ("", PACKAGE))
+        ]
+        lost += [(path.name, name) for name in sorted(others)]
+    assert texts and lost == []
+
+
+def test_a_name_that_leads_nowhere_is_found() -> None:
+    assert leads_somewhere("graspfx.loop.device.Device.read") and leads_somewhere("graspfx.loop.device")
+    assert not leads_somewhere("graspfx.loop.device.Feature") and not leads_somewhere("graspfx.scene.limits")

@@ -1,0 +1,55 @@
+"""Cases that `make fast` leaves out, by the time that each took when all were measured.
+
+`make durations` measures and writes the list: the mean seconds of a function's cases, for each function whose cases
+take longer together than `BUDGET`. Of these the first ones that fit into the budget are run, the others are marked
+`slow`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LIST = ROOT / "tests" / "slow.txt"
+BUDGET = 0.4  # of a function's cases together [s]
+
+seconds: defaultdict[str, defaultdict[str, float]] = defaultdict(lambda: defaultdict(float))  # by function and case
+
+
+def function(case: str) -> str:
+    """Return the function of a case, or the document."""
+    return case.partition("[")[0]
+
+
+def means() -> dict[str, float]:
+    """Return the mean time of a case by function [s], as it is listed."""
+    rows = (row.split(maxsplit=1) for row in LIST.read_text(encoding="utf-8").splitlines())
+    return {name: float(mean) for mean, name in rows}
+
+
+def mark(cases: Iterable[pytest.Item]) -> None:
+    """Mark as `slow` what does not fit into its function's budget."""
+    costs = means()
+    spent: defaultdict[str, float] = defaultdict(float)
+    for case in cases:
+        name = function(case.nodeid)
+        spent[name] += costs.get(name, 0.0)
+        if spent[name] > BUDGET:
+            case.add_marker(pytest.mark.slow)
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Add up set-up, call and tear-down of a case."""
+    seconds[function(report.nodeid)][report.nodeid] += report.duration
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the list, unless this process is one of several that share the tests."""
+    if hasattr(session.config, "workerinput"):
+        return
+    rows = [(sum(cases.values()) / len(cases), name) for name, cases in seconds.items() if sum(cases.values()) > BUDGET]
+    LIST.write_text("".join(f"{mean:.2f} {name}\n" for mean, name in sorted(rows, key=lambda row: row[1])))
