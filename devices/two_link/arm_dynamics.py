@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Many, Record, Table, many, start_of, table
+from graspfx.compile.records import Many, Record, Table, many, size_of, start_of, table
 from graspfx.devices._plant import HeldPlant, MiddlePlantState, unfit
 from graspfx.devices.two_link.arm import Both, Mechanics, Point, links_at
 
@@ -78,6 +78,20 @@ class ArmStage(Record):
     motion: LinkMotion
 
 
+class ArmStages(Record):
+    """The motion of an arm, and the stages of its integration."""
+
+    now: ArmStage
+    trial: ArmStage
+    slope1: ArmStage
+    slope2: ArmStage
+    slope3: ArmStage
+    slope4: ArmStage
+    slope5: ArmStage
+    slope6: ArmStage
+    slope7: ArmStage
+
+
 class ArmConstants(Record):
     """One arm's constants, and what is worked out for it; M and D as in `Mechanics`."""
 
@@ -104,15 +118,7 @@ class ArmPlantState(MiddlePlantState):  # type: ignore[misc] # mypy does not see
     stiffness: Table = table("2 * fingers", "fingers")  # K by axis, finger and finger [N/m]
     damping: Table = table("2 * fingers", "fingers")  # B [N s/m]
     arms: Many[ArmConstants] = many("fingers")
-    states: Many[ArmStage] = many("fingers")
-    trial: Many[ArmStage] = many("fingers")
-    slope1: Many[ArmStage] = many("fingers")
-    slope2: Many[ArmStage] = many("fingers")
-    slope3: Many[ArmStage] = many("fingers")
-    slope4: Many[ArmStage] = many("fingers")
-    slope5: Many[ArmStage] = many("fingers")
-    slope6: Many[ArmStage] = many("fingers")
-    slope7: Many[ArmStage] = many("fingers")
+    stages: Many[ArmStages] = many("fingers")
 
 
 STEP = 0.12  # largest (fastest rate of arm and hand) x (substep)
@@ -141,9 +147,10 @@ def derivative(plant: ArmPlantState, states: Many[ArmStage], slopes: Many[ArmSta
         arm.error_rate = Point(rate, course.slope(u) / T - links.x1 * now.w1 - links.x2 * now.w2)
     for i, arm in enumerate(arms):
         fx = fy = 0.0
+        kx, ky, bx, by = K[i], K[n + i], B[i], B[n + i]
         for j, other in enumerate(arms):
-            fx += K[i, j] * other.error.x + B[i, j] * other.error_rate.x
-            fy += K[n + i, j] * other.error.y + B[n + i, j] * other.error_rate.y
+            fx += kx[j] * other.error.x + bx[j] * other.error_rate.x
+            fy += ky[j] * other.error.y + by[j] * other.error_rate.y
         now = states[i].motion
         w1, w2 = now.w1, now.w2
         J, inertia = arm.jacobian, arm.inertia
@@ -166,36 +173,35 @@ def integrate(plant: ArmPlantState, substeps: int) -> None:
     reach the same error.
     """
     h = plant.period / substeps
-    n = plant.fingers
-    y, z = plant.states, plant.trial
-    k1, k2, k3, k4 = plant.slope1, plant.slope2, plant.slope3, plant.slope4
-    k5, k6, k7 = plant.slope5, plant.slope6, plant.slope7
+    stages = plant.stages
+    y, z = stages.part(ArmStages.now), stages.part(ArmStages.trial)
     for step in range(substeps):
-        derivative(plant, y, k1, step / substeps)
-        for i in range(n):
-            z[i].motion = y[i].motion + h * k1[i].motion / 3.0
-        derivative(plant, z, k2, (step + 1.0 / 3.0) / substeps)
-        for i in range(n):
-            z[i].motion = y[i].motion + h * k2[i].motion * 2.0 / 3.0
-        derivative(plant, z, k3, (step + 2.0 / 3.0) / substeps)
-        for i in range(n):
-            z[i].motion = y[i].motion + h * (k1[i].motion + 4.0 * k2[i].motion - k3[i].motion) / 12.0
-        derivative(plant, z, k4, (step + 1.0 / 3.0) / substeps)
-        for i in range(n):
-            s = 18.0 * k2[i].motion - k1[i].motion - 3.0 * k3[i].motion - 6.0 * k4[i].motion
-            z[i].motion = y[i].motion + h * s / 16.0
-        derivative(plant, z, k5, (step + 0.5) / substeps)
-        for i in range(n):
-            s = 9.0 * k2[i].motion - 3.0 * k3[i].motion - 6.0 * k4[i].motion + 4.0 * k5[i].motion
-            z[i].motion = y[i].motion + h * s / 8.0
-        derivative(plant, z, k6, (step + 0.5) / substeps)
-        for i in range(n):
-            s = 9.0 * k1[i].motion - 36.0 * k2[i].motion + 63.0 * k3[i].motion
-            z[i].motion = y[i].motion + h * (s + 72.0 * k4[i].motion - 64.0 * k6[i].motion) / 44.0
-        derivative(plant, z, k7, (step + 1.0) / substeps)
-        for i in range(n):
-            s = 11.0 * (k1[i].motion + k7[i].motion) + 81.0 * (k3[i].motion + k4[i].motion)
-            y[i].motion += h * (s - 32.0 * (k5[i].motion + k6[i].motion)) / 120.0
+        derivative(plant, y, stages.part(ArmStages.slope1), step / substeps)
+        for arm in stages:
+            arm.trial.motion = arm.now.motion + h * arm.slope1.motion / 3.0
+        derivative(plant, z, stages.part(ArmStages.slope2), (step + 1.0 / 3.0) / substeps)
+        for arm in stages:
+            arm.trial.motion = arm.now.motion + h * arm.slope2.motion * 2.0 / 3.0
+        derivative(plant, z, stages.part(ArmStages.slope3), (step + 2.0 / 3.0) / substeps)
+        for arm in stages:
+            s = arm.slope1.motion + 4.0 * arm.slope2.motion - arm.slope3.motion
+            arm.trial.motion = arm.now.motion + h * s / 12.0
+        derivative(plant, z, stages.part(ArmStages.slope4), (step + 1.0 / 3.0) / substeps)
+        for arm in stages:
+            s = 18.0 * arm.slope2.motion - arm.slope1.motion - 3.0 * arm.slope3.motion - 6.0 * arm.slope4.motion
+            arm.trial.motion = arm.now.motion + h * s / 16.0
+        derivative(plant, z, stages.part(ArmStages.slope5), (step + 0.5) / substeps)
+        for arm in stages:
+            s = 9.0 * arm.slope2.motion - 3.0 * arm.slope3.motion - 6.0 * arm.slope4.motion + 4.0 * arm.slope5.motion
+            arm.trial.motion = arm.now.motion + h * s / 8.0
+        derivative(plant, z, stages.part(ArmStages.slope6), (step + 0.5) / substeps)
+        for arm in stages:
+            s = 9.0 * arm.slope1.motion - 36.0 * arm.slope2.motion + 63.0 * arm.slope3.motion
+            arm.trial.motion = arm.now.motion + h * (s + 72.0 * arm.slope4.motion - 64.0 * arm.slope6.motion) / 44.0
+        derivative(plant, z, stages.part(ArmStages.slope7), (step + 1.0) / substeps)
+        for arm in stages:
+            s = 11.0 * (arm.slope1.motion + arm.slope7.motion) + 81.0 * (arm.slope3.motion + arm.slope4.motion)
+            arm.now.motion += h * (s - 32.0 * (arm.slope5.motion + arm.slope6.motion)) / 120.0
 
 
 @kernel
@@ -211,7 +217,7 @@ def fastest_rate(plant: ArmPlantState) -> float:
         stiffness = max(stiffness, k)
         damping = max(damping, b)
     rate = 0.0
-    states = plant.states
+    stages = plant.stages
     for i, arm in enumerate(plant.arms):
         I1, I2 = arm.inertia.first, arm.inertia.second
         mixed = abs(arm.mixed) + abs(arm.rotors)
@@ -221,8 +227,8 @@ def fastest_rate(plant: ArmPlantState) -> float:
             rate,
             math.sqrt(stiffness * longer * longer / least),
             (damping * longer * longer + max(arm.damping1, arm.damping2)) / least,
-            2.0 * abs(states[i].motion.w1),
-            2.0 * abs(states[i].motion.w2),
+            2.0 * abs(stages[i].now.motion.w1),
+            2.0 * abs(stages[i].now.motion.w2),
         )
     return rate
 
@@ -246,9 +252,9 @@ def quintic(
 @kernel
 def show(plant: ArmPlantState) -> None:
     """Work out the tips' positions and velocities from the arms' states."""
-    states, x, v = plant.states, plant.position, plant.velocity
+    stages, x, v = plant.stages, plant.position, plant.velocity
     for i, arm in enumerate(plant.arms):
-        now = states[i].motion
+        now = stages[i].now.motion
         links = links_at(arm.lengths, now.a1, now.a2)
         x[2 * i] = arm.base.x + links.x1 + links.x2
         x[2 * i + 1] = arm.base.y + links.y1 + links.y2
@@ -306,8 +312,8 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
         self._geometry = [m.arm for m in mechanics]
         super().__init__(ArmPlantState, n, 2)
         block = self._block = ArmPlantState(self._S)
-        first, each = block.states.offset, block.states.stride
-        self._angles: Any = [self._S[start : start + each] for start in range(first, first + n * each, each)]
+        starts = [stages.now.offset for stages in block.stages]
+        self._angles: Any = [self._S[start : start + size_of(ArmStage)] for start in starts]
         K, B, gains = block.stiffness.offset, block.damping.offset, 2 * n * n
         self._stiffness = self.state[K : K + gains].reshape(2, n, n)
         self._damping = self.state[B : B + gains].reshape(2, n, n)
@@ -328,7 +334,7 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
 
     def sensed(self, i: int) -> Index:
         """Entries of the block where a1 and a2 of arm i stand."""
-        return self._block.states[i].offset + np.arange(2)
+        return self._block.stages[i].now.offset + np.arange(2)
 
     def angles(self, i: int) -> memoryview:
         """a1, a2, a1', a2' of arm i, seen by its encoders; the same memory for the plant's life."""

@@ -44,10 +44,11 @@ def derivative(plant: Any, u: float) -> FloatArray:
     """a1', a2', a1'', a2'' of the only arm, by the kernel as it is written and lowered."""
     block = dynamics.ArmPlantState(plant.state)
     block.period = T
-    dynamics.derivative(block, block.states, block.slope1, u)
-    written(dynamics.derivative)(block, block.states, block.slope2, u)
-    slope = block.slope1[0].motion
-    assert slope == block.slope2[0].motion
+    stages, kind = block.stages, dynamics.ArmStages
+    dynamics.derivative(block, stages.part(kind.now), stages.part(kind.slope1), u)
+    written(dynamics.derivative)(block, stages.part(kind.now), stages.part(kind.slope2), u)
+    slope = stages[0].slope1.motion
+    assert slope == stages[0].slope2.motion
     return np.array([slope.a1, slope.a2, slope.w1, slope.w2])
 
 
@@ -111,10 +112,10 @@ def test_acceleration_against_lagrange(drive: str) -> None:
     plant = type(device).plant([device])
     rng = np.random.default_rng(2)
     block = dynamics.ArmPlantState(plant.state)
-    [state], [constants] = block.states, block.arms
+    [stages], [constants] = block.stages, block.arms
     for _ in range(4):
         a, rate, tau, F = rng.uniform(-3, 3, 2), rng.uniform(-9, 9, 2), rng.normal(0, 0.3, 2), rng.normal(0, 2, 2)
-        state.motion = dynamics.LinkMotion(*a, *rate)
+        stages.now.motion = dynamics.LinkMotion(*a, *rate)
         block.stiffness[0, 0] = block.stiffness[1, 0] = 1.0  # a unit spring, its target F away from the finger
         constants.torque = Both(*(tau if drive == "base" else (tau[0] - tau[1], tau[1])))
         tip = device.arm.tip(*a)
@@ -260,12 +261,12 @@ def test_integrator_is_of_sixth_order() -> None:
         plant.place(np.array([[0.15, 0.1]]))
         plant.hold(Hand([[0.0, 0.0]], 200.0), 0.05)
         block = dynamics.ArmPlantState(plant.state)
-        [state], [constants] = block.states, block.arms
-        state.motion = dynamics.LinkMotion(state.motion.a1, state.motion.a2, 3.0, -4.0)
+        [stages], [constants] = block.stages, block.arms
+        stages.now.motion = dynamics.LinkMotion(stages.now.motion.a1, stages.now.motion.a2, 3.0, -4.0)
         constants.course_x = dynamics.Course(0.12, 0.05, 0.0, 0.0, 0.0, 0.0)
         constants.course_y = dynamics.Course(0.11, 0.0, 0.0, 0.0, 0.0, 0.0)
         dynamics.integrate(block, substeps)
-        end = state.motion
+        end = stages.now.motion
         return np.array([end.a1, end.a2, end.w1, end.w2])
 
     best = end(200)

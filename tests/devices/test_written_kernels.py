@@ -82,7 +82,7 @@ def test_plants(arms: bool, still: bool) -> None:
             two_link.connect(base=(x, -0.18), **settings) for x, settings in zip((-0.04, 0.04), ARMS, strict=True)
         ]
     else:
-        devices = [connect(mass=0.1, dimensions=2, friction=0.2, fingers=2)]
+        devices = [connect(mass=0.1, dimensions=2, damping=0.2, fingers=2)]
     plant = type(devices[0]).plant(devices)
     kind = ArmPlantState if arms else PointPlantState
     rest = np.array([[-0.025, 0.0], [0.025, 0.0]])
