@@ -46,6 +46,13 @@ fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cas
 durations: $(WORK_READY) ## measure how long each test takes, on a quiet machine: what `make fast` chooses by
 	$(PYTEST) -p tests.support.slow
 
+coverage: $(WORK_READY) ## which lines the tests run, by file; kernels run as text of their own: docs/development/tests.md
+	@mkdir -p out/coverage
+	$(INTERPRETER) -m coverage erase
+	$(INTERPRETER) -m coverage run -m pytest --numprocesses $(WORKERS) --dist worksteal --benchmark-disable -m "not ($(UNASKED))"
+	$(INTERPRETER) -m coverage combine --quiet
+	$(INTERPRETER) -m coverage report | tee out/coverage/report.txt
+
 lint: $(WORK_READY) ## style and format
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

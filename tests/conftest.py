@@ -11,8 +11,11 @@ from tempfile import mkdtemp
 import pytest
 from hypothesis import settings
 
-from graspfx.loop.tick import engine
 from tests.support import slow
+
+# Before numpy is loaded: two BLAS threads that share a busy core wait for one another, ten times as long as one takes.
+for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 os.environ.setdefault("MPLBACKEND", "agg")
 if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the cache of the process that starts them
@@ -27,6 +30,8 @@ settings.load_profile("graspfx")
 def programs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compile the loop as for users; where a test is marked `quick` in a tenth of the time, to the same bits."""
     if request.node.get_closest_marker("quick"):
+        from graspfx.loop.tick import engine
+
         monkeypatch.setitem(engine.ENGINES, "compiled", partial(engine.Compiled, quick=True))
 
 

@@ -18,7 +18,7 @@ from graspfx.errors import DeviceError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.hand import join
-from graspfx.loop.parts import Held, Moved, Mover, Station
+from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, PlantWiring
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.servo import Servo
 
@@ -49,26 +49,26 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
     if any(fault for wire in wired for fault in outside_faults(wire, start)):
         raise scene.error(placing_faults(start, wired))
     with ExitStack() as stack:
-        objects = [Held(part.name, part.grasped(parts.limits), part.fingers) for part in parts.objects]
-        movers = list(make_movers(parts, [held.grasped.body_state for held in objects], stack))
+        objects = [GraspedPart(part.name, part.grasped(parts.limits), part.fingers) for part in parts.objects]
+        movers = list(make_movers(parts, [member.grasped.body_state for member in objects], stack))
         for mover in movers:
             if any(objects[i].grasped.implicit for i in mover.objects):
                 mover.body.free_motion(scene.period)
-        for held in objects:
-            held.grasped.meet(start[held.fingers])
+        for member in objects:
+            member.grasped.meet(start[member.fingers])
         inward = np.zeros_like(start)
-        for held in objects:
-            inward[held.fingers] = held.grasped.inward()
+        for member in objects:
+            inward[member.fingers] = member.grasped.inward()
         set_fade(parts, objects, inward)
-        moved = list(_moved(parts, wired, inward))
+        plants = list(_plant_wirings(parts, wired, inward))
         for wire in wired:
             if live or isinstance(wire.device, SimulatedDevice):
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
-        stations = [Station(wire.device, wire.fingers) for wire in wired]
+        stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
         observers = list(_observers(parts, objects, movers))
         yield Servo(
-            scene.period, make_layout(parts), stations, objects, movers, moved, observers, engine or scene.engine,
+            scene.period, make_layout(parts), stations, objects, movers, plants, observers, engine or scene.engine,
             record=record,
         )  # fmt: skip
 
@@ -91,7 +91,7 @@ def make_layout(parts: Parts) -> Layout:
     )
 
 
-def _observers(parts: Parts, objects: Sequence[Held], movers: Sequence[Mover]) -> Iterator[Observer]:
+def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> Iterator[Observer]:
     scene = parts.scene
     if scene.coupling.passivity == "off":
         return
@@ -100,18 +100,18 @@ def _observers(parts: Parts, objects: Sequence[Held], movers: Sequence[Mover]) -
         friction[wire.used] = wire.features.friction or 0.0
         mass[wire.used] = wire.features.mass or np.inf
     body_of = {i: mover.body for mover in movers for i in mover.objects}
-    for i, held in enumerate(objects):
+    for i, part in enumerate(objects):
         yield Observer(
-            held.grasped,
+            part.grasped,
             body_of[i],
             scene.period,
             control=scene.coupling.passivity == "control",
-            friction=friction[held.fingers],
-            mass=mass[held.fingers],
+            friction=friction[part.fingers],
+            mass=mass[part.fingers],
         )
 
 
-def _moved(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[Moved]:
+def _plant_wirings(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[PlantWiring]:
     """Make the plants of the simulated devices: one for all devices that hands join to one another."""
     scene, start = parts.scene, parts.start
     for members in _components(wired, parts.hands):
@@ -133,7 +133,7 @@ def _moved(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[
                 raise scene.error(faults) from error
             raise DeviceError(f"{', '.join(scene.finger_names[f] for f in fingers)}: {error}") from error
         joined = join(hands, [order.index(f) for f in fingers])
-        yield Moved(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
+        yield PlantWiring(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
 
 
 def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:

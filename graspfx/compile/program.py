@@ -7,12 +7,12 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from graspfx.compile import cache as disk
 from graspfx.compile.kernel import keep_lowerings, written
+from graspfx.compile.own_sources import is_own, source_digest
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory
 
@@ -26,7 +26,6 @@ def program_source(
     frozen: Mapping[tuple[str, int], float],
     *,
     unroll: int = UNROLL,
-    lanes: int = 1,
     make: bool = True,
 ) -> str:
     """Specialise the function that a text defines, and the kernels that it calls, as a program of its own.
@@ -37,12 +36,11 @@ def program_source(
         arrays: the names of the buffers.
         frozen: entries of buffers that never change, by array and index.
         unroll: most statements of a loop that is written out.
-        lanes: so many programs side by side (`Program`).
         make: whether to specialise what is not kept yet; else a LookupError.
     """
     roots = {name: _identity(kernel) for name, kernel in sorted(kernels.items())}
     numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    request = json.dumps([own_sources(), text, roots, list(arrays), numbers, unroll, lanes])
+    request = json.dumps([source_digest(), text, roots, list(arrays), numbers, unroll])
     key = hashlib.sha256(f"program {request}".encode()).hexdigest()
     content = disk.load(key)
     if content is not None:
@@ -52,10 +50,10 @@ def program_source(
             return str(entry["source"])
     if not make:
         raise LookupError("not specialised yet")
-    program = specialise(text, kernels, arrays, frozen, unroll=unroll, lanes=lanes)
+    program = specialise(text, kernels, arrays, frozen, unroll=unroll)
     source = program.source()
     keep_lowerings()
-    folders = {Path(file).parent for file in program.files if not _is_own(file)}  # of kernels of others
+    folders = {Path(file).parent for file in program.files if not is_own(file)}  # of kernels of others
     files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
     others = [[*where, number] for where, number in program.numbers_of_modules.items() if not _is_ours(where[0])]
     disk.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
@@ -69,10 +67,9 @@ def specialise(
     frozen: Mapping[tuple[str, int], float],
     *,
     unroll: int = UNROLL,
-    lanes: int = 1,
 ) -> Program:
     """Specialise a text, whatever the cache holds; arguments as of `program_source`."""
-    program = Program(frozen, unroll, lanes)
+    program = Program(frozen, unroll)
     names = {**kernels, **{array: Memory(array, 0) for array in arrays}}
     [tree] = ast.parse(text).body
     assert isinstance(tree, ast.FunctionDef)
@@ -80,32 +77,10 @@ def specialise(
     return program
 
 
-@cache
-def own_sources() -> str:
-    """Digest all sources of the package: kernels stand in many files, and numbers in still more."""
-    digest = hashlib.sha256()
-    for folder in _folders():
-        for file in sorted(folder.rglob("*.py")):
-            digest.update(f"{file.relative_to(folder)}\0".encode() + file.read_bytes())
-    return digest.hexdigest()
-
-
-@cache
-def _folders() -> tuple[Path, ...]:
-    """List the package's folder and, in a checkout, the shelf of drivers beside it."""
-    package = sys.modules[__name__.partition(".")[0]]
-    first, *others = [Path(place) for place in package.__path__]
-    return first, *(place / "devices" for place in others if (place / "devices").is_dir())
-
-
-def _is_own(file: str) -> bool:
-    return any(Path(file).is_relative_to(folder) for folder in _folders())
-
-
 def _identity(kernel: Callable[..., Any]) -> list[str]:
     """Identify a kernel by name, and a foreign one by its file too: another environment may have the same name."""
     code = getattr(written(kernel), "__code__", None)
-    file = "" if code is None or _is_own(code.co_filename) else code.co_filename
+    file = "" if code is None or is_own(code.co_filename) else code.co_filename
     return [f"{kernel.__module__}.{kernel.__qualname__}", file]
 
 

@@ -20,7 +20,7 @@ from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
-from graspfx.surfaces.triangles import ball
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 FloatArray = NDArray[np.float64]
 
@@ -171,7 +171,7 @@ def new_block(grip: Grip, period: float) -> FloatArray:
     room = n * coordinates if grip.square else MODES
     problem = problem_size(n, room) if grip.problems else 0
     data = None if grip.shape is None else grip.shape.data
-    walks = 0 if data is None else n * ball.STATE
+    walks = 0 if data is None else n * size_of(MeshFinger)
     block = np.zeros(end + 2 * problem + walks + (0 if data is None else data.size))
     grasp = GraspState(block)
     for name, size in sizes.items():
@@ -193,10 +193,8 @@ def new_block(grip: Grip, period: float) -> FloatArray:
         block[_entries("parameters")] = grip.shape.parameters
     if data is not None:
         first = end + 2 * problem
-        block[_entries("parameters")][:] = 0.0
-        block[start_of(GraspState, "parameters")] = first + walks
-        block[start_of(GraspState, "parameters") + 1] = first
-        grasp.fingers.array(FingerState.walk)[:] = first + ball.STATE * np.arange(n)
+        block[start_of(GraspState, "mesh")] = first + walks
+        grasp.fingers.array(FingerState.walk)[:] = first + size_of(MeshFinger) * np.arange(n)
         block[first + walks :] = data
     return block
 

@@ -362,7 +362,7 @@ MADE: list[tuple[str, dict[str, Any], str]] = [
 def test_what_a_file_may_do_wrong(sway: str, change: str, settings: dict[str, Any], said: str, shared: bool) -> None:
     if change:
         before, _, after = change.partition("->")
-    Path(sway).write_text(SWAY.replace(before, after))
+        Path(sway).write_text(SWAY.replace(before, after))
     [found] = faults(made_by(sway, shared, **settings))
     assert re.match((r"hand\.0" if shared else r"finger\.0\.hand") + said, found)
 

@@ -75,7 +75,7 @@ def test_everything_given_stands_where_it_belongs() -> None:
     np.testing.assert_allclose(state[20:25], [s, 0, 0, s, 0], rtol=1e-15)
     np.testing.assert_array_equal(state[25:31], [4, 0, 6, 0, 8, 9])
     # a quarter turn about x takes y to z
-    np.testing.assert_allclose(state[37:46], [1, 0, 0, 0, 0, -1, 0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(state[at.ROTATION : at.ROTATION + 9], [1, 0, 0, 0, 0, -1, 0, 1, 0], atol=1e-15)
 
 
 def test_free_is_in_the_order_of_the_rows_of_G() -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support import slow
+
 TESTS = Path(__file__).parents[1]
 FILES = sorted(TESTS.rglob("*.py"))
 SUPPORT = "tests.support"
@@ -39,3 +41,19 @@ def test_a_file_is_a_test_or_helps_several() -> None:
 
 def test_no_name_of_a_file_stands_twice() -> None:
     assert [name for name, count in Counter(file.name for file in FILES).items() if count > 1] == []
+
+
+def test_folders_are_the_rooms() -> None:
+    """Beside them stand laws, oracles, the paper's claims, promises, sweeps and faults, which belong to no room."""
+    root = TESTS.parent
+    own = {"laws", "oracles", "paper", "promises", "stress", "faults", "support"}
+    folders = {file.parent.relative_to(TESTS) for file in FILES} - {Path()}
+    rooms = {folder for folder in folders if (root / "graspfx" / folder).is_dir() or (root / folder).is_dir()}
+    assert {folder.as_posix() for folder in folders - rooms} == own
+
+
+def test_what_make_fast_leaves_out_is_there() -> None:
+    for name in slow.means():
+        path, _, test = name.partition("::")
+        text = (slow.ROOT / path).read_text(encoding="utf-8")
+        assert path.endswith(".md") or f"def {test}(" in text, f"{name}: measure anew with `make durations`"

@@ -275,7 +275,7 @@ def _unilateral(normals: FloatArray, mu: float, p: Problem) -> FloatArray:
     return gx.unilateral_force(p.K, p.e, normals, mu).force
 
 
-def _error(found: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:
-    """The largest over problems, relative to the largest force of each."""
+def _error(forces: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:
+    """Find the largest error over problems, relative to the largest force of each."""
     exact = np.array([p.force for p in kind.members])
-    return float((np.abs(np.array(found) - exact).max(axis=1) / np.abs(exact).max(axis=1)).max())
+    return float((np.abs(np.array(forces) - exact).max(axis=1) / np.abs(exact).max(axis=1)).max())

@@ -6,15 +6,14 @@ import base64
 import hashlib
 import json
 import marshal
-import os
 import sys
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
 
 from graspfx.compile import cache as disk
+from graspfx.compile.own_sources import is_own, source_stamps
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Store:
 
     def add(self, function: FunctionType, lowering: Lowering) -> None:
         """Add a kernel, if it is ours: the key says nothing of others' sources."""
-        if all(_is_own(file) for file in lowering.files):
+        if all(is_own(file) for file in lowering.files):
             code = base64.b64encode(marshal.dumps(lowering.code)).decode()
             self.entries[_name(function)] = [lowering.text, code, lowering.callees, lowering.files]
             self.changed = True
@@ -63,7 +62,7 @@ class Store:
 @cache
 def store() -> Store:
     """Open the cache of this version of the sources, under this Python."""
-    digest = hashlib.sha256(repr((sys.version, marshal.version, _stamps())).encode())
+    digest = hashlib.sha256(repr((sys.version, marshal.version, source_stamps())).encode())
     key = f"lowered-{digest.hexdigest()}"
     content = disk.load(key)
     return Store(key, json.loads(content) if content is not None else {})
@@ -71,27 +70,3 @@ def store() -> Store:
 
 def _name(function: FunctionType) -> str:
     return f"{function.__module__}.{function.__qualname__}"
-
-
-@cache
-def _folders() -> tuple[str, ...]:
-    """List the package's folder and, in a checkout, the shelves beside it."""
-    return tuple(str(Path(place)) for place in sys.modules[__name__.partition(".")[0]].__path__)
-
-
-def _is_own(file: str) -> bool:
-    package, *beside = _folders()
-    return file.startswith((package + os.sep, *(os.path.join(root, "devices") + os.sep for root in beside)))  # noqa: PTH118 (strings)
-
-
-def _stamps() -> list[tuple[str, int, int]]:
-    """List time and size of every source, as Python judges its own bytecode."""
-    package, *beside = _folders()
-    stamps = []
-    for root in (package, *(os.path.join(place, "devices") for place in beside)):  # noqa: PTH118 (hundreds of files)
-        for folder, _, names in os.walk(root):
-            for name in sorted(names):
-                if name.endswith(".py"):
-                    status = os.stat(path := os.path.join(folder, name))  # noqa: PTH116, PTH118
-                    stamps.append((path, status.st_mtime_ns, status.st_size))
-    return stamps

@@ -32,12 +32,10 @@ class Program:
     Args:
         frozen: entries of arrays that never change, by array and index.
         unroll: most statements of a loop that is written out, those of the kernels that it calls among them.
-        lanes: so many programs side by side, entry i of each at i * lanes + lane; 1 for an ordinary program.
     """
 
     frozen: Mapping[tuple[str, int], float]
     unroll: int = 0
-    lanes: int = 1
     functions: list[ast.FunctionDef] = field(default_factory=list)
     files: set[str] = field(default_factory=set)  # that kernels were taken from
     numbers_of_modules: dict[tuple[str, str], str] = field(default_factory=dict)  # by module and name
@@ -76,9 +74,10 @@ class Program:
             self._specialised[key] = None
             self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
-            source = getattr(function, "__written__", function).__code__
+            written = getattr(function, "__written__", None)
             new = self._make(kernel, arguments, f"{function.__name__}_{len(self._specialised)}")
-            vars(new.node)["origin"] = (source.co_filename, source.co_firstlineno)
+            source = (written or function).__code__
+            vars(new.node).update(origin=(source.co_filename, source.co_firstlineno), written=written)
             self._specialised[key] = new
         specialised = self._specialised.get(key)
         if specialised is None:

@@ -70,7 +70,6 @@ class Specialiser(Protocol):
 
     frozen: Mapping[tuple[str, int], float]
     unroll: int
-    lanes: int
     numbers_of_modules: dict[tuple[str, str], str]
 
     def add(self, function: FunctionType, arguments: Sequence[Value]) -> SpecialisedKernel: ...
@@ -202,13 +201,8 @@ class Expressions:
             if isinstance(index, Static) and (owner.array, owner.base + int(index.value)) in self.program.frozen:
                 raise self.cannot(node, "writes to an entry that was said never to change")
         self.arrays[owner.array] = None
-        lanes = self.program.lanes
-        rest, offset = terms(node_of(index))
+        place, offset = terms(node_of(index))
         offset += owner.base
-        place: ast.expr | None = rest
-        if lanes > 1:
-            place = load("lane") if rest is None else ast.BinOp(_times(rest, lanes), ast.Add(), load("lane"))
-            offset *= lanes
         if place is None:
             if offset < 0:
                 raise self.cannot(node, "is an entry before the buffer's first")
@@ -299,8 +293,7 @@ class Expressions:
         self.called += specialised.statements
         for array in specialised.arrays:
             self.arrays[array] = None
-        lane = [load("lane")] if self.program.lanes > 1 else []
-        call = ast.Call(load(specialised.name), [*map(load, specialised.arrays), *lane, *dynamic], [])
+        call = ast.Call(load(specialised.name), [*map(load, specialised.arrays), *dynamic], [])
         return call, result if isinstance(result, Static | TupleValue) else None
 
     def cannot(self, node: ast.AST, why: str) -> GraspFXError:
@@ -325,7 +318,3 @@ def from_call(call: ast.expr | None, result: Value | None) -> Value:
             return TupleValue(result.parts, tuple_of([node_of(part) for part in result.parts]))
         return result or Static(0)
     return TupleValue(result.parts, call) if isinstance(result, TupleValue) else Dynamic(call)
-
-
-def _times(node: ast.expr, lanes: int) -> ast.expr:
-    return ast.BinOp(node, ast.Mult(), ast.Constant(lanes))

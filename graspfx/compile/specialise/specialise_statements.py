@@ -64,12 +64,11 @@ class Body(Expressions):
                 self.tree, f"has a number named {clash!r}, which is the name of a buffer: call that otherwise"
             )
         body = without_unused(body + statements)
-        lane = ["lane"] if self.program.lanes > 1 else []
         arrays = tuple(self.arrays)
         node = ast.FunctionDef(
             name=name,
             args=ast.arguments(
-                posonlyargs=[], args=[ast.arg(p) for p in (*arrays, *lane, *parameters)], kwonlyargs=[],
+                posonlyargs=[], args=[ast.arg(p) for p in (*arrays, *parameters)], kwonlyargs=[],
                 kw_defaults=[], defaults=[],
             ),
             body=body or [ast.Pass()],

@@ -90,6 +90,7 @@ def held(files: dict[str, str], called: bool) -> dict[str, Any]:
 MIXES = [{"device"}, {"plant"}, {"hand"}, {"body"}, {"device", "hand"}, {"device", "plant", "body"}]
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("which", MIXES, ids=lambda which: "+".join(sorted(which)))
 def test_parts_that_are_no_kernels_run_as_those_that_are(tmp_path: Path, which: set[str]) -> None:
     files = foreign_parts.write(tmp_path)

@@ -1,0 +1,48 @@
+"""The package's own source files, by which caches judge whether what they hold is of this version."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+
+@cache
+def source_folders() -> tuple[str, ...]:
+    """List the package's folder and, in a checkout, the shelf of drivers beside it."""
+    package, *beside = (str(Path(place)) for place in sys.modules[__name__.partition(".")[0]].__path__)
+    shelves = [os.path.join(place, "devices") for place in beside]  # noqa: PTH118 (strings, of hundreds of files)
+    return package, *(shelf for shelf in shelves if os.path.isdir(shelf))  # noqa: PTH112
+
+
+def is_own(file: str) -> bool:
+    """Tell whether a source file is the package's."""
+    return file.startswith(tuple(folder + os.sep for folder in source_folders()))
+
+
+@cache
+def source_stamps() -> tuple[tuple[str, int, int], ...]:
+    """List every source file of the package with its time and size, once in a process."""
+    return tuple(stamp for folder in source_folders() for stamp in stamps_in(folder))
+
+
+def stamps_in(root: str) -> Iterator[tuple[str, int, int]]:
+    """List the source files below a folder with their time and size, as Python judges its own bytecode."""
+    for folder, _, names in os.walk(root):
+        for name in sorted(names):
+            if name.endswith(".py"):
+                status = os.stat(path := os.path.join(folder, name))  # noqa: PTH116, PTH118 (of hundreds of files)
+                yield path, status.st_mtime_ns, status.st_size
+
+
+@cache
+def source_digest() -> str:
+    """Digest all sources of the package: kernels stand in many files, and numbers in still more."""
+    digest = hashlib.sha256()
+    for root in source_folders():
+        for file in sorted(Path(root).rglob("*.py")):
+            digest.update(f"{file.relative_to(root)}\0".encode() + file.read_bytes())
+    return digest.hexdigest()
