@@ -26,7 +26,7 @@ SLACK = 1e-6  # of the noise bound: positions in whole counts meet the bound exa
 
 
 def size(window: int) -> int:
-    """Entries of one component's state."""
+    """Count the entries of one component's state."""
     return RING + window + 1
 
 
@@ -154,7 +154,7 @@ class VelocityEstimator:
             self.update(position)
 
     def update(self, position: ArrayLike) -> FloatArray:
-        """The velocity, after this next position; the array belongs to the estimator and is overwritten."""
+        """Update the velocity by the next position; the array belongs to the estimator and is overwritten."""
         self._position[...] = position
         S, x, v = self._S, self._x, self._v
         for j in range(self._count):

@@ -17,12 +17,12 @@ from graspfx.loop.tick import memory
 from graspfx.loop.tick.script import Script, Tick
 
 FloatArray = NDArray[np.float64]
-Named = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
+NamedEntry = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
 AXES = "xyz"
 
 
 class Names:
-    """What each memory of a script is called, and each of its entries.
+    """Names of a script's memories, and of their entries.
 
     Attributes:
         memories: names of arrays, such as `object[0]`.
@@ -31,9 +31,9 @@ class Names:
     def __init__(self, parts: Parts, tick: Tick) -> None:
         script, self.memories = tick.script, _memories(tick.script)
         arrays = {id(array): name for name, array in script.arrays.items()}
-        self._objects = {arrays[id(held.grasped.block)]: held for held in parts.objects}
+        self._objects = {arrays[id(part.grasped.block)]: part for part in parts.objects}
         entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
-        self._known = {
+        self._places = {
             (arrays[id(array)], entry): f"{self.memories[arrays[id(array)]]}{name}" if name[0] == "." else name
             for array, entry, name in entries
             if id(array) in arrays
@@ -41,18 +41,20 @@ class Names:
 
     def entry(self, array: str, k: int) -> str:
         """Name an entry of an array; one that nothing declares by its number."""
-        if (array, k) not in self._known:
-            self._known[array, k] = self._object(array, k) if array in self._objects else f"{self.memories[array]}[{k}]"
-        return self._known[array, k]
+        if (array, k) not in self._places:
+            self._places[array, k] = (
+                self._object(array, k) if array in self._objects else f"{self.memories[array]}[{k}]"
+            )
+        return self._places[array, k]
 
     def _object(self, array: str, k: int) -> str:
         """Name an entry by its block's declaration, fingers by their numbers in the scene."""
-        held = self._objects[array]
-        text = name_of(GraspState, k, held.grasped.block)
+        part = self._objects[array]
+        text = name_of(GraspState, k, part.grasped.block)
         if not text.startswith("fingers["):
             return _inside(self.memories[array], text)
         j, _, rest = text.removeprefix("fingers[").partition("]")
-        return f"finger[{held.fingers[int(j)]}]{rest}"
+        return f"finger[{part.fingers[int(j)]}]{rest}"
 
     def shared(self, array: str, k: int) -> str:
         """Name an entry where a function serves several memories of a kind: without the number of this one."""
@@ -76,7 +78,7 @@ def columns(layout: Layout) -> Mapping[int, str]:
 
 
 def _memories(script: Script) -> dict[str, str]:
-    """The arrays' names with numbers that begin anew for each kind."""
+    """Name the arrays with numbers that begin anew for each kind."""
     counts: dict[str, int] = {}
     names = {}
     for array in script.arrays:
@@ -86,8 +88,8 @@ def _memories(script: Script) -> dict[str, str]:
     return names
 
 
-def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
-    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "AHEAD"):
+def _servo(parts: Parts, servo: FloatArray) -> Iterator[NamedEntry]:
+    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "LOOKED_UP"):
         yield servo, getattr(memory, name), f"servo.{name.lower()}"
     stuck = [f"body[{i}].stuck" for i in range(len(parts.movers))]
     stuck += [f"plant[{j}].stuck" for j in range(len(parts.plants))]
@@ -100,7 +102,7 @@ def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
         start += n * width
 
 
-def _devices(parts: Parts) -> Iterator[Named]:
+def _devices(parts: Parts) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for station in parts.stations:
         if isinstance(station.device, FusedDevice):
@@ -110,7 +112,7 @@ def _devices(parts: Parts) -> Iterator[Named]:
                 yield from _vectors(state, getattr(ports, quantity), f".{quantity}", k, d)
 
 
-def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
+def _ports(parts: Parts, tick: Tick) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for port in tick.ports:
         k = len(port.position)
@@ -121,7 +123,7 @@ def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
             yield from _vectors(port.memory, 1 + 3 * k * d, ".limit", k, 1)
 
 
-def _plants(parts: Parts) -> Iterator[Named]:
+def _plants(parts: Parts) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for m in parts.plants:
         if isinstance(m.plant, FusedPlant):
@@ -134,7 +136,7 @@ def _plants(parts: Parts) -> Iterator[Named]:
                     yield from _vectors(state, first + n * d, f".{quantity}.velocity", n, d)
 
 
-def _hands(parts: Parts) -> Iterator[Named]:
+def _hands(parts: Parts) -> Iterator[NamedEntry]:
     for m in parts.plants:
         if isinstance(m.hand, FusedHand):
             for quantity in ("position", "velocity"):
@@ -142,15 +144,15 @@ def _hands(parts: Parts) -> Iterator[Named]:
                 yield from _vectors(m.hand.state, first, f".{quantity}", len(m.fingers), parts.layout.dimensions)
 
 
-def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[Named]:
-    """Some vectors one after another."""
+def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[NamedEntry]:
+    """Name some vectors one after another."""
     for i in range(count):
         for a, suffix in enumerate(_components((d,))):
             yield state, first + i * d + a, f"{name}{f'[{i}]' if count > 1 else ''}{suffix}"
 
 
 def _components(shape: Sequence[int]) -> list[str]:
-    """Suffixes of a number, of a vector's components, or of many numbers."""
+    """List suffixes of a number, of a vector's components, or of many numbers."""
     width = shape[0] if shape else 1
     if width == 1:
         return [""]

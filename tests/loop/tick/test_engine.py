@@ -157,7 +157,7 @@ DEAR, CHEAP = 2.0, 1e-9  # seconds that a tick takes as it stands: what a progra
 
 def judge_by(cost: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `auto` decide by a given cost of a tick, whatever the load of the machine makes of the first ones."""
-    monkeypatch.setitem(engines.ENGINES, "auto", partial(engines.Either, cost=cost))
+    monkeypatch.setitem(engines.ENGINES, "auto", partial(engines.AutoEngine, cost=cost))
 
 
 def test_a_given_cost_decides_and_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
