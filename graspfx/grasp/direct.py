@@ -28,12 +28,12 @@ LEAST = 1e-280  # [m^2], so that nothing underflows
 
 
 def size(n: int, d: int) -> int:
-    """Entries of the block."""
+    """Count the entries of the block."""
     return POINTS + 4 * n * d
 
 
 def couple_points(S: Any, o: int) -> int:
-    """Forces of all contacts from their points, displacements and rates; returns 0."""
+    """Compute forces of all contacts from their points, displacements and rates; return 0."""
     n, d = int(S[o + FINGERS]), int(S[o + DIMENSIONS])
     a = S[o + EXTERNAL_STIFFNESS] - S[o + INTERNAL_STIFFNESS]
     b = S[o + EXTERNAL_DAMPING] - S[o + INTERNAL_DAMPING]
@@ -52,12 +52,12 @@ def couple_points(S: Any, o: int) -> int:
 
 
 def couple(S: Any) -> None:
-    """The same for a block that begins where its array does: the one call of a loop."""
+    """Couple a block that begins where its array does: the one call of a loop."""
     couple_points(S, 0)
 
 
 def external_alone(S: Any, o: int, m: int) -> None:
-    """f = K_ep e + K_ed e': one contact, or the conventional method (eqs. 20-23)."""
+    """Compute f = K_ep e + K_ed e': one contact, or the conventional method (eqs. 20-23)."""
     k, c = S[o + EXTERNAL_STIFFNESS], S[o + EXTERNAL_DAMPING]
     e = o + POINTS + m
     for j in range(e, e + m):
@@ -65,7 +65,7 @@ def external_alone(S: Any, o: int, m: int) -> None:
 
 
 def shifted(S: Any, o: int, n: int, d: int, a: float, b: float) -> None:
-    """P d is the mean: on a line, and where all contacts coincide."""
+    """Project by the mean: on a line, and where all contacts coincide."""
     k, c = S[o + INTERNAL_STIFFNESS], S[o + INTERNAL_DAMPING]
     m = n * d
     e = o + POINTS + m
@@ -79,7 +79,7 @@ def shifted(S: Any, o: int, n: int, d: int, a: float, b: float) -> None:
 
 
 def between_two(S: Any, o: int, d: int, a: float, b: float) -> None:
-    """P d is the mean and what the two differ by across the line through them."""
+    """Project by the mean and what the two differ by across the line through them."""
     k, c = S[o + INTERNAL_STIFFNESS], S[o + INTERNAL_DAMPING]
     m = 2 * d
     p = o + POINTS
@@ -105,7 +105,7 @@ def between_two(S: Any, o: int, d: int, a: float, b: float) -> None:
 
 
 def in_plane(S: Any, o: int, n: int, a: float, b: float) -> None:
-    """P d is the mean and a rotation about the centroid."""
+    """Project by the mean and a rotation about the centroid."""
     k, c = S[o + INTERNAL_STIFFNESS], S[o + INTERNAL_DAMPING]
     m = 2 * n
     p = o + POINTS
@@ -135,7 +135,7 @@ def in_plane(S: Any, o: int, n: int, a: float, b: float) -> None:
 
 
 def in_space(S: Any, o: int, n: int, a: float, b: float) -> None:
-    """P d is the mean and a rotation about the centroid, in the frame of the line that the contacts are nearest to.
+    """Project by the mean and a rotation about the centroid, in the frame of the line that is nearest to the contacts.
 
     q leads from the first contact to the one farthest from it. With x the coordinate along which q is longest and
     u = (1, t, s) = q / q_x, rotations are taken about u, y and z. The arms about u are those of v = y - t x and
@@ -167,7 +167,7 @@ def in_space(S: Any, o: int, n: int, a: float, b: float) -> None:
 def about_line(
     S: Any, o: int, n: int, a: float, b: float, ix: int, iy: int, iz: int, t: float, s: float, noise: float
 ) -> None:
-    """`in_space` for the places of x, y and z among the coordinates; the forces' entries hold x, v and w meanwhile."""
+    """Do `in_space` for the places of x, y and z among coordinates; the forces' entries hold x, v and w meanwhile."""
     m = 3 * n
     p = o + POINTS
     f = p + 3 * m

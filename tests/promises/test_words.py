@@ -23,9 +23,16 @@ PUBLIC = {  # names that other people's code has
     "graspfx/testing/promise.py": {"found"},
 }
 OPENINGS = re.compile(r"(Of|What|At|By|As|The same)\b")
-NO_VERBS = re.compile(r"(A|An|The|All|Each|Every|How|Whether|Which|Where|Who|Its|If|One|Two|Both|Those|\w+ly)\b")
-ROOMS_TO_COME: tuple[str, ...] = (  # others rewrite them now; each leaves this list as it lands
+NO_VERBS = re.compile(r"(A|An|The|All|Each|Every|How|Whether|Which|Where|Who|Its|If|One|Two|Both|Those)\b")
+ROOMS_TO_COME: tuple[str, ...] = (  # to be cleaned as their kernels take records; a room leaves the list with that
     "devices/",
+    "graspfx/analysis/maps/map_kernel.py",
+    "graspfx/loop/energy/",
+    "graspfx/loop/hand.py",
+    "graspfx/loop/motion/",
+    "graspfx/loop/tick/targets.py",
+    "graspfx/objects/",
+    "graspfx/spatial.py",
 )
 
 SHELVES = ("graspfx", "devices", "scenes")

@@ -56,7 +56,7 @@ class Names:
         return name if name[0] not in ".[" else f"{self.memories[array].partition('[')[0]}{name}"
 
     def _declared(self, array: str, k: int) -> str:
-        """An entry's name in full, or from the point or bracket after its memory's on."""
+        """Name an entry in full, or from the point or bracket after its memory's name on."""
         if array in self._declarations:
             name = name_of(self._declarations[array], k, self._arrays[array])
             if not name.startswith("["):
@@ -89,7 +89,7 @@ def _memories(script: Script) -> dict[str, str]:
 
 
 def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
-    """Memories with the records that they are."""
+    """List memories with the records that they are."""
     yield from ((part.grasped.block, GraspState) for part in parts.objects)
     owners: list[tuple[object, object]] = [(s.device, getattr(s.device, "state", None)) for s in parts.stations]
     for m in parts.plants:
