@@ -51,6 +51,13 @@ def names(tree: ast.AST) -> Iterator[str]:
                 yield name
 
 
+def docstrings(tree: ast.AST) -> Iterator[str]:
+    """List the first lines of a file's docstrings."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
+            yield text.splitlines()[0]
+
+
 def openings(tree: ast.AST) -> Iterator[str]:
     """List the docstrings of a file that begin as none should."""
     for node in ast.walk(tree):
@@ -69,6 +76,16 @@ def test_words(file: str) -> None:
     words = {name for name in names(tree) if name.strip("_").lower() in BANNED} - PUBLIC.get(file, set())
     assert words == set()
     assert list(openings(tree)) == []
+
+
+@pytest.mark.parametrize("room", sorted(path.name for path in (ROOT / "tests").iterdir() if path.is_dir()))
+def test_docstrings_of_tests_begin_as_sentences(room: str) -> None:
+    texts = [
+        text
+        for path in (ROOT / "tests" / room).rglob("*.py")
+        for text in docstrings(ast.parse(path.read_text("utf-8")))
+    ]
+    assert [text for text in texts if OPENINGS.match(text)] == []
 
 
 def test_banned_words_and_openings_are_seen() -> None:

@@ -60,7 +60,7 @@ def test_each_kind_of_coupling_is_the_same_run_in_every_engine(changes: dict[str
 
 
 def test_quick_code_and_good_code_compute_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What users run and what tests marked `quick` do."""
+    """Users' programs and those of tests marked `quick` compute the same bits."""
     full = recorded(line(), "compiled"), recorded(line(), "compiled", TICKS)
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))  # else the better program is taken from there
     monkeypatch.setitem(engines.ENGINES, "compiled", partial(engines.Compiled, quick=True))
