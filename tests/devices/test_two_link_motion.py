@@ -148,7 +148,7 @@ def test_acceleration_against_lagrange(drive: str) -> None:
 
 
 def test_effective_mass_and_friction() -> None:
-    """By pushing: 1 N accelerates a finger at rest by Lambda^-1; its drag in motion is the effective friction."""
+    """1 N accelerates a finger at rest by Lambda^-1; its drag in motion is the effective damping."""
     device = two_link.connect(**ODD)
     where = (0.14, 0.12)
     plant = type(device).plant([device])
@@ -294,7 +294,7 @@ def test_the_kernel_on_the_block_is_the_plant_to_the_bit(drives: tuple[str, ...]
 
 
 def test_the_compiled_kernel_moves_a_block_that_stands_anywhere() -> None:
-    """The same within 1e-13 m after 200 samples; only the rounding of sums and of sines may differ."""
+    """The two agree within 1e-13 m after 200 samples; only the rounding of sums and of sines may differ."""
     devices, start, hand, torques = grasped(("base", "elbow"))
     one, other = (type(devices[0]).plant(devices) for _ in range(2))
     for plant in (one, other):
@@ -323,7 +323,7 @@ def test_a_kernel_that_cannot_go_on_moves_nothing() -> None:
 
 
 def test_hand_holds_still() -> None:
-    """At the hand's rest position nothing moves, and `place` puts the tip there to 1e-15 m."""
+    """Nothing moves at the hand's rest position, and `place` puts the tip there to 1e-15 m."""
     device = two_link.connect(**LEFT)
     plant = type(device).plant([device])
     start = np.array([[-0.025, 0.01]])

@@ -55,7 +55,7 @@ def rotation_vector(R: Array) -> Array:
 
 
 def test_defaults() -> None:
-    """At rest at the origin, unturned, free, without gravity or viscosity, semi-implicit."""
+    """A body rests at the origin, unturned, free, without gravity or viscosity, semi-implicit."""
     state = block(dimensions=3, mass=0.1, inertia=4e-5)
     expected = np.zeros(at.SIZE)
     expected[[at.DIMENSIONS, at.MASS, at.INTEGRATOR, at.QUATERNION + 3]] = 3, 0.1, at.SEMI_IMPLICIT, 1

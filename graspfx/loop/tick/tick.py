@@ -16,7 +16,7 @@ from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.loop.energy.watch import watch
-from graspfx.loop.tick.memory import AHEAD, FAULTED, MOVER, OBJECT_, PERIOD, PLANT, STATION, latch
+from graspfx.loop.tick.memory import FAULTED, LOOKED_UP, MOVER, OBJECT_, PERIOD, PLANT, STATION, latch
 from graspfx.loop.tick.wires import (
     BodyWires,
     Channel,
@@ -88,7 +88,7 @@ def read(scene: Wiring, k: int) -> None:
             if device.readable[0] != 0.0:
                 take_reading(device.channels)
         else:
-            for a, entry in enumerate(device.seen):
+            for a, entry in enumerate(device.sensed_entries):
                 device.sensed[a] = device.plant[entry]
             code = device.reading(device.state, 0)
             if code != 0:
@@ -267,17 +267,17 @@ def aim(to: Target, target: Target) -> None:
 @stage
 def look_up(plant: PlantWires, table: TableWires, k: int, servo: FloatArray) -> None:
     """Look up the targets that a hand in plain Python gave beforehand."""
-    ahead = (k - int(servo[AHEAD])) * table.width
+    row = (k - int(servo[LOOKED_UP])) * table.width
     if plant.middle is not None:
-        look_up_target(plant.middle, table, ahead, table.width // 2)
-    look_up_target(plant.end, table, ahead, 0)
+        look_up_target(plant.middle, table, row, table.width // 2)
+    look_up_target(plant.end, table, row, 0)
 
 
 @stage
-def look_up_target(to: Target, table: TableWires, ahead: int, start: int) -> None:
+def look_up_target(to: Target, table: TableWires, row: int, start: int) -> None:
     """Hand a plant one row of a table: r, then r'."""
     size = len(to.position)
     for a in range(size):
-        to.position[a] = table.memory[ahead + (start + a)]
+        to.position[a] = table.memory[row + (start + a)]
     for a in range(size):
-        to.velocity[a] = table.memory[ahead + (start + size + a)]
+        to.velocity[a] = table.memory[row + (start + size + a)]

@@ -49,7 +49,7 @@ class DeviceWires:
     state: FloatArray
     sensed: FloatArray  # what its sensors see, in its block
     plant: FloatArray  # the block of what it is read from
-    seen: Sequence[int]  # the entries of it that the sensors see
+    sensed_entries: Sequence[int]  # the entries of it that the sensors see
     channels: Sequence[Channel]
     reading: Kernel
     writing: Kernel
