@@ -6,7 +6,7 @@ import graspfx as gx
 
 
 def scene() -> gx.Scene:
-    """The springs are drawn 10 mm into the cube; sideways it is held by sticking contacts."""
+    """Draw the springs 10 mm into the cube; sideways, sticking contacts hold it."""
     spring = gx.load("paper-spring")
     fingers = [
         {

@@ -8,7 +8,7 @@ EDGE = 0.05  # [m]
 
 
 def scene(rotational_viscosity: float | None = None) -> gx.Scene:
-    """The cube's rotation is the weakest mode of the grasp; without any rotational viscosity it is not stable.
+    """Turn the cube: its rotation is the weakest mode of the grasp, unstable without any rotational viscosity.
 
     Args:
         rotational_viscosity: [N m s/rad]; b_v a^2 / 6 if not given, which makes rotation as damped as translation.

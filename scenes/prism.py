@@ -12,7 +12,7 @@ KIP, HAND = 800.0, 300.0  # of the coupling and of a finger's hand [N/m]
 
 
 def prism(sides: int, radius: float, height: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings, and the middle of each end.
+    """Build vertices (2 s + 2, 3) [m] and faces (4 s, 3) of a regular prism about z: two rings, and each end's middle.
 
     Corners lie on the radius; the first side, between corners 0 and 1, looks along x.
     """
@@ -43,7 +43,7 @@ def scene(
     density: float = 600.0,
     friction: float = 0.6,
 ) -> gx.Scene:
-    """Fingers start in the squeeze, pinch/KIP deep, and lift the prism by 30 mm.
+    """Lift the prism by 30 mm; fingers start in the squeeze, pinch/KIP deep.
 
     Args:
         sides: three or more.

@@ -14,7 +14,7 @@ GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad]
 
 
 def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, friction: float = 0.6) -> gx.Scene:
-    """The fingers start on the surface, on the rays of a Fibonacci spiral from the middle, and close along its normals.
+    """Close fingers along the normals, from the surface, on the rays of a Fibonacci spiral from the middle.
 
     The directions: z_i = 1 - (2 i + 1)/n, turned about z by i times the golden angle.
 

@@ -12,7 +12,7 @@ KIP = 400.0  # [N/m]
 
 
 def scene(metric: str = "mass", pinch: float = 0.4) -> gx.Scene:
-    """Each device's damping, and its hand's stiffness and damping, are as its mass: that is what decouples the modes.
+    """Scale each device's damping, and its hand's stiffness and damping, with its mass: that decouples the modes.
 
     The fingers start at rest in the squeeze, finger i pinch/(kip M_i) deep and its hand's spring pinch/k_i deeper; M_i
     is the device's mass over their mean, or 1 without the metric. The puck does not turn, as the paper's cube does not:

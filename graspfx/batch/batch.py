@@ -45,7 +45,7 @@ OF_OBJECT = {  # of the first object, named as a `Recording` does
 
 @dataclass(frozen=True)
 class Batch:
-    """What many runs gave. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
+    """The outcome of many runs. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
 
     Attributes:
         values: by key, its value in each variant, arrays of the grid's shape; numbers as floats where all are.
@@ -73,33 +73,33 @@ class Batch:
         return self.fault_tick.shape
 
     def __len__(self) -> int:
-        """How many variants."""
+        """Count the variants."""
         return self.fault_tick.size
 
     def __getitem__(self, quantity: str) -> dict[str, FloatArray]:
-        """The statistics of a quantity, by name."""
+        """Look up the statistics of a quantity, by name."""
         if quantity not in self.measures:
             raise UnknownNameError("measure", quantity, self.measures)
         return self.measures[quantity]
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
-        """The largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows."""
-        found = self[quantity]
-        if "growth" not in found:
-            raise UnknownNameError("statistic", "growth", found)
-        values = found["growth"].reshape(*self.shape, -1)
+        """Find the largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows."""
+        statistics = self[quantity]
+        if "growth" not in statistics:
+            raise UnknownNameError("statistic", "growth", statistics)
+        values = statistics["growth"].reshape(*self.shape, -1)
         return np.asarray(np.nanmax(np.where(np.isnan(values).all(axis=-1, keepdims=True), np.inf, values), axis=-1))
 
     def stacked(self, quantity: str) -> FloatArray:
-        """A quantity over time, (*grid, N, *quantity), where recordings were kept and are alike."""
+        """Stack a quantity over time, (*grid, N, *quantity), where recordings were asked for and are alike."""
         if self.recordings is None:
             raise InputError("keep", "measures", "recordings", "run the batch with keep='recordings'")
-        found = np.array([each.array(quantity) for each in self.recordings.ravel()])
-        return found.reshape(*self.shape, *found.shape[1:])
+        stack = np.array([each.array(quantity) for each in self.recordings.ravel()])
+        return stack.reshape(*self.shape, *stack.shape[1:])
 
     def to_dict(self) -> dict[str, Any]:
-        """Values, faults, measures and summaries as nested lists, for JSON."""
-        found: dict[str, Any] = {
+        """Write values, faults, measures and summaries as nested lists, for JSON."""
+        table: dict[str, Any] = {
             "values": {key: each.tolist() for key, each in self.values.items()},
             "fault_tick": self.fault_tick.tolist(),
             "measures": {
@@ -109,8 +109,8 @@ class Batch:
             "notes": list(self.notes),
         }
         if self.summaries is not None:
-            found["summaries"] = self.summaries.tolist()
-        return found
+            table["summaries"] = self.summaries.tolist()
+        return table
 
 
 def run_batch(
@@ -171,26 +171,26 @@ def run_batch(
         variants = Variants(scene, lists, numbers)
         groups = variants.groups()
     warn_of_axes(resolve(scene))
-    done = Runs(scene, variants, len(numbers), duration, threads)
+    runs = Runs(scene, variants, len(numbers), duration, threads)
     if keep == "measures":
-        measures = done.measured(groups, measure, statistics)
-        found: dict[str, Any] = {
+        measures = runs.measured(groups, measure, statistics)
+        results: dict[str, Any] = {
             "measures": {
                 quantity: {name: each.reshape(*shape, *each.shape[1:]) for name, each in by_name.items()}
                 for quantity, by_name in measures.items()
             }
         }
     elif keep == "recordings":
-        found = {"recordings": _objects(done.recorded(groups, lambda each: each, whole=True), shape)}
+        results = {"recordings": _objects(runs.recorded(groups, lambda each: each, whole=True), shape)}
     else:
-        found = {"summaries": _objects(done.recorded(groups, Recording.summary, whole=False), shape)}
+        results = {"summaries": _objects(runs.recorded(groups, Recording.summary, whole=False), shape)}
     return Batch(
         values={key: _array(lists[key])[numbers[:, k]].reshape(shape) for k, key in enumerate(lists)},
-        fault_tick=done.faults.reshape(shape),
+        fault_tick=runs.faults.reshape(shape),
         notes=tuple(variants.notes),
-        build_time=perf_counter() - began - done.run_time,
-        run_time=done.run_time,
-        **found,
+        build_time=perf_counter() - began - runs.run_time,
+        run_time=runs.run_time,
+        **results,
     )
 
 
@@ -205,7 +205,7 @@ class Runs:
     def measured(
         self, groups: Sequence[Group], measure: Sequence[str], statistics: Sequence[str]
     ) -> dict[str, dict[str, FloatArray]]:
-        found: dict[str, dict[str, FloatArray]] = {}
+        measures: dict[str, dict[str, FloatArray]] = {}
         for group in groups:
             layout = group.program.servo.layout
             columns = {quantity: layout.columns[_column(layout, quantity)] for quantity in measure}
@@ -217,7 +217,7 @@ class Runs:
             start = 0
             for quantity, column in columns.items():
                 size = column.where.stop - column.where.start
-                of = found.setdefault(quantity, {})
+                of = measures.setdefault(quantity, {})
                 for name in statistics:
                     array = of.setdefault(name, np.full((len(self.faults), *column.shape), np.nan))
                     if array.shape[1:] != column.shape:
@@ -225,10 +225,10 @@ class Runs:
                     each = statistic(name, raw[:, start : start + size], job.ticks)
                     array[group.members] = each.reshape(len(each), *column.shape)
                 start += size
-        return found
+        return measures
 
     def recorded(self, groups: Sequence[Group], make: Callable[[Recording], Any], *, whole: bool) -> list[Any]:
-        found: list[Any] = [None] * len(self.faults)
+        results: list[Any] = [None] * len(self.faults)
         header = header_of(resolve(self.scene))
         for group in groups:
             layout = group.program.servo.layout
@@ -239,9 +239,9 @@ class Runs:
                 outcome = _outcome(group, ended)
                 if job.look is not None:
                     job.look(ended.arena)
-                found[member] = make(Recording(ended.rows, layout, self._header(header, group, member), outcome))
+                results[member] = make(Recording(ended.rows, layout, self._header(header, group, member), outcome))
             self.run_time += job.spent
-        return found
+        return results
 
     def _job(self, group: Group, columns: Sequence[int], statistics: Sequence[str]) -> Job:
         servo = group.program.servo
@@ -255,7 +255,7 @@ class Runs:
             group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
             ticks,
             group.varying,
-            group.program.check_activity if any(held.grasped.matrices for held in servo.objects) else None,
+            group.program.check_activity if any(part.grasped.matrices for part in servo.objects) else None,
         )  # fmt: skip
 
     def _header(self, header: Header, group: Group, member: int) -> Header:
@@ -266,43 +266,43 @@ class Runs:
 
 
 def _outcome(group: Group, ended: Ended) -> Outcome:
-    """How a run went, by what its buffers hold at the end."""
+    """Tell how a run went, by what its buffers hold at the end."""
     program = group.program
     servo, tick = program.servo, program.tick
     for name, array in tick.script.arrays.items():
-        if any(array is held.grasped.block for held in servo.objects):  # of a mesh the rest of it is long
+        if any(array is part.grasped.block for part in servo.objects):  # of a mesh the rest of it is long
             array[: at.ROW] = ended.arena[program.places[name]][: at.ROW]
     coupling = servo.coupling
     if ended.fault < 0:
         return Outcome(engine="compiled", **coupling)
-    program.fill(ended.told)  # the figures in a fault's words are those in its parts' buffers
+    program.fill(ended.arena_copy)  # the figures in a fault's words are those in its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
 
 
 def _grid(
     values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
 ) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
-    """The grid's shape, the values of each key, and the number of each variant's."""
-    for key, given in values.items():
-        if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-            raise InputError(f"values[{key!r}]", given, "a list of values")
-    lists = {str(key): [_plain(value) for value in given] for key, given in values.items()}
+    """Give the grid's shape, the values of each key, and the number of each variant's."""
+    for key, items in values.items():
+        if isinstance(items, str | bytes) or not isinstance(items, Iterable):
+            raise InputError(f"values[{key!r}]", items, "a list of values")
+    lists = {str(key): [_plain(value) for value in items] for key, items in values.items()}
     if not lists or not all(lists.values()):
         raise InputError("values", dict(values), "at least one key, with a list of values each")
     if "duration" in lists:
         raise InputError("values", "duration", "keys of the scene itself", "give `run_batch` its duration")
-    lengths = [len(given) for given in lists.values()]
+    lengths = [len(items) for items in lists.values()]
     if zip and len(set(lengths)) > 1:
-        raise InputError("values", {key: len(given) for key, given in lists.items()}, "lists of one length with zip")
-    first = {key: {repr(value): k for k, value in reversed(list(enumerate(given)))} for key, given in lists.items()}
-    alike = [np.array([first[key][repr(value)] for value in given]) for key, given in lists.items()]
+        raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of one length with zip")
+    first = {key: {repr(value): k for k, value in reversed(list(enumerate(items)))} for key, items in lists.items()}
+    alike = [np.array([first[key][repr(value)] for value in items]) for key, items in lists.items()]
     axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
     numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T
     return (lengths[0],) if zip else tuple(lengths), lists, np.ascontiguousarray(numbers)
 
 
 def _plain(value: Any) -> Any:
-    """A value without arrays, of which numpy writes out the beginning and the end."""
+    """Write a value without arrays, of which numpy writes out the beginning and the end."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -313,15 +313,15 @@ def _plain(value: Any) -> Any:
 def _array(values: Sequence[Any]) -> NDArray[Any]:
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values, dtype=float)
-    found = np.empty(len(values), dtype=object)
-    found[:] = list(values)
-    return found
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = list(values)
+    return objects
 
 
 def _objects(values: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    found = np.empty(len(values), dtype=object)
-    found[:] = list(values)
-    return found.reshape(shape)
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = list(values)
+    return objects.reshape(shape)
 
 
 def _column(layout: Layout, quantity: str) -> str:
@@ -331,16 +331,16 @@ def _column(layout: Layout, quantity: str) -> str:
     return name
 
 
-def _names(argument: str, given: Sequence[str]) -> Sequence[str]:
-    """Names in a list, also where one stands alone."""
-    if isinstance(given, str):
-        return [given]
-    if not isinstance(given, Iterable):
-        raise InputError(argument, given, "a list of names")
-    return [str(each) for each in given]
+def _names(argument: str, names: Sequence[str]) -> Sequence[str]:
+    """List names, also where one stands alone."""
+    if isinstance(names, str):
+        return [names]
+    if not isinstance(names, Iterable):
+        raise InputError(argument, names, "a list of names")
+    return [str(each) for each in names]
 
 
-def _require_known(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
+def _require_known(kind: str, names: Sequence[str], choices: Sequence[str]) -> None:
     for name in names:
-        if name not in known:
-            raise UnknownNameError(kind, name, known)
+        if name not in choices:
+            raise UnknownNameError(kind, name, choices)

@@ -51,7 +51,7 @@ class LanesText:
 
 
 def lanes_text(program: Traceable, turns: Turns, columns: int, statistics: Collection[str]) -> LanesText:
-    """The program of some turns that have been written down."""
+    """Write the program of some turns that have been written down."""
     return _Lanes(program, turns, columns, {m for name in statistics for m in NEEDS[name]}).text()
 
 
@@ -71,7 +71,7 @@ class _Lanes:
 
     def text(self) -> LanesText:
         head, inputs = self._head()
-        single, several = self._loop("single", 1), self._loop("several", self.body.turns)
+        single, unrolled = self._loop("single", 1), self._loop("several", self.body.turns)
         outputs = self.columns * MEASURES + 1
         entry = [
             "def run(I, X, O, blocks, early, late):",
@@ -80,16 +80,16 @@ class _Lanes:
             f"        o = b * {outputs * LANES}",
             *_indented(2, [f"for lane in range({LANES}):", *_indented(1, head)]),
             *_indented(2, self._half("early - " + str(len(self.turns.watched)), str(len(self.turns.watched)))),
-            *_indented(2, self._kept((LOW, HIGH), outputs)),
+            *_indented(2, self._store_measures((LOW, HIGH), outputs)),
             *_indented(2, self._half("late", "early")),
-            *_indented(2, self._kept((FIRST, LAST, SUM, SQUARES), outputs)),
-            *_indented(2, self._kept((LOW, HIGH), outputs, late=True)),
+            *_indented(2, self._store_measures((FIRST, LAST, SUM, SQUARES), outputs)),
+            *_indented(2, self._store_measures((LOW, HIGH), outputs, late=True)),
             *_indented(2, [f"for lane in range({LANES}):"]),
             f"            O[o + {(outputs - 1) * LANES} + lane] = X[{self.bad * LANES} + lane]",
         ]
         calls = {n.args[0] for g in (self.turns.head, self.turns.body) for n in g.nodes if n.op == "call"}
         parts = ["import math", "inf, nan = math.inf, math.nan", *definitions(self.program.tree, calls)]
-        source = "\n\n".join([*parts, single, several, "\n".join(entry)]) + "\n"
+        source = "\n\n".join([*parts, single, unrolled, "\n".join(entry)]) + "\n"
         return LanesText(source, inputs, outputs, (self.bad + 1) * LANES, len(self.turns.watched))
 
     # The first turns ----------------------------------------------------------------------------------------------
@@ -99,19 +99,19 @@ class _Lanes:
         inputs = [n for n in turns.head.nodes if n.op == "input"]
         once = [n for n in turns.body.nodes if n.op == "input" and n.steady]
         first = {slot: turns.begin(slot) for slot in self.carried}
-        known = {n.args[0]: turns.begin(n.args[0]) for n in once}
+        begins = {n.args[0]: turns.begin(n.args[0]) for n in once}
         inputs = [n for n in turns.head.nodes if n.op == "input"]  # `begin` may have asked for more
         text = Text("h", {n.number: f"x{k}" for k, n in enumerate(inputs)})
         lines = [f"x{k} = I[i + {k * LANES} + lane]" for k in range(len(inputs))]
         lines.append("bad = 0.0")
         guards = list(turns.head.guards.values())
-        text.compute([*(v for g in guards for v in (g.a, g.b)), *first.values(), *known.values()])
+        text.compute([*(v for g in guards for v in (g.a, g.b)), *first.values(), *begins.values()])
         text.compute(v for row in turns.watched for v in row)
         text.lines += [_noted(text, guard) for guard in guards]
         for c in range(self.columns):
             for k, row in enumerate(turns.watched):
                 text.lines += _measured(self.measured, c, text.text_of(row[c]), begin=k == 0)
-        after = Text("s", self._steady_names(text, known))
+        after = Text("s", self._steady_names(text, begins))
         after.compute([v for g in body.once for v in (g.a, g.b)])
         after.compute([*body.bounded, *body.divisors, *body.steady])
         after.lines += [_noted(after, guard) for guard in body.once]
@@ -127,19 +127,19 @@ class _Lanes:
         stores.append(f"X[{self.bad * LANES} + lane] = bad")
         return [*lines, *text.lines, *after.lines, *stores], tuple(n.args[0] for n in inputs)
 
-    def _steady_names(self, text: Text, known: Mapping[Slot, Any]) -> dict[int, str]:
-        """Names of the body's steady inputs, of the graph without what is left out."""
-        found: dict[int, str] = {}
+    def _steady_names(self, text: Text, begins: Mapping[Slot, Any]) -> dict[int, str]:
+        """Name the body's steady inputs, for the graph without omitted parts."""
+        names: dict[int, str] = {}
         body = self.body
         left = [*body.bounded, *body.divisors, *body.steady]
         left += [v for g in body.once for v in (g.a, g.b) if isinstance(v, Node)]
         while left:
             node = left.pop()
             if node.op == "input":
-                found[node.number] = text.text_of(known[node.args[0]])
+                names[node.number] = text.text_of(begins[node.args[0]])
             else:
                 left += [arg for arg in node.args if isinstance(arg, Node)]
-        return found
+        return names
 
     # Later turns --------------------------------------------------------------------------------------------------
 
@@ -151,21 +151,21 @@ class _Lanes:
         lines.append(f"bad = X[{self.bad * LANES} + lane]")
         blank = Text("", {})
         lines += [_noted(blank, Guard("<=", f"abs(s{k})", bounds.CARRIED, True)) for k in range(len(self.carried))]
-        shown = {slot: f"s{k}" for k, slot in enumerate(self.carried)}
+        texts = {slot: f"s{k}" for k, slot in enumerate(self.carried)}
         steady = {number: f"p{number}" for number in self.steady}
         roots = [*body.output, *body.ends.values(), *(v for g in body.guards for v in (g.a, g.b))]
         for turn in range(count):
             names = dict(steady)
             for node in _inputs(roots):
-                names[node.number] = shown[node.args[0]] if node.op == "input" else f"(k + {turn})"
+                names[node.number] = texts[node.args[0]] if node.op == "input" else f"(k + {turn})"
             text = Text(f"t{turn}_", names)
             text.compute(roots)
             text.lines += [_noted(text, guard) for guard in body.guards]
             for c in range(self.columns):
                 text.lines += _measured(self.measured, c, text.text_of(body.output[c]), begin=False)
             lines += text.lines
-            shown = {slot: text.text_of(body.ends[slot]) for slot in self.carried}
-        lines += [f"X[{self.slot[slot] * LANES} + lane] = {value}" for slot, value in shown.items()]
+            texts = {slot: text.text_of(body.ends[slot]) for slot in self.carried}
+        lines += [f"X[{self.slot[slot] * LANES} + lane] = {value}" for slot, value in texts.items()]
         lines += [f"X[{self.place[c, m] * LANES} + lane] = {_measure(c, m)}" for c, m in self.measures]
         lines.append(f"X[{self.bad * LANES} + lane] = bad")
         return "\n".join(
@@ -187,11 +187,11 @@ class _Lanes:
             f"single(X, {begin} + {count} * (left // {count}), left % {count})",
         ]
 
-    def _kept(self, which: Sequence[int], outputs: int, *, late: bool = False) -> list[str]:
-        """Measures to where the lanes give them; the least and the largest then begin anew."""
+    def _store_measures(self, columns: Sequence[int], outputs: int, *, late: bool = False) -> list[str]:
+        """Store measures where the lanes give them; the least and the largest then begin anew."""
         lines = []
         for c, m in self.measures:
-            if m in which:
+            if m in columns:
                 to = m + (LATE_LOW - LOW if late else 0)
                 lines.append(f"O[o + {(c * MEASURES + to) * LANES} + lane] = X[{self.place[c, m] * LANES} + lane]")
                 if m in (LOW, HIGH) and not late:
@@ -213,7 +213,7 @@ def _measure(c: int, m: int) -> str:
 
 
 def _measured(measured: Sequence[int], c: int, x: str, *, begin: bool) -> list[str]:
-    """Lines that take one number of a column into its measures."""
+    """Write lines that take one number of a column into its measures."""
     lines = []
     for m in measured:
         name = _measure(c, m)

@@ -37,14 +37,14 @@ LONG = 10_000_000  # and for which a program is worth the time that the best cod
 
 
 class Beginnings(Protocol):
-    """What the buffers of variants hold at the beginning."""
+    """The buffers of variants at the beginning."""
 
-    def arenas(self, which: Any) -> FloatArray:
-        """All of it, (v, arena)."""
+    def arenas(self, members: Any) -> FloatArray:
+        """Give all of it, (v, arena)."""
         ...
 
-    def entry(self, k: int, which: Any) -> FloatArray:
-        """One entry that is not the same in all of them, (v,)."""
+    def entry(self, k: int, members: Any) -> FloatArray:
+        """Give one entry that varies, (v,)."""
         ...
 
 
@@ -58,7 +58,7 @@ class Ended:
     rows: FloatArray
     fault: int
     arena: FloatArray
-    told: FloatArray
+    arena_copy: FloatArray
 
 
 @dataclass
@@ -88,29 +88,29 @@ class Job:
     ticks: int
     varying: Index
     look: Callable[[FloatArray], None] | None = None
-    aside: int = 0  # variants that ran side by side
+    side_by_side: int = 0  # variants that ran side by side
     spent: float = 0.0  # on runs [s]
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
-        """Measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
-        found = np.empty((self.variants, len(self.columns), MEASURES))
+        """Give measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
+        measures = np.empty((self.variants, len(self.columns), MEASURES))
         faults = np.full(self.variants, -1)
         rest = np.arange(self.variants)
         lanes, single = self._lanes(), _Single(self)
         began = perf_counter()
         if lanes is not None:
-            rest = self._side_by_side(*lanes, found, threads)
-            self.aside = self.variants - len(rest)
+            rest = self._side_by_side(*lanes, measures, threads)
+            self.side_by_side = self.variants - len(rest)
 
-        def one(which: Index) -> None:
-            single.measure(which, found, faults)
+        def one(members: Index) -> None:
+            single.measure(members, measures, faults)
 
         _shared(one, [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)], threads)
         self.spent += perf_counter() - began
-        return found, faults
+        return measures, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
-        """Every variant in turn, with its rows."""
+        """Run every variant in turn, with its rows."""
         single = _Single(self)
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
@@ -121,7 +121,7 @@ class Job:
     # Side by side -------------------------------------------------------------------------------------------------
 
     def _lanes(self) -> tuple[LanesText, Native] | None:
-        """The program for lanes, if there is one and it is worth it."""
+        """Write the program for lanes, if there is one and it is worth it."""
         work = self.variants * self.ticks
         if work < LOOK or self.look is not None or self.ticks > LARGEST_TICK:
             return None
@@ -146,8 +146,8 @@ class Job:
         except (NotSteadyError, LookupError, InputError):
             return None
 
-    def _side_by_side(self, text: LanesText, native: Native, found: FloatArray, threads: int) -> Index:
-        """Runs all variants in lanes; which of them are not as was taken for granted."""
+    def _side_by_side(self, text: LanesText, native: Native, measures: FloatArray, threads: int) -> Index:
+        """Run all variants in lanes; list those that are not as was taken for granted."""
         early = self.ticks // 2
         late = self.ticks - early
         entries = [self.places[name].start + k for name, k in text.inputs]
@@ -156,23 +156,23 @@ class Job:
         left: list[Index] = []
         count = [0, 0]
 
-        def run(which: Index) -> None:
+        def run(members: Index) -> None:
             if 2 * count[1] > count[0] > 0:  # most are not: then none need to be tried
-                left.append(which)
+                left.append(members)
                 return
-            blocks = -(-len(which) // LANES)
-            padded = np.append(which, np.repeat(which[-1:], blocks * LANES - len(which)))
-            given = np.empty((blocks, len(entries), LANES))
-            given[...] = common
+            blocks = -(-len(members) // LANES)
+            padded = np.append(members, np.repeat(members[-1:], blocks * LANES - len(members)))
+            entries_ = np.empty((blocks, len(entries), LANES))
+            entries_[...] = common
             for k, entry in own:
-                given[:, k] = self.begin.entry(entry, padded).reshape(blocks, LANES)
+                entries_[:, k] = self.begin.entry(entry, padded).reshape(blocks, LANES)
             out = np.full((blocks, text.outputs, LANES), np.nan)
-            native.bind(given.reshape(-1), np.zeros(text.scratch), out.reshape(-1)).long(blocks, early, late)
-            out = out.swapaxes(1, 2).reshape(blocks * LANES, text.outputs)[: len(which)]
-            found[which] = out[:, :-1].reshape(len(which), len(self.columns), MEASURES)
-            bad = which[out[:, -1] != 0.0]
+            native.bind(entries_.reshape(-1), np.zeros(text.scratch), out.reshape(-1)).long(blocks, early, late)
+            out = out.swapaxes(1, 2).reshape(blocks * LANES, text.outputs)[: len(members)]
+            measures[members] = out[:, :-1].reshape(len(members), len(self.columns), MEASURES)
+            bad = members[out[:, -1] != 0.0]
             left.append(bad)
-            count[0] += len(which)
+            count[0] += len(members)
             count[1] += len(bad)
 
         numbers = np.arange(self.variants)
@@ -207,50 +207,50 @@ class _Single:
         source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
         self.taking = compiled(source)
 
-    def measure(self, which: Index, found: FloatArray, faults: Index) -> None:
-        """Runs variants and puts down their measures and faults."""
+    def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
+        """Run variants and note their measures and faults."""
         job = self.job
         arena, run, rows = self._bound(min(BLOCK, job.ticks))
-        begin = job.begin.arenas(which)
+        begin = job.begin.arenas(members)
         columns = np.array(job.columns, dtype=float)
-        taken = empty(len(columns))
-        buffers = {"rows": rows.reshape(-1), "columns": columns, "found": taken.reshape(-1)}
+        sums = empty(len(columns))
+        buffers = {"rows": rows.reshape(-1), "columns": columns, "found": sums.reshape(-1)}
         taking = self.taking.bind(*(buffers[name] for name in self.taking.arrays)).long
         half = job.ticks // 2
-        for variant, arrays in zip(which.tolist(), begin, strict=True):
+        for variant, arrays in zip(members.tolist(), begin, strict=True):
             arena[:] = arrays
-            taken[...] = empty(len(columns))
+            sums[...] = empty(len(columns))
             k = 0
             for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
                 while k < end:
                     count = run(k, min(len(rows), end - k), 0)
                     if k == 0:
-                        taken[:, FIRST] = rows[0, list(job.columns)]
+                        sums[:, FIRST] = rows[0, list(job.columns)]
                     taking(count, job.width, len(columns), low)
                     k += count
-            found[variant] = taken
+            measures[variant] = sums
             faults[variant] = self._fault(arena)
             if job.look is not None:
                 with self.looking:
                     job.look(arena)
 
     def record(self, variant: int) -> Ended:
-        """Runs one variant and keeps its rows."""
+        """Run one variant and record its rows."""
         arena, run, rows = self._bound(self.job.ticks)
         arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
-        k, told = 0, arena
+        k, copy = 0, arena
         while k < self.job.ticks:
             k += run(k, min(BLOCK, self.job.ticks - k), k)
-            if told is arena and self._fault(arena) >= 0:
-                told = arena.copy()
-        return Ended(rows, self._fault(arena), arena, told)
+            if copy is arena and self._fault(arena) >= 0:
+                copy = arena.copy()
+        return Ended(rows, self._fault(arena), arena, copy)
 
     def _fault(self, arena: FloatArray) -> int:
         own = arena[self.job.places[self.job.tick.own_name]]
         return int(own[TICK]) if own[FAULTED] else -1
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
-        """An arena, the program on it, and the rows that it writes."""
+        """Bind the program to an arena, and give the rows that it writes."""
         job = self.job
         arena = np.zeros(max(place.stop for place in job.places.values()))
         rows = np.zeros((count, job.width))
@@ -259,7 +259,7 @@ class _Single:
 
 
 def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:
-    """Jobs by some threads, each the next one that is left."""
+    """Share jobs among some threads, each taking the next one."""
     left = iter(jobs)
     lock = Lock()
 
@@ -276,8 +276,8 @@ def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -
         return
     with ThreadPoolExecutor(threads) as pool:
         try:
-            for done in as_completed([pool.submit(work) for _ in range(threads)]):
-                done.result()
+            for future in as_completed([pool.submit(work) for _ in range(threads)]):
+                future.result()
         finally:  # after an error, or if the user breaks off, no thread begins another
             with lock:
                 left = iter(())

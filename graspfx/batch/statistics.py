@@ -1,4 +1,4 @@
-"""What is kept of a run instead of its rows: first, last, least, largest, sums and squares of each number asked for."""
+"""Statistics instead of rows: first, last, least, largest, sums and squares of each number asked for."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ FloatArray = NDArray[np.float64]
 STATISTICS = tuple(NEEDS)
 
 
-def take(rows: Any, columns: Any, found: Any, count: int, width: int, numbers: int, low: int) -> None:
-    """Takes rows into measures.
+def take(rows: Any, columns: Any, measures: Any, count: int, width: int, numbers: int, low: int) -> None:
+    """Take rows into measures.
 
     Args:
         rows: a buffer of rows.
@@ -30,35 +30,35 @@ def take(rows: Any, columns: Any, found: Any, count: int, width: int, numbers: i
         for j in range(numbers):
             x = rows[r * width + int(columns[j])]
             o = j * MEASURES
-            found[o + LAST] = x
-            found[o + SUM] = found[o + SUM] + x
-            found[o + SQUARES] = found[o + SQUARES] + x * x
-            if x < found[o + low]:
-                found[o + low] = x
-            if x > found[o + low + 1]:
-                found[o + low + 1] = x
+            measures[o + LAST] = x
+            measures[o + SUM] = measures[o + SUM] + x
+            measures[o + SQUARES] = measures[o + SQUARES] + x * x
+            if x < measures[o + low]:
+                measures[o + low] = x
+            if x > measures[o + low + 1]:
+                measures[o + low + 1] = x
 
 
 def empty(numbers: int) -> FloatArray:
-    """Measures of no row, (numbers, MEASURES)."""
-    found = np.zeros((numbers, MEASURES))
-    found[:, [LOW, LATE_LOW]] = np.inf
-    found[:, [HIGH, LATE_HIGH]] = -np.inf
-    return found
+    """Make measures of no row, (numbers, MEASURES)."""
+    measures = np.zeros((numbers, MEASURES))
+    measures[:, [LOW, LATE_LOW]] = np.inf
+    measures[:, [HIGH, LATE_HIGH]] = -np.inf
+    return measures
 
 
-def statistic(name: str, found: FloatArray, ticks: int) -> FloatArray:
-    """A statistic from measures (..., MEASURES) of a run of so many ticks; NaN where no number was one.
+def statistic(name: str, measures: FloatArray, ticks: int) -> FloatArray:
+    """Compute a statistic from measures (..., MEASURES) of a run of so many ticks; NaN where no number was one.
 
     growth is the peak magnitude of the second half of the ticks over that of the first (half of them, rounded down).
     """
     if name in ("first", "last"):
-        return found[..., FIRST if name == "first" else LAST]
+        return measures[..., FIRST if name == "first" else LAST]
     if name == "mean":
-        return found[..., SUM] / ticks
+        return measures[..., SUM] / ticks
     if name == "rms":
-        return np.asarray(np.sqrt(found[..., SQUARES] / ticks))
-    low, high = found[..., [LOW, LATE_LOW]], found[..., [HIGH, LATE_HIGH]]
+        return np.asarray(np.sqrt(measures[..., SQUARES] / ticks))
+    low, high = measures[..., [LOW, LATE_LOW]], measures[..., [HIGH, LATE_HIGH]]
     if name == "min":
         return _number(low.min(axis=-1))
     if name == "max":

@@ -33,7 +33,7 @@ FULL = 16  # variants that are all built: fewer are not worth a thought
 
 @dataclass(frozen=True)
 class Program:
-    """What variants with the same programs share: a servo that was built for one of them, and its tick."""
+    """The program of variants that share it: a servo that was built for one of them, and its tick."""
 
     servo: Servo
     tick: Tick
@@ -41,22 +41,22 @@ class Program:
     @cached_property
     def places(self) -> dict[str, slice]:
         """Where each buffer is in the arena, all of them in one."""
-        found, start = {}, 0
+        starts, start = {}, 0
         for name, array in self.tick.script.arrays.items():
-            found[name] = slice(start, start + array.size)
+            starts[name] = slice(start, start + array.size)
             start += array.size
-        return found
+        return starts
 
     def fill(self, arena: FloatArray) -> None:
-        """Puts what a variant's buffers hold into those of the servo."""
+        """Fill a variant's buffers into those of the servo."""
         for name, array in self.tick.script.arrays.items():
             array[...] = arena[self.places[name]]
 
     def check_activity(self, arena: FloatArray) -> None:
-        """Warns as `gx.run` does where matrices for gains, as a variant's buffers hold them, can create energy."""
+        """Warn like `gx.run` where matrices for gains, as a variant's buffers hold them, can create energy."""
         self.fill(arena)
-        for held in self.servo.objects:
-            held.grasped.check_activity()
+        for part in self.servo.objects:
+            part.grasped.check_activity()
 
 
 @dataclass(frozen=True)
@@ -93,18 +93,18 @@ class Group:
         """Entries of the arena that are not the same in all members."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
 
-    def arenas(self, which: Any) -> FloatArray:
-        """What the buffers of some members hold, (v, arena)."""
-        count = len(self.members[which])
-        found = np.repeat(self.base[None], count, axis=0)
+    def arenas(self, members: Any) -> FloatArray:
+        """Give the buffers of some members, (v, arena)."""
+        count = len(self.members[members])
+        copies = np.repeat(self.base[None], count, axis=0)
         for entries, rows, choice in self.factors:
-            found[:, entries] = rows[choice[which]]
-        return found
+            copies[:, entries] = rows[choice[members]]
+        return copies
 
-    def entry(self, k: int, which: Any) -> FloatArray:
-        """One of the entries that vary, of some members, (v,)."""
+    def entry(self, k: int, members: Any) -> FloatArray:
+        """Give one of the entries that vary, of some members, (v,)."""
         entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
-        return np.asarray(rows[choice[which], np.searchsorted(entries, k)])
+        return np.asarray(rows[choice[members], np.searchsorted(entries, k)])
 
 
 class Variants:
@@ -117,7 +117,7 @@ class Variants:
     """
 
     def __init__(self, scene: Scene, values: Mapping[str, Sequence[Any]], numbers: Index) -> None:
-        self.scene, self.values, self.numbers = scene, {key: list(given) for key, given in values.items()}, numbers
+        self.scene, self.values, self.numbers = scene, {key: list(items) for key, items in values.items()}, numbers
         self.keys = list(self.values)
         self.notes: list[str] = []
         self._built: dict[Numbers, Built] = {}
@@ -127,7 +127,7 @@ class Variants:
         return {key: self.values[key][number] for key, number in zip(self.keys, numbers, strict=True)}
 
     def built(self, numbers: Index) -> Built:
-        """The variant with these values.
+        """Build the variant with these values.
 
         Raises:
             SceneError: of the scene, with the values.
@@ -139,14 +139,14 @@ class Variants:
         return self._built[at]
 
     def _make(self, overrides: Mapping[str, Any]) -> Built:
-        shown = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())
+        text = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())
         try:
             with build(self.scene.replace(overrides)) as servo:
                 tick = write(servo.parts)
                 built = Built(np.concatenate(list(tick.script.arrays.values())), _structure(tick))
         except SceneError as error:
             faults = [Fault(fault.key, fault.message) for fault in error.faults]
-            raise SceneError(f"{error.source} with {shown}", faults) from error
+            raise SceneError(f"{error.source} with {text}", faults) from error
         if built.structure not in self._programs:
             others = [*foreign(servo), *guests(servo), *looked_ahead(servo)]
             if others:
@@ -163,20 +163,20 @@ class Variants:
         return len(self._built)
 
     def groups(self) -> list[Group]:
-        """The variants by their programs.
+        """Group the variants by their programs.
 
         Raises:
             SceneError, InputError: as `built`.
         """
-        found: list[Group] = []
+        groups_: list[Group] = []
         for members in self._patterns():
-            found += self._split(members)
-        return found
+            groups_ += self._split(members)
+        return groups_
 
     # Values that meet ---------------------------------------------------------------------------------------------
 
     def _patterns(self) -> Iterator[Index]:
-        """Variants by which of their values are equal: kep = kip is another scene than two gains that differ."""
+        """Group variants by which of their values are equal: kep = kip is another scene than two gains that differ."""
         same = [
             np.array([[_equal(a, b) for b in self.values[other]] for a in self.values[key]])[
                 self.numbers[:, i], self.numbers[:, j]
@@ -184,12 +184,14 @@ class Variants:
             for (i, key), (j, other) in itertools.combinations(enumerate(self.keys), 2)
         ]
         pattern = np.array(same, dtype=int).reshape(len(same), len(self.numbers)).T
-        _, which = np.unique(pattern, axis=0, return_inverse=True) if same else (None, np.zeros(len(self.numbers), int))
-        for k in np.unique(which):
-            yield np.flatnonzero(which.ravel() == k)
+        _, pattern_of = (
+            np.unique(pattern, axis=0, return_inverse=True) if same else (None, np.zeros(len(self.numbers), int))
+        )
+        for k in np.unique(pattern_of):
+            yield np.flatnonzero(pattern_of.ravel() == k)
 
     def _tied(self, members: Index) -> list[list[int]]:
-        """Keys that have equal values in all of these variants, together; each other key by itself."""
+        """Tie keys that have equal values in all of these variants; each other key stands by itself."""
         together: list[list[int]] = []
         for i, key in enumerate(self.keys):
             for group in together:
@@ -205,7 +207,7 @@ class Variants:
     # Putting together ---------------------------------------------------------------------------------------------
 
     def _split(self, members: Index) -> list[Group]:
-        """Variants of which some may have other programs."""
+        """Split variants of which some may have other programs."""
         if len(members) <= FULL:
             return self._each(members)
         middle = self.numbers[members[len(members) // 2]]
@@ -246,12 +248,12 @@ class Variants:
         return self._all(members, "their keys do not act by themselves")
 
     def _choices(self, members: Index, keys: Sequence[int]) -> tuple[Index, Index]:
-        """The values that some keys have together, and which of them each variant has."""
+        """List the values that some keys have together, and which of them each variant has."""
         rows, choice = np.unique(self.numbers[members][:, keys], axis=0, return_inverse=True)
         return rows, choice.ravel()
 
     def _is_grid(self, members: Index) -> bool:
-        """Whether every value is there with those of the variant in the middle."""
+        """Tell whether every value is there with those of the variant in the middle."""
         have = {tuple(row) for row in self.numbers.tolist()}
         middle = self.numbers[members[len(members) // 2]]
         return all(
@@ -261,18 +263,18 @@ class Variants:
         )
 
     def _holds(self, group: Group, structure: str) -> bool:
-        """Whether variants that are built are what was put together: those of all extremes, and some others."""
-        found = self.numbers[group.members]
-        ends = [np.isin(found[:, i], _extremes(self.values[key], found[:, i])) for i, key in enumerate(self.keys)]
+        """Check that built variants are what was put together: those of all extremes, and some others."""
+        numbers = self.numbers[group.members]
+        ends = [np.isin(numbers[:, i], _extremes(self.values[key], numbers[:, i])) for i, key in enumerate(self.keys)]
         corners = np.flatnonzero(np.all(ends, axis=0))
-        random = np.random.default_rng(len(found))
-        some = random.choice(len(found), size=min(CHECKED, len(found)), replace=False)
+        random = np.random.default_rng(len(numbers))
+        some = random.choice(len(numbers), size=min(CHECKED, len(numbers)), replace=False)
         lone = [int(np.flatnonzero(end)[0]) for end in ends if end.any()]
-        for which in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
-            built = self.built(found[which])
+        for variant in dict.fromkeys([*corners[:64].tolist(), *lone, *some.tolist()]):
+            built = self.built(numbers[variant])
             if built.structure != structure:
                 return False
-            if built.arena.tobytes() != group.arenas(slice(which, which + 1))[0].tobytes():
+            if built.arena.tobytes() != group.arenas(slice(variant, variant + 1))[0].tobytes():
                 return False
         return True
 
@@ -281,7 +283,7 @@ class Variants:
         return self._each(members)
 
     def _each(self, members: Index) -> list[Group]:
-        """Every variant built."""
+        """Build every variant."""
         kinds: dict[str, list[tuple[int, Built]]] = {}
         for member in members.tolist():
             built = self.built(self.numbers[member])
@@ -308,28 +310,28 @@ def _structure(tick: Tick) -> str:
 
 
 def _with(numbers: Index, keys: Sequence[int], row: Sequence[int]) -> Index:
-    found = numbers.copy()
-    found[list(keys)] = row
-    return found
+    changed = numbers.copy()
+    changed[list(keys)] = row
+    return changed
 
 
 def _changed(base: Built, built: Sequence[Built]) -> set[int]:
-    """Entries of the arena that are another number, to the last bit, in some of these."""
+    """List entries of the arena that are another number, to the last bit, in some of these."""
     first = base.arena.view(np.int64)
     return {int(k) for each in built for k in np.flatnonzero(each.arena.view(np.int64) != first)}
 
 
 def _extremes(values: Sequence[Any], used: Index) -> list[int]:
-    """The first and the last of some values, and the least and the largest."""
+    """List the first and the last of some values, and the least and the largest."""
     numbers = np.unique(used).tolist()
-    found = [numbers[0], numbers[-1]]
+    extremes = [numbers[0], numbers[-1]]
     if all(isinstance(values[n], int | float) for n in numbers):
-        found += [min(numbers, key=lambda n: values[n]), max(numbers, key=lambda n: values[n])]
-    return found
+        extremes += [min(numbers, key=lambda n: values[n]), max(numbers, key=lambda n: values[n])]
+    return extremes
 
 
 def _equal(a: Any, b: Any) -> bool:
-    """Whether two values are the same numbers, one for all or many."""
+    """Tell whether two values are the same numbers, one for all or many."""
     if type(a) in (int, float) and type(b) in (int, float):
         return bool(a == b)
     if not isinstance(a, list) and not isinstance(b, list):

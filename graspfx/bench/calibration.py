@@ -17,21 +17,21 @@ ROUNDS = 25
 
 @dataclass(frozen=True)
 class Calibration:
-    """What was run and how long a step took, the best of many rounds; only the same `kind` compares."""
+    """The machine of a run and the time of a step there, the best of many rounds; only the same `kind` compares."""
 
     kind: str
     step_ns: float
 
 
 def chain(steps: int, x: float) -> float:
-    """Steps that each wait for the last one: a product, a sum and a division, as in the kernels of the tick."""
+    """Take steps that each wait for the last one: a product, a sum and a division, as in the kernels of the tick."""
     for _ in range(steps):
         x = 1.0 / (0.5 * x + 0.75)
     return x
 
 
 def calibrate() -> Calibration:
-    """The chain as machine code; without llvmlite libm's cos, whose call from Python is most of its time."""
+    """Time the chain as machine code; without llvmlite libm's cos, whose call from Python is most of its time."""
     if is_installed("llvmlite"):
         run = compiled(chain)
         return Calibration("compiled: x = 1 / (x / 2 + 3 / 4)", _step(lambda: run(STEPS, 1.0), STEPS))

@@ -1,4 +1,4 @@
-"""What is compared: a case is one problem, a method one way to solve it, with its error against an oracle."""
+"""Cases of a comparison: a case is one problem, a method one way to solve it, with its error against an oracle."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ class Benchmark(Protocol):
     LIMITS: str
 
     def cases(self, quick: bool) -> Generator[Case]:
-        """One after another, so that what a case has built can be let go of before the next."""
+        """Yield the cases one after another, so that memory of one is free before the next is built."""
         ...
 
 
 def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[], object]:
-    """A call that does one operation per input, function(input), for a method with calls = len(inputs)."""
+    """Make a call that does one operation per input, function(input), for a method with calls = len(inputs)."""
     arguments = tuple(inputs)
 
     def call() -> object:
@@ -88,7 +88,7 @@ def each(function: Callable[..., object], inputs: Iterable[Any]) -> Callable[[],
 
 
 def missing(name: str, package: str) -> Method:
-    """The method of a peer that is not installed, to stand in its place: its row says what to install."""
+    """Make the method of a peer that is not installed, to stand in its place: its row says what to install."""
 
     def absent() -> NoReturn:
         raise MissingPackageError(package, name, f"pip install {package}")
@@ -97,5 +97,5 @@ def missing(name: str, package: str) -> Method:
 
 
 def is_installed(module: str) -> bool:
-    """Whether a peer can be imported, without importing it."""
+    """Tell whether a peer can be imported, without importing it."""
     return find_spec(module) is not None

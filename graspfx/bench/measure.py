@@ -44,7 +44,7 @@ QUICK = Effort(rounds=7, batch=500_000, most=100_000_000, least=1, singles=200)
 
 @dataclass(frozen=True)
 class Row:
-    """What is reported of one method in one case.
+    """A line of the report: one method in one case.
 
     Attributes:
         time_us: of one operation, the best round's [us]: what others on the machine disturbed least; None if not timed.
@@ -69,7 +69,7 @@ class Row:
 
 
 def measure(case: Case, effort: Effort) -> list[Row]:
-    """A row per method, in the case's order; what is wrong or missing is not timed."""
+    """Measure a row per method, in the case's order; what is wrong or missing is not timed."""
     checked, single = [], {}
     for i, method in enumerate(case.methods):
         if method.once:
@@ -86,14 +86,14 @@ def measure(case: Case, effort: Effort) -> list[Row]:
 
 
 def with_ratios(rows: Sequence[Row], reference: str) -> list[Row]:
-    """The rows of one case with their times over that of the method of reference, else of the quickest."""
+    """Divide the times of one case by that of the method of reference, else by that of the quickest."""
     times = {row.method: row.time_us for row in rows if row.time_us is not None}
     one = times.get(reference) if reference else min(times.values(), default=None)
     return [row if row.time_us is None or not one else replace(row, ratio=row.time_us / one) for row in rows]
 
 
 def check(case: Case, method: Method) -> Row:
-    """The row of a method before it is timed: its error, and whether that is within its bound."""
+    """Write the row of a method before it is timed: its error, and whether that is within its bound."""
     bound = case.bound if method.bound is None else method.bound
     try:
         error = float(method.error() if callable(method.error) else method.error)
@@ -109,7 +109,7 @@ def check(case: Case, method: Method) -> Row:
 
 
 def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
-    """Times of one operation [us] of each method, round by round; every round starts with another method."""
+    """Time one operation [us] of each method, round by round; every round starts with another method."""
     seconds: list[list[float]] = [[] for _ in methods]
     rounds, spent = [0] * len(methods), [0] * len(methods)
     with collector_off():
@@ -129,7 +129,7 @@ def interleaved(methods: Sequence[Method], effort: Effort) -> list[list[float]]:
 
 
 def clocked(call: Callable[[], object], number: int) -> int:
-    """Time of so many calls [ns]."""
+    """Time so many calls [ns]."""
     times = repeat(None, number)
     start = perf_counter_ns()
     for _ in times:
@@ -139,7 +139,7 @@ def clocked(call: Callable[[], object], number: int) -> int:
 
 @contextmanager
 def collector_off() -> Iterator[None]:
-    """No garbage is collected within: it would be found in one method's time and made by another.
+    """Switch the garbage collector off: garbage of one method would be collected in another's time.
 
     What is there before is set aside, so that to collect between rounds is quick.
     """
@@ -156,7 +156,7 @@ def collector_off() -> Iterator[None]:
 
 
 def _repetitions(call: Callable[[], object], batch: int) -> int:
-    """Calls that take at least `batch` [ns]; the first ones, which are slower, are not counted."""
+    """Count the calls that take at least `batch` [ns]; the first ones, which are slower, are not counted."""
     call()
     number = 1
     while (ns := clocked(call, number)) < batch:

@@ -26,7 +26,7 @@ BENCHMARKS = {
 
 
 def select(names: Sequence[str]) -> list[str]:
-    """The names, all there are if none is given, in the order of the report; an unknown one is an error."""
+    """Select names, all there are if none is given, in the order of the report; an unknown one is an error."""
     for name in names:
         if name not in BENCHMARKS:
             raise UnknownNameError("benchmark", name, BENCHMARKS)
@@ -38,7 +38,7 @@ def benchmark(name: str) -> Benchmark:
 
 
 def rows(name: str, quick: bool) -> Iterator[Row]:
-    """Runs a benchmark, case by case; without the package that its oracle needs, one row says so."""
+    """Run a benchmark, case by case; without the package that its oracle needs, one row says so."""
     module = benchmark(name)
     try:
         for case in module.cases(quick):

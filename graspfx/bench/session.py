@@ -51,12 +51,12 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None,
 
 
 def files(names: Sequence[str], out: Path) -> list[Path]:
-    """Files that a report on benchmarks, on all if none is named, may write into a folder."""
+    """List the files that a report on benchmarks, on all if none is named, may write into a folder."""
     return [out / NAME, out / PAGE, *(_picture(out, name) for name in select(names))]
 
 
 def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
-    """One benchmark into the report; each case is printed when it is done, unless `quiet`."""
+    """Run one benchmark into the report; each case is printed when it is done, unless `quiet`."""
     module = benchmark(name)
     before, load_before = calibrate(), load()
     lines: list[Row] = []
@@ -73,7 +73,7 @@ def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
 
 
 def show(name: str, rows: Sequence[Row]) -> None:
-    """One case as text, the quickest first; an asterisk marks the Pareto front."""
+    """Show one case as text, the quickest first; an asterisk marks the Pareto front."""
     [(case, ordered)] = by_case(rows).items()
     best = front(ordered)
     unit = next((row.unit for row in ordered if row.unit), "")
@@ -88,7 +88,7 @@ def show(name: str, rows: Sequence[Row]) -> None:
 
 
 def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
-    """The report as JSON, its page, and the figures of the benchmarks `drawn`."""
+    """Write the report as JSON, its page, and the figures of the benchmarks `drawn`."""
     from graspfx.bench.report.figures import figure
     from graspfx.loop.recording.places import make_folder
 

@@ -26,7 +26,7 @@ def axes_notes(parts: Parts) -> list[str]:
 
 
 def _has_axes(scene: Scene) -> bool:
-    """Whether a gain is a matrix, and stands where springs may create energy."""
+    """Tell whether a gain is a matrix, and stands where springs may create energy."""
     rules = scene.coupling
     sound = rules.axes != "world" and rules.reaction == "fingertip"
     gains = [gain for part in (rules.external, rules.internal) for gain in (part.stiffness, part.damping)]
@@ -35,15 +35,15 @@ def _has_axes(scene: Scene) -> bool:
 
 def _notes(parts: Parts) -> Iterator[str]:
     rules = parts.scene.coupling
-    for held in grasps(parts):
-        if not held.grasped.block[at.TURNS]:
+    for part in grasps(parts):
+        if not part.grasped.block[at.TURNS]:
             continue
-        energy = worst_turn(held.grasped, held.grasped.finger_position.copy())
+        energy = worst_turn(part.grasped, part.grasped.finger_position.copy())
         if abs(energy.share) <= CREATES:
             continue
         where = f"in {rules.axes} axes" + (" with reaction = 'contact'" if rules.reaction == "contact" else "")
         yield (
-            f"gains that are matrices {where} create energy on {held.name} as it turns: up to "
+            f"gains that are matrices {where} create energy on {part.name} as it turns: up to "
             f"{100.0 * abs(energy.share):.2g} % of the largest stored on a closed turn of +-{TURN:g} rad; "
             "axes = 'object' with reaction = 'fingertip' and form = 'symmetric' creates none"
         )

@@ -67,7 +67,7 @@ def make_solid(table: Object | Obstacle, folder: Path | None) -> Solid:
 
 
 def _primitive(table: Object | Obstacle) -> Shape | None:
-    """A shape in closed form: its table's keys are what it takes."""
+    """Make a shape in closed form: its table's keys are its parameters."""
     if table.shape is None or table.shape.kind not in SHAPES:
         return None
     from graspfx.surfaces.closed_form import shape
@@ -77,7 +77,7 @@ def _primitive(table: Object | Obstacle) -> Shape | None:
 
 
 def mass(table: Object, solid: Solid) -> float:
-    """As the table gives it, or its density times the volume of its shape [kg].
+    """Give the mass of the table, or its density times the volume of its shape [kg].
 
     Raises:
         InputError: neither a mass nor a density with a volume.
@@ -91,7 +91,7 @@ def mass(table: Object, solid: Solid) -> float:
 
 
 def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
-    """Moments about the centre as the table gives them, else those of the solid shape [kg m^2]; None for neither."""
+    """Give the table's moments about the centre, else those of the solid shape [kg m^2]; None for neither."""
     if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
     if solid.mesh is not None:

@@ -16,7 +16,7 @@ from graspfx.build.resolve import Parts, resolve
 from graspfx.build.wiring import outside_faults, placing_faults
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.parts import Held, Mover, Station
+from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.servo import Servo
 
@@ -47,23 +47,23 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
     if any(fault for wire in wired for fault in outside_faults(wire, start)):
         raise scene.error(placing_faults(start, wired))
     with ExitStack() as stack:
-        objects = [Held(part.name, part.grasped(parts.limits), part.fingers) for part in parts.objects]
-        movers = list(make_movers(parts, [held.grasped.body_state for held in objects], stack))
+        objects = [GraspedPart(part.name, part.grasped(parts.limits), part.fingers) for part in parts.objects]
+        movers = list(make_movers(parts, [member.grasped.body_state for member in objects], stack))
         inward = meet(parts, objects, movers)
-        moved = list(make_plants(parts, wired, inward))
+        plants = list(make_plants(parts, wired, inward))
         for wire in wired:
             if live or isinstance(wire.device, SimulatedDevice):
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
-        stations = [Station(wire.device, wire.fingers) for wire in wired]
+        stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
         observers = list(_observers(parts, objects, movers))
         yield Servo(
-            scene.period, make_layout(parts), stations, objects, movers, moved, observers, engine or scene.engine,
+            scene.period, make_layout(parts), stations, objects, movers, plants, observers, engine or scene.engine,
             record=record,
         )  # fmt: skip
 
 
-def meet(parts: Parts, objects: Sequence[Held], movers: Sequence[Mover]) -> FloatArray:
+def meet(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> FloatArray:
     """Let the fingers meet their objects where they start; the unit normals into the objects there, (n, d)."""
     for mover in movers:
         if any(objects[i].grasped.implicit for i in mover.objects):
@@ -95,7 +95,7 @@ def make_layout(parts: Parts) -> Layout:
     )
 
 
-def _observers(parts: Parts, objects: Sequence[Held], movers: Sequence[Mover]) -> Iterator[Observer]:
+def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> Iterator[Observer]:
     scene = parts.scene
     if scene.coupling.passivity == "off":
         return
@@ -104,12 +104,12 @@ def _observers(parts: Parts, objects: Sequence[Held], movers: Sequence[Mover]) -
         friction[wire.used] = wire.features.friction or 0.0
         mass[wire.used] = wire.features.mass or np.inf
     body_of = {i: mover.body for mover in movers for i in mover.objects}
-    for i, held in enumerate(objects):
+    for i, part in enumerate(objects):
         yield Observer(
-            held.grasped,
+            part.grasped,
             body_of[i],
             scene.period,
             control=scene.coupling.passivity == "control",
-            friction=friction[held.fingers],
-            mass=mass[held.fingers],
+            friction=friction[part.fingers],
+            mass=mass[part.fingers],
         )

@@ -1,4 +1,4 @@
-"""What of a scene meets what: objects, obstacles and one another, and how the plan says it."""
+"""Encounters of a scene: which objects and obstacles meet, and how the plan says it."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ if TYPE_CHECKING:
     from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
 def moves(scene: SceneTable, thing: Object) -> bool:
-    """Whether any freedom of an object is free."""
+    """Tell whether any freedom of an object is free."""
     return any(scene.free(thing))
 
 
 def collide(scene: SceneTable) -> bool:
-    """Whether objects that share a world meet one another."""
+    """Tell whether objects that share a world meet one another."""
     return scene.world.collide if scene.world.collide is not None else scene.dimensions == 3
 
 
 def groups(scene: SceneTable) -> list[list[int]]:
-    """The objects that are moved together, by number: natively each alone, otherwise those of a world."""
-    found: list[list[int]] = []
+    """List the objects that are moved together, by number: natively each alone, otherwise those of a world."""
+    groups_: list[list[int]] = []
     for i, thing in enumerate(scene.object):
-        mates = [group for group in found if scene.object[group[0]].dynamics == thing.dynamics != "native"]
+        mates = [group for group in groups_ if scene.object[group[0]].dynamics == thing.dynamics != "native"]
         if mates and (scene.obstacle or collide(scene)):
             mates[0].append(i)
         else:
-            found.append([i])
-    return found
+            groups_.append([i])
+    return groups_
 
 
 def in_world(scene: SceneTable, group: Sequence[int]) -> bool:
-    """Whether the objects of a group meet anything: an obstacle, or one another."""
+    """Tell whether the objects of a group meet anything: an obstacle, or one another."""
     things = [scene.object[i] for i in group]
     if scene.obstacle:
         return any(thing.shape is not None and moves(scene, thing) for thing in things)
@@ -57,7 +57,7 @@ def obstacles(scene: SceneTable, stock: Stock) -> list[Obstacle]:
 
 
 def meeting(scene: SceneTable, thing: Object) -> tuple[bool, str]:
-    """Whether an object meets anything, and what and how."""
+    """Tell whether an object meets anything, and what and how."""
     if thing.shape is None:
         return False, "it has no shape: it meets nothing"
     if not moves(scene, thing) and thing.dynamics == "native":

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from graspfx.build.still_hands import most_forces
 from graspfx.coupling.fade import FADE, gaps, release_compliance
-from graspfx.loop.parts import Held
+from graspfx.loop.parts import GraspedPart
 
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-def set_fade(parts: Parts, objects: Sequence[Held], inward: FloatArray) -> None:
+def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> None:
     """Let an automatic fade begin where the squeeze of the hands asks for it: fingers have met their objects.
 
     h1 = 1/2 |1/kep - 1/kip| sum |f|, |f| the most with which a hand squeezes, and 2 mm at least; h2 = h1 + 8 mm.

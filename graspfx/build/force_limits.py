@@ -56,7 +56,7 @@ def may_hide(wire: Wire) -> bool:
 
 def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
     """List the devices that tell a largest force, with it and whose they are."""
-    return "; ".join(_told(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
+    return "; ".join(_limit_of(scene, wire) for wire in wired if changes(wire) or math.isfinite(peak_force(wire)))
 
 
 def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
@@ -64,12 +64,12 @@ def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
     return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired if may_hide(wire))
 
 
-def _told(scene: Scene, wire: Wire) -> str:
+def _limit_of(scene: Scene, wire: Wire) -> str:
     peak = peak_force(wire)
-    what = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
-    what += " as it tells in every sample" if changes(wire) else ""
+    text = f"{peak:.4g} N" if math.isfinite(peak) else "a limit"
+    text += " as it tells in every sample" if changes(wire) else ""
     first = int(wire.used[0])
-    return f"{_fingers(scene, wire)} {what} ({table_at(scene, first)[1].name})"
+    return f"{_fingers(scene, wire)} {text} ({table_at(scene, first)[1].name})"
 
 
 def _fingers(scene: Scene, wire: Wire) -> str:

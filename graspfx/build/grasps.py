@@ -6,11 +6,11 @@ import numpy as np
 
 from graspfx.build.fading import set_fade
 from graspfx.build.resolve import Parts
-from graspfx.loop.parts import Held
+from graspfx.loop.parts import GraspedPart
 from graspfx.objects.body import NativeBody
 
 
-def grasps(parts: Parts) -> list[Held]:
+def grasps(parts: Parts) -> list[GraspedPart]:
     """Make the objects that fingers are assigned to, with their contacts where the fingers meet them."""
     start = parts.start
     inward = np.zeros_like(start)
@@ -24,6 +24,6 @@ def grasps(parts: Parts) -> list[Held]:
         grasped.meet(start[fingers])
         inward[fingers] = grasped.inward()
         grasped.finger_position[:] = start[fingers]
-        objects.append(Held(part.name, grasped, fingers))
+        objects.append(GraspedPart(part.name, grasped, fingers))
     set_fade(parts, objects, inward)
     return objects

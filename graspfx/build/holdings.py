@@ -31,25 +31,25 @@ class Holding:
 
 
 def holdings(scene: SceneTable) -> list[Holding]:
-    """The hands of a scene in the order of their first fingers; a finger without one stands alone."""
+    """List the hands of a scene in the order of their first fingers; a finger without one stands alone."""
     shared = {table.name: (("hand", k), table) for k, table in enumerate(scene.hand)}
     hands: dict[Location, Holding] = {}
     for i, finger in enumerate(scene.finger):
-        named = finger.hand
-        at, table = shared[named] if isinstance(named, str) else (("finger", i, "hand"), named)
+        label = finger.hand
+        at, table = shared[label] if isinstance(label, str) else (("finger", i, "hand"), label)
         hands.setdefault(at, Holding(at, table, [])).fingers.append(i)
     return list(hands.values())
 
 
 def axis_of(axis: AxisTable, dimensions: int) -> FloatArray:
-    """The unit vector (d,) along an axis by its name or number, or along a vector."""
+    """Give the unit vector (d,) along an axis by its name or number, or along a vector."""
     if isinstance(axis, tuple):
         return motions.direction(axis, dimensions)
     return motions.direction(AXES[axis] if isinstance(axis, str) else axis, dimensions)
 
 
 def descriptions(scene: SceneTable) -> Iterator[str]:
-    """Every hand in words: its name, the fingers that it holds, what it does in time."""
+    """Describe every hand: its name, the fingers that it holds, what it does in time."""
     own: dict[str, list[str]] = {}
     for holding in holdings(scene):
         names = [scene.finger_names[i] for i in holding.fingers]
@@ -57,19 +57,19 @@ def descriptions(scene: SceneTable) -> Iterator[str]:
             yield f"{scene.hand[int(holding.at[1])].name} holds {', '.join(names)} ({doing(holding.table)})"
         elif holding.table is not None:
             own.setdefault(doing(holding.table), []).extend(names)
-    for what, names in own.items():
-        yield f"{', '.join(names)} by {'itself' if len(names) == 1 else 'themselves'} ({what})"
+    for course, names in own.items():
+        yield f"{', '.join(names)} by {'itself' if len(names) == 1 else 'themselves'} ({course})"
 
 
 def doing(table: OwnHand | SharedHand | MadeHand) -> str:
-    """What a hand does in time, in words."""
+    """Describe what a hand does in time."""
     if table.form == "made":
         return f"as {table.kind} has it"
-    said = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
+    texts = [f"motion: {' + '.join(each.kind for each in listed(table.motion)) or 'rest'}"]
     if table.turn is not None:
-        said.append(f"turn: {', then '.join(each.kind for each in listed(table.turn))}")
+        texts.append(f"turn: {', then '.join(each.kind for each in listed(table.turn))}")
     if not isinstance(table.squeeze, int | float):
-        said.append("squeeze: " + ", ".join(f"{1e3 * s.to:g} mm at {s.begin:g} s" for s in listed(table.squeeze)))
+        texts.append("squeeze: " + ", ".join(f"{1e3 * s.to:g} mm at {s.begin:g} s" for s in listed(table.squeeze)))
     elif table.squeeze:
-        said.append(f"squeeze: {1e3 * table.squeeze:g} mm")
-    return "; ".join(said)
+        texts.append(f"squeeze: {1e3 * table.squeeze:g} mm")
+    return "; ".join(texts)

@@ -1,4 +1,4 @@
-"""What moves the fingers of a scene, as matrices: masses and dampings of devices, springs and dampers of hands."""
+"""Mechanics of a scene's fingers, as matrices: masses and dampings of devices, springs and dampers of hands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Postured(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Mechanics:
-    """Of n fingers in d dimensions, where they are.
+    """Matrices of n fingers in d dimensions, where they are.
 
     Attributes:
         mass, friction: (n, d, d) [kg], [N s/m].
@@ -58,18 +58,18 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
     assumed: set[str] = set()
     for wire in parts.wires:
         used = wire.used
-        told = _told(parts.scene, used, wire.features)
-        if told.delay is None:
+        mechanics_of = _device_mechanics(parts.scene, used, wire.features)
+        if mechanics_of.delay is None:
             assumed.add("no output delay, where devices tell none")
-        if told.resolution:
+        if mechanics_of.resolution:
             assumed.add("encoders too fine to be felt")
         for i in used:
-            delay[i] = told.delay or 0
+            delay[i] = mechanics_of.delay or 0
             if isinstance(wire.device, Postured):
                 mass[i] = wire.device.effective_mass(position[i].tolist())
                 friction[i] = wire.device.effective_friction(position[i].tolist())
             else:
-                mass[i], friction[i] = told.mass * np.eye(d), told.friction * np.eye(d)
+                mass[i], friction[i] = mechanics_of.mass * np.eye(d), mechanics_of.friction * np.eye(d)
     K, B = np.zeros((n, d, n, d)), np.zeros((n, d, n, d))
     for still in hands:
         for total, part in ((K, still.hand.stiffness), (B, still.hand.damping)):
@@ -79,14 +79,14 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
 
 
 @dataclass(frozen=True)
-class _Told:
+class _DeviceMechanics:
     mass: float
     friction: float
     delay: int | None
     resolution: float | None
 
 
-def _told(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _Told:
+def _device_mechanics(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _DeviceMechanics:
     lacking = [name for name in ("mass", "friction") if getattr(features, name) is None]
     if features.mass is None or features.friction is None:
         names = ", ".join(scene.finger_names[i] for i in fingers)
@@ -96,4 +96,4 @@ def _told(scene: Scene, fingers: NDArray[np.intp], features: Features) -> _Told:
             f"one that tells its {' and '.join(lacking)}",
             "a limit of stability needs both; give the driver the settings that its features are made of",
         )
-    return _Told(features.mass, features.friction, features.delay, features.resolution)
+    return _DeviceMechanics(features.mass, features.friction, features.delay, features.resolution)

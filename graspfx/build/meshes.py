@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Numbers = tuple[float, ...]
 
-KEPT = 8  # meshes that are remembered, so that a check and a run read each file once
+CACHED = 8  # meshes that are remembered, so that a check and a run read each file once
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class SceneMesh:
     unit: MassProperties
 
     def volume(self) -> float:
-        """[m^3].
+        """Compute the volume [m^3].
 
         Raises:
             InputError: a shell has none.
@@ -47,7 +47,7 @@ class SceneMesh:
         return self.unit.mass
 
     def moments(self, mass: float) -> Numbers:
-        """Principal moments at that mass, (3,) [kg m^2]."""
+        """Compute the principal moments at that mass, (3,) [kg m^2]."""
         return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
 
     @property
@@ -56,7 +56,7 @@ class SceneMesh:
         return quaternion(self.unit.axes.ravel().tolist())
 
     def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
-        """Where the centre of mass and the principal axes are when the file's frame has that pose in the world."""
+        """Place the centre of mass and the principal axes for a pose of the file's frame in the world."""
         x, y, z = position or (0.0, 0.0, 0.0)
         q = orientation or (0.0, 0.0, 0.0, 1.0)
         u, v, w = rotate(q[0], q[1], q[2], q[3], *self.unit.centre.tolist())
@@ -71,7 +71,7 @@ class SceneMesh:
 
 
 def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:
-    """The mesh of an object or obstacle; None if its shape is none.
+    """Load the mesh of an object or obstacle; None if its shape is none.
 
     Raises:
         InputError: naming the key of the shape's table that cannot be.
@@ -86,16 +86,16 @@ def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | Non
         status = path.stat()
         limits = shape.most_bytes, shape.most_triangles
         return _read(str(path), (status.st_mtime_ns, status.st_size), shape.scale, shape.shell, limits)
-    return _made(shape.vertices, shape.faces, shape.scale, shape.shell)
+    return _scene_mesh(shape.vertices, shape.faces, shape.scale, shape.shell)
 
 
 def mesh_name(table: Object) -> str:
-    """What a mesh is called: its file's name."""
+    """Name a mesh after its file."""
     path = getattr(table.shape, "mesh", None)
     return Path(path).name if path else f"mesh of {table.name}"
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED)
 def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits: tuple[int, int]) -> SceneMesh:
     from graspfx.surfaces.triangles.mesh import load_mesh
 
@@ -103,8 +103,8 @@ def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits
     return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
 
 
-@lru_cache(KEPT)
-def _made(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
+@lru_cache(CACHED)
+def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
     from graspfx.surfaces.triangles.mesh import make_mesh
 
     return _weighed(make_mesh(np.array(vertices), np.array(faces), scale=scale, shell=shell, name="vertices"))

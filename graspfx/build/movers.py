@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.build import encounters
-from graspfx.loop.parts import Mover
+from graspfx.loop.parts import BodyGroup
 from graspfx.objects.surroundings import Meeting, Member
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[Mover]:
+def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) -> Iterator[BodyGroup]:
     """Make what moves the objects whose blocks these are; closed with the stack.
 
     Raises:
@@ -38,13 +38,13 @@ def make_movers(parts: Parts, states: Sequence[FloatArray], stack: ExitStack) ->
                 with plugins.blaming(file):
                     body = module.create(states[i])
                 stack.callback(getattr(body, "close", _nothing))
-                yield Mover(body, [i])
+                yield BodyGroup(body, [i])
             continue
         members = [Member(states[i], parts.objects[i].solid.shape) for i in group]
         with plugins.blaming(file):
             body = make_world(members, parts.obstacles, meeting)
         stack.callback(getattr(body, "close", _nothing))
-        yield Mover(body, group)
+        yield BodyGroup(body, group)
 
 
 def _nothing() -> None:

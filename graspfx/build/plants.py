@@ -12,7 +12,7 @@ from graspfx.build.wiring import Wire, placing_faults
 from graspfx.errors import DeviceError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import join
-from graspfx.loop.parts import Moved
+from graspfx.loop.parts import PlantWiring
 
 if TYPE_CHECKING:
     from graspfx.build.hand_parts import HandPart
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-def make_plants(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[Moved]:
+def make_plants(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[PlantWiring]:
     """Make the plants of the simulated devices: one for all devices that hands join to one another.
 
     Raises:
@@ -48,7 +48,7 @@ def make_plants(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iter
                 raise scene.error(faults) from error
             raise DeviceError(f"{', '.join(scene.finger_names[f] for f in fingers)}: {error}") from error
         joined = join(hands, [order.index(f) for f in fingers])
-        yield Moved(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
+        yield PlantWiring(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
 
 
 def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:

@@ -72,7 +72,7 @@ def refill(servo: Servo, parts: Parts) -> None:
         with wire.device:
             wire.device.open(servo.period)
             _copy(wire.device, station.device)
-    for old, new in zip(servo.moved, moved, strict=True):
+    for old, new in zip(servo.plants, moved, strict=True):
         new.plant.hold(new.hand, servo.period)  # type: ignore[attr-defined]
         _copy(new.plant, old.plant)
         _copy(new.hand, old.hand)
@@ -87,8 +87,8 @@ def _require_blocks(servo: Servo, parts: Parts) -> None:
     others = [
         *(name for name, each in (("a ledger", servo.observers),) if each),
         *("a device" for station in servo.stations if fused(station.device) is None),
-        *("a plant" for moved in servo.moved if fused_plant(moved.plant) is None),
-        *("a hand" for moved in servo.moved if not isinstance(moved.hand, FusedHand)),
+        *("a plant" for moved in servo.plants if fused_plant(moved.plant) is None),
+        *("a hand" for moved in servo.plants if not isinstance(moved.hand, FusedHand)),
         *("a body that meets others" for mover in servo.movers if getattr(mover.body, "buffer", 0) is not None),
         *("another period" for _ in range(1) if parts.scene.period != servo.period),
     ]

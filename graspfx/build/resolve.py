@@ -18,7 +18,7 @@ from graspfx.build.holdings import holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.object_parts import ObjectPart, make_objects
 from graspfx.build.stock import Stock
-from graspfx.build.wiring import Found, Wire, placing_faults, wires, wires_anew
+from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
 from graspfx.loop.device import SimulatedDevice
 from graspfx.objects.surroundings import Obstacle
 
@@ -101,7 +101,7 @@ class Parts:
         return {name: mesh.frame for name, mesh in meshes if mesh is not None}
 
 
-def reach_faults(scene: Scene) -> list[Found]:
+def reach_faults(scene: Scene) -> list[Finding]:
     """Find the fingers of a scene without other faults that cannot be put where they start."""
     parts = resolve(scene)
     return placing_faults(parts.start, parts.own_wires())

@@ -80,9 +80,9 @@ def run(
         with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()
             servo.run(ticks, recorder, stop)
-            took, done = perf_counter() - began, servo.ticks == ticks
+            took, complete = perf_counter() - began, servo.ticks == ticks
             recording = recorder.finish(
-                took if done else None, complete=done, engine=servo.engine.name, **servo.coupling
+                took if complete else None, complete=complete, engine=servo.engine.name, **servo.coupling
             )
     finished = recording if out is None else Recording.load(file)
     finished.beside = plugins.upward("Recording.beside")(scene)
@@ -109,7 +109,7 @@ def _ticks(scene: Scene, duration: float | None, size: int) -> int:
 
 
 def ticks_of(duration: float, period: float) -> int:
-    """Whole periods in a time.
+    """Count the whole periods in a time.
 
     Raises:
         InputError: a time that is none, or shorter than a period.
@@ -122,7 +122,7 @@ def ticks_of(duration: float, period: float) -> int:
 
 
 def require_memory(ticks: float, size: int) -> None:
-    """Raises InputError where so many ticks of so many bytes have no room in memory."""
+    """Raise InputError where so many ticks of so many bytes have no room in memory."""
     _require_room(ticks, size, "this machine's memory", _memory())
 
 
@@ -138,7 +138,7 @@ def _require_room(ticks: float, size: int, where: str, limit: float) -> None:
 
 
 def _memory() -> float:
-    """Bytes in this machine; where it does not say, those that it could address."""
+    """Count the bytes in this machine; where it does not say, those that it could address."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):

@@ -44,7 +44,7 @@ class KeptTable:
 
 
 class KeptScene(Readable, KeptTable):
-    """What a run reads of a `Scene`."""
+    """A scene from the disk cache, as a run reads it."""
 
     _stock = None
 
@@ -53,7 +53,7 @@ class KeptScene(Readable, KeptTable):
         self.source, self._written = source, written
 
     def to_dict(self) -> dict[str, Any]:
-        """As `Scene.to_dict`."""
+        """Write the scene as nested tables, like `Scene.to_dict`."""
         return self._written
 
     def error(self, faults: Iterable[tuple[Key, str]]) -> SceneError:
@@ -62,7 +62,7 @@ class KeptScene(Readable, KeptTable):
 
 
 def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
-    """Where the scene of a TOML file is kept; None for what cannot be.
+    """Find where the scene of a TOML file is cached; None for a scene that cannot be.
 
     The key holds the file's text and path, the overrides, what is installed, and the time and size of every source file
     of GraspFX and of the shelf of devices, as Python judges its own bytecode.
@@ -71,40 +71,40 @@ def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
         UnknownNameError, InputError: as `load` has it.
     """
     path = plugins.find("scenes", name)
-    known = installed.distributions()
-    if path.suffix != ".toml" or known is None:
+    installed_ = installed.distributions()
+    if path.suffix != ".toml" or installed_ is None:
         return None
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):  # `load` says what is wrong
         return None
     shelf = list(stamps_in(str(plugins.shelf("devices"))))
-    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), known, source_stamps(), shelf
+    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), installed_, source_stamps(), shelf
     return Place(sha256(repr(parts).encode()).hexdigest(), Source(plugins.shown_path(path), text, path, overrides))
 
 
-def kept(where: Place) -> tuple[Scene, list[str]] | None:
-    """A scene and the notes on it, as they were kept there; None if they were not."""
+def cached(where: Place) -> tuple[Scene, list[str]] | None:
+    """Load a cached scene and the notes on it; None if there are none."""
     content = cache.load(where.key)
     if content is None:
         return None
-    found = json.loads(content)
-    return cast("Scene", KeptScene(vars(_read(found["scene"])), where.source, found["written"])), found["notes"]
+    entry = json.loads(content)
+    return cast("Scene", KeptScene(vars(_read(entry["scene"])), where.source, entry["written"])), entry["notes"]
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
-    """Keeps a scene that has been run, and the notes on it, if nothing else than its place says what becomes of it."""
+    """Cache a scene that has been run, and its notes, if its place alone says what becomes of it."""
     if scene.source.text != where.source.text or not _is_self_contained(scene):
         return
     try:
-        found = {"scene": _written(scene), "written": scene.to_dict(), "notes": notes}
+        entry = {"scene": _written(scene), "written": scene.to_dict(), "notes": notes}
     except TypeError:  # a setting of a kind that JSON has not
         return
-    cache.store(where.key, json.dumps(found, allow_nan=False).encode())
+    cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
 
 
 def _is_self_contained(scene: Scene) -> bool:
-    """Whether the scene names no other file, no other distribution, and nothing that depends on the machine."""
+    """Tell whether the scene names no other file, no other distribution, and nothing that depends on the machine."""
     from graspfx.build.resolve import resolve
 
     folder = scene.source.folder
@@ -121,7 +121,7 @@ def _is_self_contained(scene: Scene) -> bool:
 
 
 def _written(value: Any) -> Any:
-    """A table, tuple or list as a name and a list; TypeError for what is none, nor plain."""
+    """Write a table, tuple or list as a name and a list; TypeError for anything else that is not plain."""
     if isinstance(value, PLAIN):
         return value
     if isinstance(value, tuple | list):
@@ -140,7 +140,7 @@ def _read(value: Any) -> Any:
     name, parts = value
     if name == "dict":
         return {key: _read(each) for key, each in parts}
-    found = [_read(each) for each in parts]
+    items = [_read(each) for each in parts]
     if name == "table":
-        return KeptTable(*found)
-    return tuple(found) if name == "tuple" else found
+        return KeptTable(*items)
+    return tuple(items) if name == "tuple" else items

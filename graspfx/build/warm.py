@@ -16,12 +16,12 @@ from graspfx.errors import GraspFXError
 from graspfx.loop.tick.engine import Compiled
 from graspfx.scene.load import load
 
-COMPILED, KNOWN, CANNOT = "compiled", "was there", "cannot"
+COMPILED, CACHED, CANNOT = "compiled", "was there", "cannot"
 
 
 @dataclass(frozen=True)
 class Warmed:
-    """What became of a scene's program.
+    """The outcome of warming up a scene's program.
 
     Attributes:
         scene: its name or path.
@@ -39,7 +39,7 @@ class Warmed:
 
 
 def warm(name: str, overrides: Mapping[str, Any]) -> Warmed:
-    """Compiles a scene's program unless it is in the cache; devices that are no simulations are not opened."""
+    """Compile a scene's program unless it is in the cache; devices that are no simulations are not opened."""
     began = perf_counter()
     try:
         with build(load(name, overrides), live=False) as servo:
@@ -50,11 +50,11 @@ def warm(name: str, overrides: Mapping[str, Any]) -> Warmed:
     notes = [program.note for program in programs if program.note]
     if notes:
         return Warmed(name, CANNOT, seconds, size, notes[0])
-    return Warmed(name, KNOWN if all(program.cached for program in programs) else COMPILED, seconds, size)
+    return Warmed(name, CACHED if all(program.cached for program in programs) else COMPILED, seconds, size)
 
 
 def warm_all(names: Sequence[str], overrides: Mapping[str, Any]) -> Iterator[Warmed]:
-    """The same for several scenes, in their order, by as many processes as there are processors to use.
+    """Warm up several scenes, in their order, by as many processes as there are processors to use.
 
     Threads would wait for one another: LLVM is called by one at a time.
     """

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 Connected = Mapping[Location, Device]
 
 AUTOMATIC = "dimensions"  # given to a driver that takes it, from the scene's own key
@@ -54,7 +54,7 @@ class Wire:
 
 
 def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
-    """A driver's device with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
+    """Connect a driver with the settings of a table; one whose `connect` takes `dimensions` is given the scene's."""
     settings = table.settings
     if AUTOMATIC in signature(driver.connect).parameters:
         settings.setdefault(AUTOMATIC, dimensions)
@@ -63,11 +63,11 @@ def connect(driver: ModuleType, table: DeviceTable, dimensions: int) -> Device:
 
 
 def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
-    """The table of finger i's device, and where it stands."""
-    named = scene.finger[i].device
-    if not isinstance(named, str):
-        return ("finger", i, "device"), named
-    k, table = next((k, each) for k, each in enumerate(scene.device) if each.label == named)
+    """Find the table of finger i's device, and where it stands."""
+    device = scene.finger[i].device
+    if not isinstance(device, str):
+        return ("finger", i, "device"), device
+    k, table = next((k, each) for k, each in enumerate(scene.device) if each.label == device)
     return ("device", k), table
 
 
@@ -98,8 +98,8 @@ def _wires(scene: SceneTable, folder: Path | None, devices: dict[Location, Devic
         yield Wire(at, devices[at], np.array(fingers), features)
 
 
-def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Found]:
-    """Faults between the fingers and the devices that could be connected."""
+def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
+    """Find faults between the fingers and the devices that could be connected."""
     from graspfx.scene.tables.fields import NotValid
 
     channels: dict[Location, list[int]] = {at: [] for at in connected}
@@ -115,19 +115,19 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Found]:
                     has = "1 finger" if k == 1 else f"{k} fingers"
                     text = f"expected less than {k}: {table.name!r} has {has}; given {finger.channel}"
                     yield ("finger", i, "channel"), text
-                yield from _held(("finger", i, "hand"), finger, device, kinds)
+                yield from _hand_faults(("finger", i, "hand"), finger, device, kinds)
     for at, device in connected.items():
         k, used = device.features.fingers, channels[at]
         if device.features.dimensions != scene.dimensions:
-            given = device.features.dimensions
-            yield (*at, "name"), f"expected a device of {scene.dimensions} dimensions; this one has {given}"
+            actual = device.features.dimensions
+            yield (*at, "name"), f"expected a device of {scene.dimensions} dimensions; this one has {actual}"
         free = sorted(set(range(k)) - set(used))
         sound = used and max(used) < k and len(set(used)) == len(used)  # else that is the fault
         if free and sound and isinstance(device, SimulatedDevice):
             yield at, f"no finger has its channel {free[0]}: a simulated device needs one for each of its channels"
 
 
-def _held(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) -> Iterator[Found]:
+def _hand_faults(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) -> Iterator[Finding]:
     if finger.hand is None:
         return
     if not isinstance(device, SimulatedDevice):
@@ -139,7 +139,7 @@ def _held(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) 
             yield at, f"a hand holds devices of one kind; {finger.hand!r} would hold {names}"
 
 
-def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Found]:
+def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Finding]:
     """Find the fingers of simulated devices, in a scene without other faults, that cannot be put where they start.
 
     Not looked for when a scene is loaded: to place a plant may take the packages that move it.
@@ -148,7 +148,7 @@ def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Found]:
         start: of all fingers of the scene (n, d) [m].
         wired: devices that are nobody else's: each is given a plant.
     """
-    faults: list[Found] = []
+    faults: list[Finding] = []
     for wire in wired:
         if not isinstance(wire.device, SimulatedDevice):
             continue
@@ -161,7 +161,7 @@ def placing_faults(start: FloatArray, wired: Iterable[Wire]) -> list[Found]:
     return faults
 
 
-def outside_faults(wire: Wire, start: FloatArray) -> Iterator[Found]:
+def outside_faults(wire: Wire, start: FloatArray) -> Iterator[Finding]:
     """Find the fingers of a simulated device that start outside its workspace."""
     workspace = wire.features.workspace
     if workspace is None or not isinstance(wire.device, SimulatedDevice):

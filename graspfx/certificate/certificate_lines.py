@@ -18,7 +18,7 @@ PLACES = {
 
 
 def lines(certificate: Certificate) -> Iterator[str]:
-    """A certificate as lines of text: one per mode, fingers that push alike in one, of larger sets the weakest."""
+    """Write a certificate as lines: one per mode, fingers that push alike in one, of larger sets the weakest."""
     of = f"of {certificate.object}, {PLACES[certificate.at]}"
     radius = certificate.spectral_radius
     yield f"stability {of}: {'stable' if certificate.stable else 'NOT STABLE'}, spectral radius {radius:.6f}"
@@ -33,9 +33,9 @@ def lines(certificate: Certificate) -> Iterator[str]:
     if certificate.grip:
         yield f"  {said_of_grip(certificate.grip, certificate.edge)}"
     if certificate.fade is not None:
-        begins, asked = (1e3 * gap for gap in certificate.fade)
-        short = f": too short by {asked - begins:.3g} mm" if asked > begins else ""
-        yield f"  the fade begins at {begins:.3g} mm; the forces at rest ask for {asked:.3g} mm{short}"
+        begins, required = (1e3 * gap for gap in certificate.fade)
+        short = f": too short by {required - begins:.3g} mm" if required > begins else ""
+        yield f"  the fade begins at {begins:.3g} mm; the forces at rest ask for {required:.3g} mm{short}"
     yield from (f"  note: {note}" for note in certificate.notes)
     if certificate.assumed:
         yield f"  taken for granted: {'; '.join(certificate.assumed)}"
@@ -48,5 +48,5 @@ def _said_of_passivity(certificate: Certificate) -> str:
     values = {"internal": passive.internal, "external": passive.external}
     if all(value == 0.0 for value in values.values()):
         return "passive for any operator: no gain; friction of devices and object does not cover what damping leaks"
-    shown = ", ".join(f"{name} up to {value:.4g} N/m" for name, value in values.items() if value < math.inf)
-    return f"passive for any operator: {shown}"
+    limits = ", ".join(f"{name} up to {value:.4g} N/m" for name, value in values.items() if value < math.inf)
+    return f"passive for any operator: {limits}"

@@ -18,7 +18,7 @@ from graspfx.scene.model import Scene
 
 
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
-    """One for every object that fingers touch.
+    """Judge every object that fingers touch.
 
     Gains are those of the scene; a limit is that of one gain with the others as they are (half the common limit where
     as they are nothing is stable), the squeeze held.
@@ -30,47 +30,47 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
     return [_certificate(scene, linearise(scene, at, scene.object[i].name, recording)) for i in touched]
 
 
-def _certificate(scene: Scene, found: Linearised) -> Certificate:
-    linear = found.linear
+def _certificate(scene: Scene, loop: Linearised) -> Certificate:
+    linear = loop.linear
     whole = Family(linear, lambda s: linear.stiffness)
-    passive, why = _passive(scene, found)
+    passive, why = _passive(scene, loop)
     return Certificate(
-        object=found.objects[0],
-        at=found.at[0],
+        object=loop.objects[0],
+        at=loop.at[0],
         spectral_radius=whole.radius(1.0),
-        limits=(*mode_limits(scene, found), *standing_limits(found), *pushing_limits(scene, found)),
-        assumed=found.assumed,
+        limits=(*mode_limits(scene, loop), *standing_limits(loop), *pushing_limits(scene, loop)),
+        assumed=loop.assumed,
         passive=passive,
         why_not_passive=why,
         grip={
             scene.finger_names[i]: float(margin)
-            for i, margin in zip(found.fingers, found.margins, strict=True)
+            for i, margin in zip(loop.fingers, loop.margins, strict=True)
             if not math.isnan(margin)
         },
-        edge=tuple(scene.finger_names[i] for i in found.edge),
-        notes=tuple(_sliding(scene, found)),
-        fade=found.fade[0],
+        edge=tuple(scene.finger_names[i] for i in loop.edge),
+        notes=tuple(_sliding(scene, loop)),
+        fade=loop.fade[0],
     )
 
 
-def _sliding(scene: Scene, found: Linearised) -> Iterator[str]:
-    """What contacts on their cones' edges could do if they slid; soft ones, which slide and spin at once, are named."""
-    soft = [k for k, i in enumerate(found.edge) if scene.finger[i].patch]
-    hard = [k for k in range(len(found.edge)) if k not in soft]
-    T, V = found.slip
-    yield from sliding_notes(found.linear, T[:, hard], V[:, hard], [scene.finger_names[found.edge[k]] for k in hard])
+def _sliding(scene: Scene, loop: Linearised) -> Iterator[str]:
+    """Say what contacts on their cones' edges could do if they slid; soft ones, which also spin, are named."""
+    soft = [k for k, i in enumerate(loop.edge) if scene.finger[i].patch]
+    hard = [k for k in range(len(loop.edge)) if k not in soft]
+    T, V = loop.slip
+    yield from sliding_notes(loop.linear, T[:, hard], V[:, hard], [scene.finger_names[loop.edge[k]] for k in hard])
     if soft:
-        yield f"what sliding of {', '.join(scene.finger_names[found.edge[k]] for k in soft)} does is not looked at"
+        yield f"what sliding of {', '.join(scene.finger_names[loop.edge[k]] for k in soft)} does is not looked at"
 
 
-def _passive(scene: Scene, found: Linearised) -> tuple[CouplingLimits | None, str]:
-    linear, coupling = found.linear, scene.coupling
+def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str]:
+    linear, coupling = loop.linear, scene.coupling
     if linear.ground is not None:
         return None, "the object stands on something"
     dampings = [number_of(part.damping) for part in (coupling.external, coupling.internal)]
     if any(math.isnan(value) for value in dampings):
         return None, "its damping is given by matrices"
-    if found.compliance.any():
+    if loop.compliance.any():
         return None, "its damping grows with depth, and is not whole here"
     if linear.delay.any():
         return None, "its devices display forces late"

@@ -37,7 +37,7 @@ class Certificates(Sequence[Certificate]):
         return all(certificate.stable for certificate in self.each)
 
     def to_dict(self) -> dict[str, Any]:
-        """The certificates for JSON."""
+        """Write the certificates for JSON."""
         return {
             "scene": self.scene,
             "stable": self.stable,
@@ -93,14 +93,14 @@ def certify(
         SceneError: of a scene that is loaded.
         RecordingError: a path that leads to no recording.
     """
-    chosen = scene if isinstance(scene, Scene) else load(scene)
+    scene_ = scene if isinstance(scene, Scene) else load(scene)
     if quick and recording is not None:
         raise InputError("quick", True, "False with a recording", "a recording has its rest, and none is sought")
     if recording is not None:
-        rest = recording_of(chosen, recording)
-        found = certificates(chosen, "recorded", rest)
+        rest = recording_of(scene_, recording)
+        answers = certificates(scene_, "recorded", rest)
     else:
-        found = certificates(chosen, "provisional" if quick else "squeezed")
-    path = chosen.source.path
-    name = path.stem.replace("_", "-") if path is not None else chosen.title or chosen.source.name
-    return Certificates(name, tuple(found), quick)
+        answers = certificates(scene_, "provisional" if quick else "squeezed")
+    path = scene_.source.path
+    name = path.stem.replace("_", "-") if path is not None else scene_.title or scene_.source.name
+    return Certificates(name, tuple(answers), quick)

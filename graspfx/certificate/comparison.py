@@ -17,7 +17,7 @@ Beside = Callable[[str, str], dict[str, Any]]
 
 
 def beside(scene: Readable) -> Beside:
-    """A function of an object's and a mode's name that gives what the scene's certificate says of it.
+    """Make a function of an object's and a mode's name that gives the scene's certificate for it.
 
     The certificate is made when it is asked for, once. Keys: `spectral_radius`, `gain` and `limit` [N/m] (None without
     one), and `text`, in words.
@@ -46,7 +46,7 @@ def _certificates(scene: Readable) -> dict[str, Certificate] | str:
 
 
 def _whole(scene: Any, kind: type[Scene]) -> Scene:
-    """The scene itself, or, of one that was kept from a run before, made again from its tables."""
+    """Give the scene itself; one from the cache is made again from its tables."""
     return scene if isinstance(scene, kind) else kind(scene.source, **scene.to_dict())
 
 
@@ -63,6 +63,6 @@ def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:
 
 
 def _row(certificate: Certificate, mode: str) -> Limit | None:
-    """The limit of a mode by its name, or of what it is a part of."""
+    """Find the limit of a mode by its name, or of the mode that it is a part of."""
     rows = {row.mode: row for row in certificate.limits}
     return rows.get(mode) or rows.get(mode.split()[0])

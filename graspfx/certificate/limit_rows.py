@@ -12,7 +12,7 @@ MOST = 3  # lines about fingers that push alone: more become a range
 
 
 def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
-    """One line for each mode; modes with the same figures in one, of sets of fingers that push the weakest."""
+    """Write one line for each mode; modes with the same figures in one, of sets of fingers that push the weakest."""
     alike: dict[str, list[Limit]] = {}
     for row in _worth_saying(limits):
         alike.setdefault(figures(row), []).append(row)
@@ -28,7 +28,7 @@ def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
 
 
 def figures(row: Limit) -> str:
-    """A mode's gain, limit, margin and the frequency at which it is lost."""
+    """Write a mode's gain, limit, margin and the frequency at which it is lost."""
     gain = "gains as they are" if math.isnan(row.gain) else f"{row.gain:.4g} N/m"
     if math.isinf(row.margin):
         return f"{gain}: no limit"
@@ -38,7 +38,7 @@ def figures(row: Limit) -> str:
 
 
 def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
-    """All but the sets of several fingers that push with more room than another set of as many."""
+    """Select all but the sets of several fingers that push with more room than another set of as many."""
     weakest: dict[int, Limit] = {}
     for row in limits:
         count = max(_count(row), 1)
@@ -50,7 +50,7 @@ def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:
 
 
 def _count(row: Limit) -> int:
-    """How many fingers push; 0 for a mode of the whole grasp."""
+    """Count the fingers that push; 0 for a mode of the whole grasp."""
     return row.mode.count(", ") + 1 if row.mode.startswith(PUSHING) else 0
 
 
@@ -68,7 +68,7 @@ def _range(rows: Sequence[Limit]) -> str:
 
 
 def _span(values: Sequence[float], digits: str) -> str:
-    """The least and the largest of those that are finite, as one number where they read the same."""
+    """Write the least and the largest of the finite numbers, as one number where they read the same."""
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return ""

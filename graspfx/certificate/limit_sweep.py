@@ -52,7 +52,7 @@ class Sweep:
 
     @classmethod
     def read(cls, text: str) -> Sweep:
-        """KEY=FROM:TO:COUNT, evenly spaced, both ends among them.
+        """Read KEY=FROM:TO:COUNT, evenly spaced, both ends among them.
 
         Raises:
             InputError: anything else.
@@ -94,13 +94,13 @@ class SweptLimits:
     seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
+        """Write for JSON: keys, the values (of two keys, two lists), and three limits, null where there is none."""
         values = [sweep.values.tolist() for sweep in self.sweeps]
-        found = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
-        return found | {f"{name}_limit": bounded(part.tolist()) for name, part in self._parts()}
+        table = {"keys": [s.key for s in self.sweeps], "sweep": values[0] if len(values) == 1 else values}
+        return table | {f"{name}_limit": bounded(part.tolist()) for name, part in self._parts()}
 
     def lines(self) -> Iterator[str]:
-        """Ranges, how limits begin and end over them, and how they were found."""
+        """Write ranges, how limits begin and end over them, and how they were computed."""
         for sweep in self.sweeps:
             yield f"{sweep.key} from {sweep.values[0]:g} to {sweep.values[-1]:g}, {len(sweep.values)} values"
         for name, part in self._parts():
@@ -116,7 +116,7 @@ class SweptLimits:
 
 
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
-    """The limits of a scene with one object in fingers, over its keys.
+    """Compute the limits of a scene with one object in fingers, over its keys.
 
     Where modes separate and the keys are parameters of their closed forms, those are taken for all points at once;
     else a scene is made and linearised for each.
@@ -133,12 +133,12 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
     if points > MOST_POINTS:
         raise InputError("--sweep", points, f"at most {MOST_POINTS:,} points")
     corners = list(product(*({float(s.values[0]), float(s.values[-1])} for s in sweeps)))
-    made = [scene.replace(_overrides(sweeps, corner)) for corner in corners]
-    _require_numbers(made[0])
+    ends = [scene.replace(_overrides(sweeps, corner)) for corner in corners]
+    _require_numbers(ends[0])
     began = perf_counter()
-    found = linearise(made[0], at)
-    if all(_is_modal(made_from, sweeps, linearise(made_from, at)) for made_from in made):
-        limits = _modal(made[0], found, sweeps)
+    loop = linearise(ends[0], at)
+    if all(_is_modal(made_from, sweeps, linearise(made_from, at)) for made_from in ends):
+        limits = _modal(ends[0], loop, sweeps)
         if limits is not None:
             return SweptLimits(tuple(sweeps), *limits, True, perf_counter() - began)
     if points > MOST_SCENES:
@@ -151,7 +151,7 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
 
 
 def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
-    """The three limits of a scene as it is, each an array without axes."""
+    """Compute the three limits of an unchanged scene, each an array without axes."""
     _require_numbers(scene)
     began = perf_counter()
     internal, external, conventional = (np.array(value) for value in _point(scene, at))
@@ -171,38 +171,36 @@ def _require_numbers(scene: Scene) -> None:
 
 
 def _point(scene: Scene, at: str) -> tuple[float, float, float]:
-    found = linearise(scene, at)
-    rows = {row.mode: row for row in mode_limits(scene, found, halves=False, compare=False)}
+    loop = linearise(scene, at)
+    rows = {row.mode: row for row in mode_limits(scene, loop, halves=False, compare=False)}
     internal, external = (rows[name].limit if name in rows else math.inf for name in ("internal", "external"))
     if all(row.exact for row in rows.values()):
         return internal, external, min(internal, external)
-    unit = float(found.linear.mass.mean()) / scene.period**2 / 100.0
+    unit = float(loop.linear.mass.mean()) / scene.period**2 / 100.0
     # from one hundredth of what a bare mass allows: the first loss above whatever is stable
-    stiffness = found.conventional(1.0)
-    edge = reach(found.linear, lambda s: s * unit * stiffness)
+    stiffness = loop.conventional(1.0)
+    edge = reach(loop.linear, lambda s: s * unit * stiffness)
     return internal, external, unit * edge.factor
 
 
-def _is_modal(scene: Scene, sweeps: Sequence[Sweep], found: Linearised) -> bool:
+def _is_modal(scene: Scene, sweeps: Sequence[Sweep], loop: Linearised) -> bool:
     keys = [_plain(scene, sweep.key) for sweep in sweeps]
     point = all(not isinstance(f.device, str) and f.device.name == "simulated" for f in scene.finger)
     devices = any(key.startswith("finger.*.device") for key in keys)
-    return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(found))
+    return all(key in MODAL for key in keys) and (point or not devices) and bool(reduced(loop))
 
 
 def _plain(scene: Scene, key: str) -> str:
-    """object.0.mass and object.*.mass of a lone object as object.mass."""
+    """Write object.0.mass and object.*.mass of a lone object as object.mass."""
     first, *rest = key.split(".")
     if first == "object" and len(scene.object) == 1 and rest and rest[0] in ("0", "*"):
         rest = rest[1:]
     return ".".join([first, *rest])
 
 
-def _modal(
-    scene: Scene, found: Linearised, sweeps: Sequence[Sweep]
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """All limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i, linear in what is swept."""
-    linear, table = found.linear, scene.object[scene.finger_objects[0]]
+def _modal(scene: Scene, loop: Linearised, sweeps: Sequence[Sweep]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Compute all limits at once: M_i = m_v t_i + J_i and b_i = b_v t_i + b_w r_i, linear in what is swept."""
+    linear, table = loop.linear, scene.object[scene.finger_objects[0]]
     m, r = linear.coordinates
     root = np.sqrt(linear.mass / linear.mass.mean())
     left, sizes, _ = np.linalg.svd(linear.G * root)
@@ -215,7 +213,7 @@ def _modal(
     if turn is None:
         return None
     t, J, w = (np.diag(turn.T @ A @ turn) for A in parts)
-    given = {
+    arguments = {
         "T": linear.period,
         "m_v": m_v,
         "b_v": table.viscosity,
@@ -227,7 +225,7 @@ def _modal(
         "k_s": float(np.trace(linear.hand_stiffness / np.outer(root, root))) / m,
         "b_s": float(np.trace(linear.hand_damping / np.outer(root, root))) / m,
     }
-    values: dict[str, Any] = dict(given)
+    values: dict[str, Any] = dict(arguments)
     for axis, sweep in enumerate(sweeps):
         name = MODAL[_plain(scene, sweep.key)]
         shape = [1] * len(sweeps)

@@ -27,7 +27,7 @@ from graspfx.coupling.grasped import GraspedObject
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.grasp import Grasp
 from graspfx.grasp.split import Split
-from graspfx.loop.parts import Held
+from graspfx.loop.parts import GraspedPart
 from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
 from graspfx.scene.model import Scene
@@ -112,7 +112,7 @@ class _Share:
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
 ) -> Linearised:  # fmt: skip
-    """The scene's small motions about its grasp at rest.
+    """Linearise the scene's small motions about its grasp at rest.
 
     "squeezed" is where hands that neither move nor turn, closed as far as they ever are, come to rest against the
     coupling: found with the contacts, the split and the cones of a run, and the weight on. "start" is where the fingers
@@ -135,9 +135,9 @@ def linearise(
     if object is not None and object not in names:
         raise UnknownNameError("object", object, names)
     touched = sorted(set(scene.finger_objects))
-    chosen = touched if object is None else [names.index(object)]
+    selection = touched if object is None else [names.index(object)]
     parts = resolve(scene)
-    shares = [_share(parts, index, at, recording) for index in chosen]
+    shares = [_share(parts, index, at, recording) for index in selection]
     kinds = sorted({share.integrator for share in shares})
     if len(kinds) > 1:
         raise InputError("object", kinds, "one integrator", f"linearise the objects one by one: {', '.join(names)}")
@@ -154,7 +154,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
     grip = Grip(grasped, np.array(scene.free(part.table)))
     inward = np.zeros_like(start)
     inward[fingers] = grasped.inward()
-    set_fade(parts, [Held(part.name, grasped, fingers)], inward)
+    set_fade(parts, [GraspedPart(part.name, grasped, fingers)], inward)
     initial = grasped.block.copy()
     place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
@@ -207,7 +207,7 @@ def _matrices(
     compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
-    D = gains.held(in_series(law.damping(split), compliance))
+    D = gains.release_tangents(in_series(law.damping(split), compliance))
     G, G_e = _wrenches(contacts if rules.reaction == "contact" else tips, grip), _wrenches(tips, grip)
     N = np.zeros((m + r, m + r))
     if J is None:
@@ -264,13 +264,13 @@ def _matrices(
 
 
 def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
-    """The contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
+    """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
     frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
     return np.asarray(R @ np.swapaxes(frames, 1, 2))[:, : g.dimensions, : g.dimensions]
 
 
 def _wrenches(arms: FloatArray, grip: Grip) -> FloatArray:
-    """G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
+    """Form G (r, m) of forces at arms (n, d) from the object's centre, on its free freedoms."""
     d = grip.d
     wide = np.zeros((grip.n, 3))
     wide[:, :d] = arms
@@ -293,7 +293,7 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
     for share in shares:
         position[share.fingers] = share.position
     # only stiffness and damping of the hands are asked for here, which do not depend on where they close to
-    moved: Mechanics = mechanics(parts, position, list(still_hands(parts, inward)))
+    mechanics_: Mechanics = mechanics(parts, position, list(still_hands(parts, inward)))
     fingers = np.concatenate([share.fingers for share in shares])
     columns = (fingers[:, None] * d + np.arange(d)).ravel()
     V = np.zeros((len(columns), len(columns)))
@@ -301,9 +301,9 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
     friction = np.zeros_like(V)
     for i, finger in enumerate(fingers):
         x = slice(i * d, i * d + d)
-        A = moved.mass[finger]
+        A = mechanics_.mass[finger]
         mass[x], V[x, x] = (np.diag(A), np.eye(d)) if not (A - np.diag(np.diag(A))).any() else np.linalg.eigh(A)
-        friction[x, x] = V[x, x].T @ moved.friction[finger] @ V[x, x]
+        friction[x, x] = V[x, x].T @ mechanics_.friction[finger] @ V[x, x]
     apart = friction - np.diag(np.diag(friction))
 
     def turned(blocks: Sequence[FloatArray]) -> FloatArray:
@@ -325,16 +325,16 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
         viscosity=block_diagonal([share.viscosity for share in shares]),
         stiffness=stiffness(1.0, 1.0, 1.0),
         damping=turned([share.damping for share in shares]),
-        hand_stiffness=V.T @ moved.stiffness[np.ix_(columns, columns)] @ V,
-        hand_damping=V.T @ moved.damping[np.ix_(columns, columns)] @ V + apart,
-        delay=np.repeat(moved.delay[fingers], d),
+        hand_stiffness=V.T @ mechanics_.stiffness[np.ix_(columns, columns)] @ V,
+        hand_damping=V.T @ mechanics_.damping[np.ix_(columns, columns)] @ V + apart,
+        delay=np.repeat(mechanics_.delay[fingers], d),
         integrator=shares[0].integrator,
         preload=_preload(shares, V),
         G_displacement=G_e,
         ground=_ground(shares),
         G_contact=block_diagonal([share.G_c for share in shares]) @ V if shares[0].integrator == "implicit" else None,
     )
-    assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *moved.assumed])
+    assumed = dict.fromkeys([*(text for share in shares for text in share.assumed), *mechanics_.assumed])
     return Linearised(
         linear=linear,
         objects=tuple(share.name for share in shares),

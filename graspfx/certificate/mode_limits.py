@@ -25,13 +25,13 @@ ALL_SETS = 5  # fingers up to which every set of them may push; of more, single 
 ROOM = 0.5  # of the common limit: where the other gains are put when as they are they leave nothing stable
 
 
-def mode_limits(scene: Scene, found: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
-    """Of the internal and the external gain, and of the external one's shifts and turns by themselves."""
+def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
+    """Find the limits of the internal and the external gain, and of the external one's shifts and turns alone."""
     kep, kip = (number_of(part.stiffness) for part in (scene.coupling.external, scene.coupling.internal))
-    exact = reduced(found)
+    exact = reduced(loop)
     rows = []
     others: float | None = None
-    for name, which in _parts(found):
+    for name, scaled in _parts(loop):
         if " " in name and not halves:
             continue
         gain = kip if name == "internal" else kep
@@ -40,132 +40,132 @@ def mode_limits(scene: Scene, found: Linearised, *, halves: bool = True, compare
             limit, frequency = mode
             difference = math.nan
             if compare and 0.0 < limit < math.inf and gain > 0.0:
-                others = _others(found) if others is None else others
-                difference = abs(gain * _reach(found, which, others).factor / limit - 1.0)
+                others = _others(loop) if others is None else others
+                difference = abs(gain * _reach(loop, scaled, others).factor / limit - 1.0)
             rows.append(Limit(name, gain, limit, _over(limit, gain), frequency, True, difference))
         else:
-            others = _others(found) if others is None else others
-            edge = _reach(found, which, others)
+            others = _others(loop) if others is None else others
+            edge = _reach(loop, scaled, others)
             rows.append(Limit(name, gain, gain * edge.factor, edge.factor, edge.frequency, False))
     return rows
 
 
-def reduced(found: Linearised) -> dict[str, tuple[float, float]]:
+def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
     """Limit [N/m] and frequency [Hz] of each mode that is one by itself, the weakest of its name; empty without any."""
     try:
-        parts = modes(found.linear)
+        parts = modes(loop.linear)
     except InputError:
         return {}
     weakest: dict[str, tuple[float, float]] = {}
     for part in parts:
         if part.limits is None:
             return {}
-        name = _name(part, found)
+        name = _name(part, loop)
         entry = (part.limits.limit, part.limits.frequency)
         for each in dict.fromkeys([name, name.split()[0]]):
             weakest[each] = min(weakest.get(each, (math.inf, math.nan)), entry, key=lambda pair: pair[0])
     return weakest
 
 
-def _parts(found: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
-    """The modes that there are, and which of the gains for shifts, turns and squeezing each is."""
-    m, _ = found.linear.coordinates
-    rank = sum(split.rank for split in found.splits)
-    d = found.contacts.shape[1]
+def _parts(loop: Linearised) -> Iterator[tuple[str, tuple[bool, bool, bool]]]:
+    """List the modes, and which of the gains for shifts, turns and squeezing each is."""
+    m, _ = loop.linear.coordinates
+    rank = sum(split.rank for split in loop.splits)
+    d = loop.contacts.shape[1]
     if rank < m:
         yield "internal", (False, False, True)
     if not rank:
         return
     yield "external", (True, True, False)
-    least = 1e-9 * np.abs(found.linear.stiffness).max()
+    least = 1e-9 * np.abs(loop.linear.stiffness).max()
     halves = (("translation", (True, False, False)), ("rotation", (False, True, False)))
     there = [
-        (f"external {name}", which)
-        for name, which in halves
-        if np.abs(found.stiffness(float(which[0]), float(which[1]), 0.0)).max() > least
+        (f"external {name}", scaled)
+        for name, scaled in halves
+        if np.abs(loop.stiffness(float(scaled[0]), float(scaled[1]), 0.0)).max() > least
     ]
     if len(there) == 2 and d > 1:
         yield from there
 
 
-def _name(mode: Mode, found: Linearised) -> str:
+def _name(mode: Mode, loop: Linearised) -> str:
     if mode.kind == "internal":
         return "internal"
-    if found.contacts.shape[1] == 1:
+    if loop.contacts.shape[1] == 1:
         return "external"
-    n, d = found.contacts.shape
+    n, d = loop.contacts.shape
     motion = mode.motions[:, 0].reshape(n, d)
     together = n * float((motion.mean(axis=0) ** 2).sum()) / float((motion**2).sum())
     return "external translation" if together > 0.5 else "external rotation"
 
 
-def _others(found: Linearised) -> float:
-    """The factor at which the other gains are held: 1 where that is stable."""
-    if Family(found.linear, lambda s: found.linear.stiffness).radius(1.0) < 1.0:
+def _others(loop: Linearised) -> float:
+    """Find the factor at which the other gains are held: 1 where that is stable."""
+    if Family(loop.linear, lambda s: loop.linear.stiffness).radius(1.0) < 1.0:
         return 1.0
-    return min(1.0, ROOM * reach(found.linear, lambda s: found.stiffness(s, s, s)).factor)
+    return min(1.0, ROOM * reach(loop.linear, lambda s: loop.stiffness(s, s, s)).factor)
 
 
-def _reach(found: Linearised, which: tuple[bool, bool, bool], others: float) -> Reach:
+def _reach(loop: Linearised, scaled: tuple[bool, bool, bool], others: float) -> Reach:
     def stiffness(s: float) -> FloatArray:
-        return found.stiffness(*(s if chosen else others for chosen in which))
+        return loop.stiffness(*(s if is_scaled else others for is_scaled in scaled))
 
-    return reach(found.linear, stiffness)
+    return reach(loop.linear, stiffness)
 
 
-def standing_limits(found: Linearised) -> Iterator[Limit]:
-    """The grasp with its object on what carries it at the start, all gains growing together."""
-    ground = found.standing[0]
-    if ground is None or len(found.standing) > 1:
+def standing_limits(loop: Linearised) -> Iterator[Limit]:
+    """Find the limit of the grasp with its object on what carries it at the start, all gains growing together."""
+    ground = loop.standing[0]
+    if ground is None or len(loop.standing) > 1:
         return
-    linear = found.linear.with_changes(ground=(ground.stiffness, ground.damping))
+    linear = loop.linear.with_changes(ground=(ground.stiffness, ground.damping))
     edge, gain = reach(linear, lambda s: s * linear.stiffness), _stiffest(linear)
     mode = f"{STANDING} {' and '.join(ground.names)}"
     yield Limit(mode, gain, gain * edge.factor, edge.factor, edge.frequency, False)
 
 
-def pushing_limits(scene: Scene, found: Linearised) -> Iterator[Limit]:
-    """Every set of fingers that may touch without the others; none where contacts cannot be left."""
-    n = len(found.fingers)
+def pushing_limits(scene: Scene, loop: Linearised) -> Iterator[Limit]:
+    """Find limits of every set of fingers that may touch without the others; none where contacts cannot be left."""
+    n = len(loop.fingers)
     if scene.coupling.contact == "attached" or n == 1:
         return
     sizes: Sequence[int] = range(1, n) if n <= ALL_SETS else [1]
     names = scene.finger_names
     for size in sizes:
-        for chosen in combinations(found.fingers, size):
-            touching = np.isin(found.finger_of_column, chosen)
-            pushes = _pushes(scene, found, touching, chosen)
+        for pushers in combinations(loop.fingers, size):
+            touching = np.isin(loop.finger_of_column, pushers)
+            pushes = _pushes(scene, loop, touching, pushers)
             gain, edge = min(pushes, key=lambda pair: pair[1].factor)
-            who = ", ".join(names[i] for i in chosen)
+            who = ", ".join(names[i] for i in pushers)
             yield Limit(f"pushing with {who}", gain, gain * edge.factor, edge.factor, edge.frequency, False)
 
 
 def _pushes(
-    scene: Scene, found: Linearised, touching: NDArray[np.bool_], chosen: tuple[int, ...]
+    scene: Scene, loop: Linearised, touching: NDArray[np.bool_], pushers: tuple[int, ...]
 ) -> Iterator[tuple[float, Reach]]:
-    """The stiffest that is left and how far it can grow: near fingers without force, and where they fade, gone ones."""
-    near = without_freedoms(found.linear, touching)
+    """Find how far the stiffest rest can grow: near fingers without force, and where they fade, gone ones."""
+    near = without_freedoms(loop.linear, touching)
     yield _stiffest(near), reach(near, lambda s: s * near.stiffness)
     if scene.coupling.absent == "fade":
-        gone = gone_without(scene, found, near, chosen)
-        if gone is not None:
-            yield _stiffest(gone), reach(gone, lambda s: s * gone.stiffness)
+        alone = gone_without(scene, loop, near, pushers)
+        if alone is not None:
+            yield _stiffest(alone), reach(alone, lambda s: s * alone.stiffness)
 
 
-def gone_without(scene: Scene, found: Linearised, near: Linearisation, chosen: tuple[int, ...]) -> Linearisation | None:
-    """The loop of fingers that alone are in the split; None for gains per finger, or contacts that slip."""
+def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: tuple[int, ...]) -> Linearisation | None:
+    """Build the loop of fingers that alone are in the split; None for gains per finger, or contacts that slip."""
     coupling = scene.coupling
     kep, kip = number_of(coupling.external.stiffness), number_of(coupling.internal.stiffness)
     if math.isnan(kep + kip) or coupling.metric != "equal":
         return None
-    if found.contacts.shape[1] > 1 and coupling.friction != "stick" and not any(scene.coefficients):
+    if loop.contacts.shape[1] > 1 and coupling.friction != "stick" and not any(scene.coefficients):
         return None
     U = np.linalg.svd(near.G, full_matrices=False)
-    held = U[2][U[1] > 1e-6 * U[1].max(initial=0.0)]
-    P = held.T @ held
+    basis = U[2][U[1] > 1e-6 * U[1].max(initial=0.0)]
+    P = basis.T @ basis
     I = np.eye(len(P))  # noqa: E741 (the identity's letter)
     ked, kid = number_of(coupling.external.damping), number_of(coupling.internal.damping)
-    compliance = found.compliance[np.isin(found.finger_of_column, chosen)]
+    compliance = loop.compliance[np.isin(loop.finger_of_column, pushers)]
     damping = near.damping if math.isnan(ked + kid) else in_series(ked * P + kid * (I - P), compliance)
     return near.with_changes(stiffness=kep * P + kip * (I - P), damping=damping)
 

@@ -1,4 +1,4 @@
-"""What each sample of a scene will do, what it will skip, and why."""
+"""Plan of a scene: each sample's steps, those that it skips, and why."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PlanRow:
 
 
 def plan(scene: Scene) -> list[PlanRow]:
-    """The steps of one sample in their order, then the packages that the run imports."""
+    """List the steps of one sample in their order, then the packages that the run imports."""
     return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(resolve(scene))]
 
 
@@ -54,8 +54,8 @@ NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # o
 
 def _kernel(scene: Scene, step: str) -> str:
     first, _, name = step.partition(" ")
-    moved = [thing for thing in scene.object if thing.name == name or len(scene.object) == 1]
-    if first in NATIVE and all(thing.dynamics == "native" for thing in moved):
+    group = [thing for thing in scene.object if thing.name == name or len(scene.object) == 1]
+    if first in NATIVE and all(thing.dynamics == "native" for thing in group):
         return NATIVE[first]
     return KERNELS.get(step, "")
 
@@ -65,7 +65,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:
-        yield _named(scene, thing, "predict"), *_prediction(thing)
+        yield _of_object(scene, thing, "predict"), *_prediction(thing)
     yield from _contact_points(parts)
     yield _fingertips(scene)
     yield _weights(parts)
@@ -80,10 +80,10 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield _energy(scene)
     yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
     for thing in scene.object:
-        yield _named(scene, thing, "move"), True, _body(scene, thing)
-        yield _named(scene, thing, "turn"), *_turn(scene, thing)
+        yield _of_object(scene, thing, "move"), True, _body(scene, thing)
+        yield _of_object(scene, thing, "turn"), *_turn(scene, thing)
         if scene.obstacle or "world" in scene.model_fields_set or len(scene.object) > 1:
-            yield _named(scene, thing, "meet"), *meeting(scene, thing)
+            yield _of_object(scene, thing, "meet"), *meeting(scene, thing)
     if scene.obstacle:
         yield "fingers on obstacles", False, "obstacles are for objects: fingers pass through them"
     yield _hand(scene)
@@ -92,16 +92,16 @@ def _rows(parts: Parts) -> Iterator[Row]:
 
 
 def packages(scene: Scene) -> list[str]:
-    """What the framework imports for a run of the scene, figures and tables aside."""
-    found = ["numpy", "pydantic (scene)", "h5py (recording)"]
+    """List what the framework imports for a run of the scene, figures and tables aside."""
+    names = ["numpy", "pydantic (scene)", "h5py (recording)"]
     tables = [holding.table for holding in holdings(scene)]
     if any(each.kind == "path" for hand in tables if isinstance(hand, Moving) for each in listed(hand.motion)):
-        found.append("scipy (recorded path)")
+        names.append("scipy (recorded path)")
     if any(isinstance(thing.shape, MeshShape) for thing in scene.object):
-        found.append("trimesh (mesh)")
+        names.append("trimesh (mesh)")
     if any(thing.dynamics == "bullet" for thing in scene.object):
-        found.append("pybullet (dynamics)")
-    return found
+        names.append("pybullet (dynamics)")
+    return names
 
 
 def _drivers(scene: Scene) -> list[str]:
@@ -170,16 +170,16 @@ def _weights(parts: Parts) -> Row:
     if coupling.absent == "follow":
         return "fade", False, "absent = 'follow': a free finger stays in the split"
     if coupling.fade == "auto":
-        gaps = {held.name: 1e3 * held.grasped.block[[at.NEAR, at.FAR]] for held in grasps(parts)}
+        gaps = {part.name: 1e3 * part.grasped.block[[at.NEAR, at.FAR]] for part in grasps(parts)}
         between = {f"{low:.3g} and {high:.3g} mm": name for name, (low, high) in gaps.items()}
-        said = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
-        return "fade", True, f"auto: a free finger leaves the split between {said} from the surface"
+        text = " or ".join(f"{each} of {name}" if len(between) > 1 else each for each, name in between.items())
+        return "fade", True, f"auto: a free finger leaves the split between {text} from the surface"
     low, high = (1e3 * gap for gap in coupling.fade)
     return "fade", True, f"a free finger leaves the split between {low:g} and {high:g} mm from the surface"
 
 
 def _weighed_by(scene: Scene) -> str:
-    """Who weighs fingers although gains are equal."""
+    """Say why fingers are weighed although gains are equal."""
     if any(scene.coefficients):
         return "friction weighs"
     if scene.coupling.passivity != "off":
@@ -191,7 +191,7 @@ def _weighed_by(scene: Scene) -> str:
 
 
 def _resplit(scene: Scene) -> str:
-    """When the split is made anew."""
+    """Say when the split is made anew."""
     d = scene.dimensions
     for free in map(scene.free, scene.object):
         shifts, turns = free[:d], free[d:]
@@ -227,7 +227,7 @@ def _impedance(scene: Scene) -> Row:
 
 
 def _scalar(scene: Scene) -> bool:
-    """Whether each gain is one number."""
+    """Tell whether each gain is one number."""
     gains = (scene.coupling.external, scene.coupling.internal)
     return all(isinstance(value, float) for each in gains for value in (each.stiffness, each.damping))
 
@@ -236,10 +236,9 @@ def _projection(scene: Scene) -> Row:
     if scene.coupling.contact == "attached":
         return "letting go", False, "attached: the contact is bilateral, no cone"
     if any(scene.coefficients):
-        given = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
-        why = (
-            f"fingers only push; friction mu = {given} by Coulomb's law, by the associated one where it does not settle"
-        )
+        each_mu = ", ".join(f"{mu:g}" for mu in dict.fromkeys(scene.coefficients))
+        law = "by Coulomb's law, by the associated one where it does not settle"
+        why = f"fingers only push; friction mu = {each_mu} {law}"
         return "letting go", True, f"{why}; the recording says which (law)"
     law = "holds where it touched" if scene.coupling.friction == "stick" else "slips freely"
     return "letting go", True, f"fingers only push, eqs. (24)-(26); a touching finger {law}"
@@ -269,15 +268,15 @@ def _torsion(scene: Scene) -> Row:
 
 
 def _limits(parts: Parts) -> Iterator[Row]:
-    """The limits that devices tell, how forces are brought within them, and devices that may have one unseen."""
+    """Say the limits that devices tell, how forces are brought within them, and devices that may have a hidden one."""
     scene, wired = parts.scene, parts.wires
-    given, hidden = limit_text(scene, wired), hidden_text(scene, wired)
-    if given:
+    limits, hidden = limit_text(scene, wired), hidden_text(scene, wired)
+    if limits:
         ways = {limits_inside(scene, thing) for thing in scene.object}
         way = "inside the projection, on cones cut at the limit" if True in ways else ""
         way += ", or " if len(ways) > 1 else ""
         way += "scaled: squeezing first, in the cones, along the same wrench" if False in ways else ""
-        yield "limit", True, f"{given}; {way}; before the reaction, so that the object receives what is displayed"
+        yield "limit", True, f"{limits}; {way}; before the reaction, so that the object receives what is displayed"
     else:
         yield "limit", False, "no device tells a largest force"
     if hidden:
@@ -286,7 +285,7 @@ def _limits(parts: Parts) -> Iterator[Row]:
 
 
 def limits_inside(scene: Scene, thing: Object) -> bool:
-    """Whether the projection itself keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
+    """Tell whether the projection keeps an object's forces within limits (`graspfx.coupling.limit.is_inside`)."""
     attached = scene.coupling.contact == "attached"
     if thing.dynamics == "native" and thing.integrator == "implicit":
         return False
@@ -311,8 +310,8 @@ def _body(scene: Scene, thing: Object) -> str:
     if thing.dynamics == "native":
         return f"native, {thing.integrator}"
     name = "PyBullet, with exact viscosity" if thing.dynamics == "bullet" else thing.dynamics
-    given = f" (integrator = {thing.integrator!r} is ignored)" if "integrator" in thing.model_fields_set else ""
-    return f"{name}{given}"
+    ignored = f" (integrator = {thing.integrator!r} is ignored)" if "integrator" in thing.model_fields_set else ""
+    return f"{name}{ignored}"
 
 
 def _turn(scene: Scene, thing: Object) -> tuple[bool, str]:
@@ -324,17 +323,17 @@ def _turn(scene: Scene, thing: Object) -> tuple[bool, str]:
 
 
 def _hand(scene: Scene) -> Row:
-    held = [finger for finger in scene.finger if finger.hand is not None]
-    if not held:
+    simulated = [finger for finger in scene.finger if finger.hand is not None]
+    if not simulated:
         return "hand", False, "no finger names one"
-    return "hand", True, f"{len(held)} of {len(scene.finger)} fingers held; {'; '.join(descriptions(scene))}"
+    return "hand", True, f"{len(simulated)} of {len(scene.finger)} fingers held; {'; '.join(descriptions(scene))}"
 
 
-def _named(scene: Scene, thing: Object, step: str) -> str:
+def _of_object(scene: Scene, thing: Object, step: str) -> str:
     return step if len(scene.object) == 1 else f"{step} {thing.name}"
 
 
 def equal_gains(scene: Scene) -> bool:
-    """kep = kip and ked = kid: the conventional method."""
+    """Tell whether kep = kip and ked = kid: the conventional method."""
     external, internal = scene.coupling.external, scene.coupling.internal
     return external.stiffness == internal.stiffness and external.damping == internal.damping

@@ -28,7 +28,7 @@ INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
 @dataclass(frozen=True)
 class Prospect:
-    """What is known of a scene's ticks before it runs.
+    """The facts about a scene's ticks that are known before it runs.
 
     Attributes:
         foreign: parts that are no kernels.
@@ -43,7 +43,7 @@ class Prospect:
 
     foreign: tuple[str, ...]
     guests: tuple[str, ...]
-    ahead: tuple[str, ...]
+    foreseen: tuple[str, ...]
     calls: int
     kernels: frozenset[str]
     size: int | None
@@ -52,7 +52,7 @@ class Prospect:
 
 
 def prospect(scene: Scene) -> Prospect:
-    """Builds the scene, specialises its program and runs the first ticks where nothing but simulations moves.
+    """Build the scene, specialise its program and run the first ticks where nothing but simulations moves.
 
     Raises:
         GraspFXError: it cannot be built, or a part of it is not what it says.
@@ -64,7 +64,7 @@ def prospect(scene: Scene) -> Prospect:
         return Prospect(
             foreign=tuple(foreign(servo)),
             guests=tuple(guests(servo)),
-            ahead=tuple(looked_ahead(servo)),
+            foreseen=tuple(looked_ahead(servo)),
             calls=2 if tick.ports else int(bool(tick.guests or tick.bodies or tick.plants)),
             kernels=kernels(servo),
             size=_size(servo) if llvm else None,
@@ -74,7 +74,7 @@ def prospect(scene: Scene) -> Prospect:
 
 
 def kernels(servo: Servo) -> frozenset[str]:
-    """The names of the kernels that the program of a servo holds."""
+    """List the names of the kernels in a servo's program."""
     return frozenset(name for source in sources(servo.script).values() for name in KERNEL.findall(source))
 
 
@@ -85,12 +85,12 @@ def engine_plan(scene: Scene) -> list[PlanRow]:
         SceneError: a finger that starts out of its device's reach.
     """
     try:
-        found = prospect(scene)
+        facts = prospect(scene)
     except SceneError:
         raise
     except GraspFXError as error:
         return [PlanRow("engine", False, f"cannot be told: {' '.join(str(error).split())}")]
-    return [PlanRow("calls", True, _calls(found)), _program(found), *_engine(scene, found)]
+    return [PlanRow("calls", True, _calls(facts)), _program(facts), *_engine(scene, facts)]
 
 
 def _size(servo: Servo) -> int | None:
@@ -107,54 +107,54 @@ def _cost(servo: Servo) -> float:
     return servo.engine.cost
 
 
-def _calls(found: Prospect) -> str:
-    ahead = f"; {_listed(found.ahead)} no kernel: asked beforehand for many ticks" if found.ahead else ""
-    if not found.calls:
-        return f"all parts are kernels: one call for many ticks{ahead}"
-    calls = "two calls for each tick" if found.calls == 2 else "one call for each tick"
-    why = [f"{_listed(found.foreign)} no kernel{'' if len(found.foreign) == 1 else 's'}"] if found.foreign else []
-    why += [f"{_listed(found.guests)} moved by other software between ticks"] if found.guests else []
-    return f"{calls}, as {' and '.join(why)}{ahead}"
+def _calls(facts: Prospect) -> str:
+    beforehand = f"; {_listed(facts.foreseen)} no kernel: asked beforehand for many ticks" if facts.foreseen else ""
+    if not facts.calls:
+        return f"all parts are kernels: one call for many ticks{beforehand}"
+    calls = "two calls for each tick" if facts.calls == 2 else "one call for each tick"
+    why = [f"{_listed(facts.foreign)} no kernel{'' if len(facts.foreign) == 1 else 's'}"] if facts.foreign else []
+    why += [f"{_listed(facts.guests)} moved by other software between ticks"] if facts.guests else []
+    return f"{calls}, as {' and '.join(why)}{beforehand}"
 
 
 def _listed(parts: Collection[str]) -> str:
     return f"{', '.join(parts)} {'is' if len(parts) == 1 else 'are'}"
 
 
-def _program(found: Prospect) -> PlanRow:
-    what = f"{len(found.kernels)} kernels, specialised for this scene"
-    if found.size is not None:
-        return PlanRow("program", True, f"{what}; compiled, {1e-3 * found.size:.0f} kB in {folder_text()}")
-    if not found.llvm:
-        return PlanRow("program", False, f"{what}; {INSTALL} to have it compiled")
-    return PlanRow("program", True, f"{what}; not in {folder_text()} yet, where `graspfx warmup` puts it compiled")
+def _program(facts: Prospect) -> PlanRow:
+    text = f"{len(facts.kernels)} kernels, specialised for this scene"
+    if facts.size is not None:
+        return PlanRow("program", True, f"{text}; compiled, {1e-3 * facts.size:.0f} kB in {folder_text()}")
+    if not facts.llvm:
+        return PlanRow("program", False, f"{text}; {INSTALL} to have it compiled")
+    return PlanRow("program", True, f"{text}; not in {folder_text()} yet, where `graspfx warmup` puts it compiled")
 
 
-def _engine(scene: Scene, found: Prospect) -> Iterator[PlanRow]:
+def _engine(scene: Scene, facts: Prospect) -> Iterator[PlanRow]:
     if scene.engine == "interpreted":
         yield PlanRow("engine", True, "interpreted, as the scene says")
-    elif not found.llvm:
+    elif not facts.llvm:
         yield PlanRow("engine", scene.engine == "auto", f"interpreted: {INSTALL}")
     elif scene.engine == "compiled":
-        first = "" if found.size is not None else ", before the first tick"
+        first = "" if facts.size is not None else ", before the first tick"
         yield PlanRow("engine", True, f"compiled{first}, as the scene says")
-    elif found.cost is None:
+    elif facts.cost is None:
         why = f"what a tick takes is found in the first {FIRST}, with the devices; {_rule()}"
         yield PlanRow("engine", True, f"auto: {why}")
     else:
-        yield PlanRow("engine", True, f"auto: {_chosen(scene, found, found.cost)}")
+        yield PlanRow("engine", True, f"auto: {_choice(scene, facts, facts.cost)}")
 
 
 def _rule() -> str:
     return f"a program pays where it saves {LOADING:g} s, or {COMPILING:g} s if it is to be compiled first"
 
 
-def _chosen(scene: Scene, found: Prospect, cost: float) -> str:
+def _choice(scene: Scene, facts: Prospect, cost: float) -> str:
     ticks = round(scene.duration / scene.period)
     saving = (ticks - FIRST) * cost
-    worth = saving > (COMPILING if found.size is None else LOADING)
-    what = f"{ticks} ticks; as they stand {_time(cost)} each, {_time(ticks * cost)} in all"
-    return f"{f'compiled after the first {FIRST} of' if worth else 'interpreted,'} {what}; {_rule()}"
+    worth = saving > (COMPILING if facts.size is None else LOADING)
+    text = f"{ticks} ticks; as they stand {_time(cost)} each, {_time(ticks * cost)} in all"
+    return f"{f'compiled after the first {FIRST} of' if worth else 'interpreted,'} {text}; {_rule()}"
 
 
 def _time(seconds: float) -> str:

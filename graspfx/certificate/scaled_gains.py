@@ -43,23 +43,23 @@ class ScaledGains:
             K_e = shifts * K_t + turns * (K_e - K_t)
         else:
             K_e = shifts * K_e
-        return self.held(K_e + internal * inner.stiffness(self.split))
+        return self.release_tangents(K_e + internal * inner.stiffness(self.split))
 
     def alone(self, k: float) -> FloatArray:
-        """Every finger by itself with stiffness k, in the metric."""
+        """Give K for every finger by itself with stiffness k, in the metric."""
         law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
-        return self.held(law.stiffness(self.split))
+        return self.release_tangents(law.stiffness(self.split))
 
-    def held(self, K: FloatArray) -> FloatArray:
-        """K with the tangents of contacts that slip let go of."""
+    def release_tangents(self, K: FloatArray) -> FloatArray:
+        """Release the tangents of contacts that slip from K."""
         if self.normals is None:
             return K
         m, p = self.normals.shape
         basis = np.linalg.qr(self.normals, mode="complete")[0]
         turned = basis.T @ K @ basis
-        kept = np.arange(m) < p
+        normals = np.arange(m) < p
         normal = basis[:, :p]
-        return np.asarray(normal @ condensed(turned, kept) @ normal.T)
+        return np.asarray(normal @ condensed(turned, normals) @ normal.T)
 
 
 def force_directions(scene: Scene, grip: Grip, fingers: NDArray[np.intp]) -> FloatArray | None:

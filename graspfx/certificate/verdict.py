@@ -28,7 +28,7 @@ class Report:
         faults: of a scene that cannot run, all at once; nothing else is judged then.
         certificates: of each object in fingers, the worst first; none where they cannot be made.
         why: in words, where there are none.
-        notes: what may not be meant.
+        notes: warnings about likely mistakes.
         plan: what runs in a tick, what is skipped and why.
     """
 
@@ -61,7 +61,7 @@ class Report:
         return text
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, with units in the names of keys; no limit is None."""
+        """Write plain data for JSON, with units in the names of keys; no limit is None."""
         return {
             "scene": self.scene,
             "ok": self.ok,
@@ -73,7 +73,7 @@ class Report:
         }
 
     def lines(self) -> Iterator[str]:
-        """Verdict, limits, notes and plan as lines of text."""
+        """Write verdict, limits, notes and plan as lines of text."""
         from graspfx.certificate.certificate_lines import lines
 
         yield self.verdict
@@ -89,7 +89,7 @@ class Report:
 
 
 def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Report:
-    """Say whether a scene's grasps are stable, how far each gain can go, what may not be meant, and what a run does.
+    """Say whether a scene's grasps are stable, the limit of each gain, likely mistakes, and what a run does.
 
     Args:
         scene: a name on the shelf, the path of a .toml or .py file, or a Scene.
@@ -117,7 +117,7 @@ def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | Non
 
 
 def report(scene: Scene) -> Report:
-    """The report on a scene that is valid.
+    """Report on a scene that is valid.
 
     Raises:
         SceneError: a finger that starts out of its device's reach.
@@ -143,19 +143,19 @@ def report(scene: Scene) -> Report:
 
 
 def _room(certificate: Certificate) -> tuple[bool, float]:
-    """What is not stable first, then by the least margin."""
+    """Order unstable certificates first, then by the least margin."""
     least = _least(certificate)
     return certificate.stable, math.inf if least is None else least.margin
 
 
 def _least(certificate: Certificate) -> Limit | None:
-    """The mode with the least margin of the whole grasp, the most special of equal ones."""
+    """Find the mode with the least margin of the whole grasp, the most special of equal ones."""
     rows = [row for row in certificate.limits if not row.mode.startswith(PUSHING)]
     return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
 
 
 def _sentence(certificate: Certificate) -> str:
-    """A certificate in one line."""
+    """Write a certificate in one line."""
     least, stable = _least(certificate), certificate.stable
     radius = f"spectral radius {certificate.spectral_radius:.6f}"
     text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"

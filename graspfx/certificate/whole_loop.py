@@ -47,14 +47,14 @@ class Family:
             self._C[:, :m], self._C[:, 2 * m : 2 * m + r] = np.eye(m), -linear.G_displacement.T
 
     def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
-        """The eigenvalues for each factor, (f, states), without motions that change no force."""
+        """Find the eigenvalues for each factor, (f, states), without motions that change no force."""
         loops = np.stack([self._matrix(self._stiffness(s)) for s in factors.tolist()])
         if self._basis is not None:
             loops = self._basis.T @ loops @ self._basis
         return np.asarray(np.linalg.eigvals(loops), dtype=complex)
 
     def radius(self, factor: float) -> float:
-        """Largest |z| for a factor."""
+        """Find the largest |z| for a factor."""
         return float(np.abs(self.roots(np.array([factor]))).max(initial=0.0))
 
     def _matrix(self, K: FloatArray) -> FloatArray:
@@ -64,7 +64,7 @@ class Family:
 
 
 def reach(linear: Linearisation, stiffness: Stiffness) -> Reach:
-    """The first loss of stability above the gain that is there, or, where that is not stable, above the first that is.
+    """Find the first loss of stability above the present gain, or, where that is unstable, above the first stable one.
 
     Args:
         linear: with s = 1.

@@ -47,7 +47,7 @@ def execute(options: Namespace) -> int:
 
 
 def _tick(scene: Scene) -> list[str]:
-    """List the program that a run of the scene would run."""
+    """List the program that a run of the scene would run, line by line."""
     from graspfx.build.build import build
     from graspfx.loop.tick.tick_listing import listing
 

@@ -38,17 +38,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.scene_cache import kept, place
+    from graspfx.build.scene_cache import cached, place
 
     if options.out is not None:
         _require_room(options.out, options)
     where = place(options.scene, dict(options.overrides))
-    cached = kept(where) if where is not None else None
-    scene, notes = cached or _checked(options)
+    entry = cached(where) if where is not None else None
+    scene, notes = entry or _checked(options)
     note(notes)
     with destination(options, Path(options.scene).stem, latest=True) as folder:
         code, complete = _run_into(folder, scene, options)
-    if complete and where is not None and cached is None:
+    if complete and where is not None and entry is None:
         from graspfx.build.scene_cache import keep
 
         keep(where, scene, notes)

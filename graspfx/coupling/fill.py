@@ -20,7 +20,7 @@ from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
-from graspfx.surfaces.triangles import ball
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 FloatArray = NDArray[np.float64]
 
@@ -187,7 +187,7 @@ class _Room:
         }
         unknowns = n * coordinates if grip.square else MODES
         problem = problem_size(n, unknowns) if grip.problems else 0
-        walks = n * ball.STATE if grip.shape is not None and grip.shape.data is not None else 0
+        walks = n * size_of(MeshFinger) if grip.shape is not None and grip.shape.data is not None else 0
         return cls(sizes, size_for(GraspState, **sizes), unknowns, problem, walks)
 
 
@@ -231,10 +231,8 @@ def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
         block[_entries("parameters")] = grip.shape.parameters
     if data is not None:
         first = end + 2 * problem
-        block[_entries("parameters")][:] = 0.0
-        block[start_of(GraspState, "parameters")] = first + walks
-        block[start_of(GraspState, "parameters") + 1] = first
-        grasp.fingers.array(FingerState.walk)[:] = first + ball.STATE * np.arange(n)
+        block[start_of(GraspState, "mesh")] = first + walks
+        grasp.fingers.array(FingerState.walk)[:] = first + size_of(MeshFinger) * np.arange(n)
         block[first + walks :] = data
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.compile.records import size_of, start_of
+from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
 from graspfx.coupling.entries import recorded_entries, structure_entries
@@ -20,7 +20,7 @@ from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
 from graspfx.grasp.impedance import Coupling
 from graspfx.objects.body_state import BodyState
-from graspfx.surfaces.triangles import ball, walk
+from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -71,10 +71,9 @@ class GraspedObject:
         self._grasp = GraspState(memoryview(self.block))  # its items are Python floats, twice as fast as array items
         self.coordinates = self.state.coordinates
         self._shaped = shape is not None
-        self._walks: FloatArray | None = None
+        self._walks: Many[MeshFinger] | None = None
         if shape is not None and shape.data is not None:
-            first = int(self.state.parameters.y)
-            self._walks = self.block[first : first + n * ball.STATE].reshape(n, ball.STATE)
+            self._walks = Many(MeshFinger, self.block, self.state.fingers[0].walk.offset, n)
         o = start_of(GraspState, "body")
         self.body_state = self.block[o : o + size_of(BodyState)]
         o = start_of(GraspState, "fingers")
@@ -114,7 +113,7 @@ class GraspedObject:
         """Let the walks on a mesh begin as far away as the fade reaches."""
         if self._walks is None:
             return
-        self._walks[:, walk.REACH] = np.inf
+        self._walks.array(MeshFinger.reach)[:] = np.inf
         if self.state.fade:
             self.set_fade(self.state.fade_start, self.state.fade_end)
 
@@ -163,7 +162,7 @@ class GraspedObject:
         """Let a free finger leave the split between two gaps [m]."""
         self.state.fade_start, self.state.fade_end = low, high
         if self._walks is not None:
-            self._walks[:, walk.REACH] = high + self.array(FingerState.radius)
+            self._walks.array(MeshFinger.reach)[:] = high + self.array(FingerState.radius)
 
     def inward(self) -> FloatArray:
         """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
@@ -184,7 +183,7 @@ class GraspedObject:
             return
         self.finger_position[:] = position
         if self._walks is not None:
-            self._walks[:, walk.MODE] = walk.NEW
+            self._walks.array(MeshFinger.mode)[:] = NEW
         attached, touching = self.state.attached, self.touching.copy()
         self.state.attached = False
         self.touching[:] = 0.0

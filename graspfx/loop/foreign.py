@@ -21,8 +21,8 @@ def guests(servo: Servo) -> list[str]:
 
 def looked_ahead(servo: Servo) -> list[str]:
     """Hands that are no kernels: they are asked for many ticks at once, so that these cost no call for each."""
-    moved = [servo.moved[table.moved] for table in servo.script.tables]
-    return [_shown("hand", m.hand, _fingers(servo, m.fingers)) for m in moved]
+    wirings = [servo.plants[table.plant] for table in servo.script.tables]
+    return [_shown("hand", m.hand, _fingers(servo, m.fingers)) for m in wirings]
 
 
 def _foreign(servo: Servo) -> Iterator[str]:
@@ -32,7 +32,7 @@ def _foreign(servo: Servo) -> Iterator[str]:
         if fused(station.device) is None:
             yield _shown("device", station.device, _fingers(servo, station.fingers))
     for j in tick.plants:
-        m = servo.moved[j]
+        m = servo.plants[j]
         if plants.fused(m.plant) is None:
             yield _shown("plant", m.plant, _fingers(servo, m.fingers))
     for i in tick.bodies:

@@ -20,7 +20,7 @@ Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Held:
+class GraspedPart:
     """An object and the numbers of the fingers that are assigned to it."""
 
     name: str
@@ -29,7 +29,7 @@ class Held:
 
 
 @dataclass(frozen=True)
-class Mover:
+class BodyGroup:
     """A body, or a world of bodies that meet one another, and the numbers of the objects that it moves."""
 
     body: Any
@@ -37,7 +37,7 @@ class Mover:
 
 
 @dataclass(frozen=True)
-class Station:
+class DeviceWiring:
     """A device and the finger that each of its channels is (-1: a channel that the scene does not use)."""
 
     device: Device
@@ -45,7 +45,7 @@ class Station:
 
 
 @dataclass(frozen=True)
-class Moved:
+class PlantWiring:
     """A plant, the hand that holds it, the devices whose efforts drive it and the fingers that it moves."""
 
     plant: Plant
@@ -60,10 +60,10 @@ class Parts:
 
     period: float
     layout: Layout
-    stations: Sequence[Station]
-    objects: Sequence[Held]
-    movers: Sequence[Mover]
-    moved: Sequence[Moved]
+    stations: Sequence[DeviceWiring]
+    objects: Sequence[GraspedPart]
+    movers: Sequence[BodyGroup]
+    plants: Sequence[PlantWiring]
     observers: Sequence[Observer]
 
 

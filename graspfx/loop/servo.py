@@ -13,7 +13,7 @@ from graspfx.coupling.grasped import fault_text
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Device, LimitedDevice
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.parts import Held, Moved, Mover, Parts, Station
+from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
@@ -44,10 +44,10 @@ class Servo:
         self,
         period: float,
         layout: Layout,
-        stations: Sequence[Station],
-        objects: Sequence[Held],
-        movers: Sequence[Mover],
-        moved: Sequence[Moved] = (),
+        stations: Sequence[DeviceWiring],
+        objects: Sequence[GraspedPart],
+        movers: Sequence[BodyGroup],
+        plants: Sequence[PlantWiring] = (),
         observers: Sequence[Observer] = (),
         engine: str = "auto",
         *,
@@ -55,7 +55,7 @@ class Servo:
     ) -> None:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
         self.period, self.layout = period, layout
-        self.stations, self.objects, self.movers, self.moved = stations, objects, movers, moved
+        self.stations, self.objects, self.movers, self.plants = stations, objects, movers, plants
         self.observers = observers  # one for each object, or none at all
         self.fault: RunFault | None = None
         self._nowhere = np.empty((0, layout.width))
@@ -86,7 +86,7 @@ class Servo:
     @property
     def parts(self) -> Parts:
         """All that runs."""
-        return Parts(self.period, self.layout, self.stations, self.objects, self.movers, self.moved, self.observers)
+        return Parts(self.period, self.layout, self.stations, self.objects, self.movers, self.plants, self.observers)
 
     @property
     def script(self) -> Tick:
@@ -248,7 +248,7 @@ class Servo:
                 self._tell(k, f"{self._objects(i)}: {error}")
 
     def _advance(self, k: int, j: int) -> None:
-        stuck, m = at.STUCK + len(self.movers) + j, self.moved[j]
+        stuck, m = at.STUCK + len(self.movers) + j, self.plants[j]
         if not self._own[stuck]:
             try:
                 m.plant.advance(np.concatenate([d.effort for d in m.devices]), m.hand, self.period)
@@ -261,7 +261,7 @@ class Servo:
         T, k = self.period, self.ticks
         self._own[at.AHEAD] = k
         for table in self._tick.tables:
-            m = self.moved[table.moved]
+            m = self.plants[table.plant]
             each = table.memory.reshape(at.CHUNK, -1, *m.plant.position.shape)
             for i in range(count):
                 each[i, 0], each[i, 1] = m.hand.target((k + i + 1) * T)
@@ -291,10 +291,10 @@ class Servo:
             return fault_text(code, [self.layout.fingers[f] for f in self.objects[index].fingers])
         if kind == at.MOVER:
             return f"{self._objects(index)}: {self.movers[index].body.fault_text(code)}"
-        return f"{self._fingers(index)}: {self.moved[index].plant.fault_text(code)}"  # type: ignore[attr-defined]
+        return f"{self._fingers(index)}: {self.plants[index].plant.fault_text(code)}"  # type: ignore[attr-defined]
 
     def _objects(self, mover: int) -> str:
         return ", ".join(self.objects[number].name for number in self.movers[mover].objects)
 
-    def _fingers(self, moved: int) -> str:
-        return ", ".join(self.layout.fingers[f] for f in self.moved[moved].fingers)
+    def _fingers(self, index: int) -> str:
+        return ", ".join(self.layout.fingers[f] for f in self.plants[index].fingers)

@@ -78,7 +78,7 @@ def excess(text: str) -> Fault | None:
 
 
 def outline(text: str) -> str:
-    """TOML text with long values written as 0, each key on its line: what takes little to be looked through."""
+    """Write TOML with long values as 0, each key on its line: a text that is quick to look through."""
     pieces, last, depth, value = [], 0, 0, -1
     for token in TOKEN.finditer(text):
         kind, at = token.lastgroup, token.start()
@@ -108,14 +108,14 @@ def too_deep(data: Any) -> Fault | None:
 
 
 def _parts(holder: Any) -> list[tuple[Any, Any]]:
-    """What a table or list holds that may hold more."""
+    """List the parts of a table or list that may hold more."""
     items: Iterable[tuple[Any, Any]] = holder.items() if isinstance(holder, Mapping) else ()
     if isinstance(holder, list | tuple):
         items = enumerate(holder)
     return [(name, value) for name, value in items if isinstance(value, Mapping | list | tuple)]
 
 
-def read_bytes(path: Path, shown: str) -> bytes:
+def read_bytes(path: Path, name: str) -> bytes:
     """Read a scene's file, if it is no longer than what is taken.
 
     Raises:
@@ -125,8 +125,8 @@ def read_bytes(path: Path, shown: str) -> bytes:
         with path.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
     except OSError as error:
-        raise InputError("scene", shown, "a file that can be read", str(error.strerror)) from error
+        raise InputError("scene", name, "a file that can be read", str(error.strerror)) from error
     if len(data) > LARGEST_FILE:
         most = f"a file of at most {LARGEST_FILE / 1e6:g} MB"
-        raise InputError("scene", shown, most, "a mesh or a path goes into a file of its own")
+        raise InputError("scene", name, most, "a mesh or a path goes into a file of its own")
     return data

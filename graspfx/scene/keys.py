@@ -16,7 +16,7 @@ def dotted(key: Sequence[str | int]) -> str:
 
 
 def key_in(data: Any, location: Sequence[str | int]) -> Key:
-    """Where a validator's location stands in the data: without the names of alternatives, which the data lacks."""
+    """Find where a validator's location stands in the data: without the names of alternatives, which the data lacks."""
     key: list[str | int] = []
     for part in location:
         if isinstance(part, str) and part.startswith("<"):
@@ -31,6 +31,6 @@ def key_in(data: Any, location: Sequence[str | int]) -> Key:
     return tuple(key)
 
 
-def as_faults(data: Mapping[str, Any], found: Iterable[tuple[Key, str]]) -> list[Fault]:
-    """Faults by dotted key, as the data writes it."""
-    return [Fault(dotted(key_in(data, at)), text) for at, text in found]
+def as_faults(data: Mapping[str, Any], findings: Iterable[tuple[Key, str]]) -> list[Fault]:
+    """Write faults by dotted key, as the data writes it."""
+    return [Fault(dotted(key_in(data, at)), text) for at, text in findings]

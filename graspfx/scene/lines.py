@@ -36,10 +36,10 @@ class KeyLines:
                 self._table(node)
 
     def __getitem__(self, key: Sequence[str | int]) -> int | None:
-        wanted = tuple(key)
-        while wanted and wanted not in self._lines:
-            wanted = wanted[:-1]
-        return self._lines.get(wanted)
+        target = tuple(key)
+        while target and target not in self._lines:
+            target = target[:-1]
+        return self._lines.get(target)
 
     def _table(self, node: Node) -> None:
         name, *rest = node.named_children
@@ -54,7 +54,7 @@ class KeyLines:
                 self._pair(at, pair)
 
     def _open(self, at: Key, path: Sequence[str], name: Node) -> Key:
-        """The key of a table, through arrays of tables to their last one; tables that its name makes begin here."""
+        """Open the key of a table, through arrays of tables to their last one; tables that its name makes begin."""
         for part in path:
             at = (*at, part)
             if at in self._last:

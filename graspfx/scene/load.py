@@ -24,7 +24,7 @@ SIMPLE = re.compile(r"^[A-Za-z_]\w*$")
 
 
 def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
-    """The scene behind a name on the shelf or the path of a .toml or .py file.
+    """Load the scene behind a name on the shelf or the path of a .toml or .py file.
 
     Args:
         name: of a scene, or a path.
@@ -47,14 +47,14 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) 
 
 
 def _text(path: Path) -> str:
-    shown = plugins.shown_path(path)
-    data = read_bytes(path, shown)
+    name = plugins.shown_path(path)
+    data = read_bytes(path, name)
     try:
         return data.decode()
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         fault = Fault("", f"not UTF-8: byte 0x{data[error.start]:02x}; save the file in that encoding", line)
-        raise SceneError(shown, [fault]) from error
+        raise SceneError(name, [fault]) from error
 
 
 def _parsed(text: str, name: str) -> dict[str, Any]:
@@ -63,8 +63,8 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        found = PLACE.search(str(error))
-        line = int(found[1]) if found and found[1] else text.count("\n") + 1
+        match = PLACE.search(str(error))
+        line = int(match[1]) if match and match[1] else text.count("\n") + 1
         message = f"not TOML: {PLACE.sub('', str(error))}"
         raise SceneError(name, [Fault("", message, line)]) from error
 
@@ -75,18 +75,18 @@ def _from_python(path: Path, source: Source) -> Scene:
         raise InputError("scene", source.name, "a Python file with `def scene(**parameters) -> gx.Scene`")
     parameters = inspect.signature(make).parameters
     open_ended = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
-    named = {name for name, each in parameters.items() if each.kind not in OPEN_ENDED}
-    taken = {
+    names = {name for name, each in parameters.items() if each.kind not in OPEN_ENDED}
+    arguments = {
         key: value
         for key, value in source.overrides.items()
-        if key in named or (open_ended and SIMPLE.match(key) and key not in Scene.model_fields)
+        if key in names or (open_ended and SIMPLE.match(key) and key not in Scene.model_fields)
     }
-    faults = [*_unknown(source.overrides.keys() - taken.keys(), named), *_missing(parameters, source.overrides)]
+    faults = [*_unknown(source.overrides.keys() - arguments.keys(), names), *_missing(parameters, source.overrides)]
     if faults:
         raise SceneError(source.name, faults)
     try:
         with plugins.blaming(path):
-            scene = make(**taken)
+            scene = make(**arguments)
     except SceneError as error:
         raise SceneError(source.name, error.faults) from error
     except plugins.PluginError:
@@ -95,23 +95,23 @@ def _from_python(path: Path, source: Source) -> Scene:
         raise plugins.blamed(path, error, str(error)) from error
     if not isinstance(scene, Scene):
         raise InputError(f"scene() in {source.name}", scene, "a gx.Scene")
-    rest = {key: value for key, value in source.overrides.items() if key not in taken}
+    rest = {key: value for key, value in source.overrides.items() if key not in arguments}
     return make_scene(scene.to_dict(), rest, source)
 
 
 def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[Fault]:
-    """Overrides that are neither parameters nor keys of a scene: said before `scene()` makes something of the rest."""
-    known = parameters | Scene.model_fields.keys()
+    """Find overrides that are neither parameters nor keys of a scene, before `scene()` makes something of the rest."""
+    names = parameters | Scene.model_fields.keys()
     for key in sorted(keys):
-        if key.split(".")[0] not in known:
-            close = closest(key, known)
+        if key.split(".")[0] not in names:
+            close = closest(key, names)
             hint = (
                 f"; did you mean {close!r}?" if close else f"; scene() takes {', '.join(sorted(parameters)) or 'none'}"
             )
             yield Fault(key, f"unknown key{hint} (set by an override)")
 
 
-def _missing(parameters: Mapping[str, inspect.Parameter], given: Mapping[str, Any]) -> Iterator[Fault]:
+def _missing(parameters: Mapping[str, inspect.Parameter], arguments: Mapping[str, Any]) -> Iterator[Fault]:
     for name, each in sorted(parameters.items()):
-        if each.default is inspect.Parameter.empty and each.kind not in OPEN_ENDED and name not in given:
+        if each.default is inspect.Parameter.empty and each.kind not in OPEN_ENDED and name not in arguments:
             yield Fault(name, "required by scene(), but not given")

@@ -43,7 +43,7 @@ class Scene(SceneTable):
         self._source, self._stock = origin, stock
 
     def __eq__(self, other: object) -> bool:
-        """Equal as descriptions, wherever they came from."""
+        """Compare as descriptions, wherever they came from."""
         return isinstance(other, Scene) and self.to_dict() == other.to_dict()
 
     __hash__ = None  # type: ignore[assignment]
@@ -60,12 +60,12 @@ class Scene(SceneTable):
         return self._source
 
     def to_dict(self) -> dict[str, Any]:
-        """The scene as nested tables that `Scene(**table)` takes, without what has its default."""
+        """Write the scene as nested tables that `Scene(**table)` takes, without defaults."""
         table: dict[str, Any] = self.model_dump(mode="json", exclude_unset=True)
         return table
 
     def require_reach(self) -> None:
-        """What only shows when simulated devices are placed, as a run does.
+        """Require what only shows when simulated devices are placed, as a run does.
 
         Raises:
             SceneError: with every finger that starts where its device cannot be.
@@ -83,7 +83,7 @@ class Scene(SceneTable):
         return _placed(source, as_faults(table, faults), replaced, source.text if is_toml else None)
 
     def linearise(self, at: str = "squeezed") -> Linearisation:
-        """Small motions about the scene's grasp at rest, as matrices: what `gx.stability` takes a scene for.
+        """Linearise small motions about the scene's grasp at rest: matrices that `gx.stability` takes for a scene.
 
         Args:
             at: "squeezed", where still hands closed as far as they ever are come to rest; or "start", where the fingers
@@ -97,16 +97,16 @@ class Scene(SceneTable):
         return linear
 
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
-        """The scene with values replaced by dotted key, as on the command line."""
-        given = by_key(overrides)
-        source = Source(self._source.name, self._source.text, self._source.path, {**self._source.overrides, **given})
-        return make_scene(self.to_dict(), given, source)
+        """Copy the scene with values replaced by dotted key, as on the command line."""
+        changes = by_key(overrides)
+        source = Source(self._source.name, self._source.text, self._source.path, {**self._source.overrides, **changes})
+        return make_scene(self.to_dict(), changes, source)
 
 
 def make_scene(
     table: Mapping[str, Any], overrides: Mapping[str, Any], source: Source, *, lines_from: str | None = None
 ) -> Scene:
-    """A scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
+    """Make a scene from nested tables with overrides; faults get the lines of the TOML text `lines_from`.
 
     Raises:
         SceneError: with every fault at once.
@@ -122,7 +122,7 @@ def make_scene(
 
 
 def _placed(source: Source, faults: Sequence[Fault], replaced: set[Key], lines_from: str | None) -> SceneError:
-    """Faults in the order of their lines, after those that have none."""
+    """Sort faults by their lines, after those that have none."""
     lines = KeyLines(lines_from) if lines_from is not None else None
     placed = [_with_line(fault, source, replaced, lines) for fault in faults]
     return SceneError(source.name, sorted(placed, key=lambda fault: fault.line or 0))
@@ -131,13 +131,13 @@ def _placed(source: Source, faults: Sequence[Fault], replaced: set[Key], lines_f
 def _with_line(fault: Fault, source: Source, replaced: set[Key], lines: KeyLines | None) -> Fault:
     key = tuple(int(part) if part.isdecimal() else part for part in fault.key.split("."))
     if any(key[:length] in replaced for length in range(1, len(key) + 1)):
-        given = source.overrides.get(fault.key)
-        quotes = isinstance(given, int | float) and fault.message.startswith("expected text")
-        hint = f"text needs quotes: --set '{fault.key}=\"{str(given).lower()}\"'; " if quotes else ""
+        value = source.overrides.get(fault.key)
+        quotes = isinstance(value, int | float) and fault.message.startswith("expected text")
+        hint = f"text needs quotes: --set '{fault.key}=\"{str(value).lower()}\"'; " if quotes else ""
         return Fault(fault.key, f"{fault.message} ({hint}set by an override)")
     return Fault(fault.key, fault.message, lines[key] if lines is not None else None)
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of a scene file."""
+    """Write the JSON schema of a scene file."""
     return SceneTable.model_json_schema()

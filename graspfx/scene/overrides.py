@@ -13,22 +13,22 @@ from graspfx.scene.keys import Key, dotted
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Overrides as a dictionary of their own.
+    """Copy overrides into a dictionary of their own.
 
     Raises:
         InputError: something else than values by dotted key, or tables and lists too deep in one another.
     """
-    given = {} if overrides is None else overrides
-    if not isinstance(given, Mapping):
+    values = {} if overrides is None else overrides
+    if not isinstance(values, Mapping):
         raise InputError("overrides", overrides, "values by dotted key", "as in {'coupling.internal.stiffness': 50.0}")
-    for key, value in given.items():
+    for key, value in values.items():
         if str(key).count(".") >= DEEPEST or too_deep(value):
             raise InputError("overrides", str(key), f"keys and values of at most {DEEPEST} levels")
-    return {str(key): value for key, value in given.items()}
+    return {str(key): value for key, value in values.items()}
 
 
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
-    """A copy of nested tables with values replaced, the keys that were, and a fault for each that leads nowhere.
+    """Copy nested tables with values replaced; list the replaced keys, and a fault for each that leads nowhere.
 
     A number picks a table or value of a list, a name one of several tables, `*` takes all of them; a lone table counts
     as a list of one. Tables on the way that are missing are made: whether a key exists is for the scene's validation
@@ -47,7 +47,7 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
 
 
 def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key | str]:
-    """Follows the path into a table or list; yields what it replaced, or why it could not."""
+    """Follow the path into a table or list; yield what it replaced, or why it could not."""
     part, *rest = path
     if not part:
         yield "an override needs a key between its dots"
@@ -55,9 +55,9 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
         if part in ("*", "0") and part not in holder and rest:
             yield from _replace(holder, at, rest, value)  # a lone table as a list of one
         elif rest:
-            made = part not in holder
+            is_new = part not in holder
             for outcome in _replace(holder.setdefault(part, {}), (*at, part), rest, value):
-                yield (*at, part) if made and not isinstance(outcome, str) else outcome
+                yield (*at, part) if is_new and not isinstance(outcome, str) else outcome
         else:
             for name in others(holder.get("name"), part):
                 holder.pop(name, None)  # the same setting under its former name, or under its name now
@@ -79,8 +79,8 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
     elif len(items) == 1:
         yield from _replace(items[0], (*at, 0), [part, *rest], value)
         return
-    elif part in (named := [item.get("name", item.get("label")) for item in items if isinstance(item, dict)]):
-        numbers = range(named.index(part), named.index(part) + 1)
+    elif part in (labels := [item.get("name", item.get("label")) for item in items if isinstance(item, dict)]):
+        numbers = range(labels.index(part), labels.index(part) + 1)
     else:
         yield f"{dotted(at)} is a list of {len(items)}: name one by its number or name, or all with '*'"
         return

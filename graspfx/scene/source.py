@@ -38,7 +38,7 @@ class Source:
         return self.path is None or self.path.suffix == ".py" or environment.is_granted()
 
     def holds(self, text: str) -> bool:
-        """Whether a path leads into the folder of the scene's file, through all links, or the user's override names it.
+        """Tell whether a path leads into the folder of the scene's file, through all links, or an override names it.
 
         Raises:
             InputError: a path that leads nowhere.

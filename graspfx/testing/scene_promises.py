@@ -206,7 +206,7 @@ class _Listener:
 def _check_together(scene: Scene, recording: Recording) -> None:
     """Run two servos at once, tick by tick in turns, and listen to the devices of both."""
     from graspfx.build.build import build
-    from graspfx.loop.parts import Station
+    from graspfx.loop.parts import DeviceWiring
     from graspfx.loop.recording.header import Header
     from graspfx.loop.recording.recorder import Recorder
 
@@ -222,7 +222,7 @@ def _check_together(scene: Scene, recording: Recording) -> None:
         for servo in pair:
             listener = [_Listener(station.device) for station in servo.stations]
             servo.stations = [
-                Station(cast("Device", each), station.fingers)
+                DeviceWiring(cast("Device", each), station.fingers)
                 for each, station in zip(listener, servo.stations, strict=True)
             ]
             overheard.append(listener)
@@ -254,7 +254,7 @@ def _arrays(servo: Servo) -> Iterator[FloatArray]:
         yield part.grasped.block
     for station in servo.stations:
         yield from station.device.read()[:2]
-    for group in servo.moved:
+    for group in servo.plants:
         yield group.plant.position
         yield group.plant.velocity
 

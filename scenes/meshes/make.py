@@ -22,7 +22,7 @@ SUBDIVISIONS = 5  # 20 * 4^5 = 20480 triangles
 
 
 def mug() -> Any:
-    """Concave: a cylinder and half of a torus, less the room inside."""
+    """Build a concave mug: a cylinder and half of a torus, less the room inside."""
     wall = trimesh.creation.cylinder(radius=OUTER, segment=[(0.0, 0.0, 0.0), (0.0, 0.0, HEIGHT)], sections=AROUND)
     room = trimesh.creation.cylinder(
         radius=INNER, segment=[(0.0, 0.0, FLOOR), (0.0, 0.0, 1.5 * HEIGHT)], sections=AROUND
@@ -37,7 +37,7 @@ def mug() -> Any:
 
 
 def plate() -> Any:
-    """So thin that the nearest point of its surface is often on the wrong side."""
+    """Build a plate so thin that the nearest point of its surface is often on the wrong side."""
     return trimesh.creation.box(extents=PLATE)
 
 
@@ -59,7 +59,7 @@ MAKERS = {"mug": mug, "plate": plate, "potato": potato}
 
 
 def write(folder: Path = HERE) -> None:
-    """Every mesh as folder/NAME.ply."""
+    """Write every mesh as folder/NAME.ply."""
     for name, make in MAKERS.items():
         mesh = make()
         bare = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)

@@ -12,7 +12,7 @@ import pytest
 
 from graspfx import plugins
 from graspfx.__main__ import main
-from graspfx.build.scene_cache import KeptTable, _read, _written, kept, place
+from graspfx.build.scene_cache import KeptTable, _read, _written, cached, place
 from graspfx.compile import cache
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.load import load
@@ -30,7 +30,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def is_kept(name: str, **overrides: object) -> bool:
     where = place(name, overrides)
-    return where is not None and kept(where) is not None
+    return where is not None and cached(where) is not None
 
 
 def run(name: str, *more: str) -> int:
@@ -155,9 +155,9 @@ def test_what_was_damaged_is_checked_anew(folder: Path) -> None:
     assert where is not None
     (file,) = folder.iterdir()
     file.write_bytes(file.read_bytes()[:-7])
-    assert kept(where) is None
+    assert cached(where) is None
     assert run("reference-1dof") == 0
-    assert kept(where) is not None
+    assert cached(where) is not None
 
 
 def test_a_folder_that_cannot_be_written_stops_no_run(monkeypatch: pytest.MonkeyPatch) -> None:

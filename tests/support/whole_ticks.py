@@ -61,7 +61,7 @@ class RestedRun:
         self.restore()
         self.set_external(external)
         rng = np.random.default_rng(1)
-        for moved in self.servo.moved:
+        for moved in self.servo.plants:
             plant: Any = moved.plant
             velocity = plant.state[plant.ports.velocity :][: plant.position.size]
             velocity += speed * rng.normal(size=velocity.shape)
@@ -110,7 +110,7 @@ class RestedRun:
         turns = [2] if d == 2 else [0, 1, 2]
         found: list[tuple[np.ndarray, int]] = []
         for which in ("position", "velocity"):
-            for moved in self.servo.moved:
+            for moved in self.servo.plants:
                 plant: Any = moved.plant
                 state, start = plant.state, getattr(plant.ports, which)
                 found += [(state, start + k) for k in range(plant.position.size)]

@@ -110,7 +110,7 @@ def _case(name: str, problem: BatchProblem, lists: Values, more: Iterator[Method
 
 
 def whole_call(problem: BatchProblem, lists: Values) -> Method:
-    """`run_batch` as a user calls it; with lists as long as the batch, point by point."""
+    """Call `run_batch` like a user; with lists as long as the batch, point by point."""
     name, V = "GraspFX run_batch", len(problem)
     if not is_installed("llvmlite"):
         return missing(name, "llvmlite")
@@ -130,7 +130,7 @@ def whole_call(problem: BatchProblem, lists: Values) -> Method:
 
 
 def _one_by_one(problem: BatchProblem) -> Iterator[Method]:
-    """`gx.run` of a few variants, by its default engine and compiled."""
+    """Time `gx.run` of a few variants, by its default engine and compiled."""
     for name, more in (("gx.run one by one", {}), ("gx.run one by one, compiled", {"engine": "compiled"})):
         if more and not is_installed("llvmlite"):
             yield missing(f"GraspFX {name}", "llvmlite")
@@ -144,7 +144,7 @@ def _run_each(problem: BatchProblem, more: Mapping[str, Any]) -> None:
 
 
 def _runs_alone(problem: BatchProblem) -> Iterator[Method]:
-    """The runs of a batch whose variants are built and whose programs are known."""
+    """Run the variants of a batch that are built and whose programs are known."""
     if not is_installed("llvmlite"):
         yield missing("GraspFX run_batch, its runs alone", "llvmlite")
         return

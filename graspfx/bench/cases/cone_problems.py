@@ -61,7 +61,7 @@ class Problems:
 
 
 def problems(quick: bool) -> Iterator[Problems]:
-    """Every kind, seeded."""
+    """Draw every kind, seeded."""
     fingers, N = ((2, 5), 4) if quick else ((2, 5, 20), 8)
     laws: tuple[tuple[Law, tuple[float, ...]], ...] = (
         ("frictionless", (3.0, 1000.0)),
@@ -75,20 +75,20 @@ def problems(quick: bool) -> Iterator[Problems]:
 
 
 def _some(rng: np.random.Generator, N: int, law: Law, n: int, ratio: float) -> Problems:
-    problems: list[Problem] = []
+    found: list[Problem] = []
     mu = 0.0 if law == "frictionless" else FRICTION
-    while len(problems) < N:
+    while len(found) < N:
         K, Q, e = _posed(rng, n, INTERNAL / ratio)
         near = _near(K, e, mu, law)
         force = None if near is None else cone_force(K, e, mu, law != "coulomb", near)
         if force is not None and force.any():
             W = np.eye(len(e)) / INTERNAL + (ratio / INTERNAL - 1.0 / INTERNAL) * Q @ Q.T
-            problems.append(Problem(K, W, Q, e, force))
-    return Problems(law, n, ratio, tuple(problems))
+            found.append(Problem(K, W, Q, e, force))
+    return Problems(law, n, ratio, tuple(found))
 
 
 def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fingers around a ball, most of them deep in it."""
+    """Place fingers around a ball, most of them deep in it."""
     inward = rng.normal(size=(n, 3))
     frames = np.array([np.linalg.qr(np.column_stack([v, rng.normal(size=(3, 2))]))[0].T for v in inward])
     frames[:, 0] *= np.sign(np.sum(frames[:, 0] * inward, axis=1))[:, None]
@@ -101,7 +101,7 @@ def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArra
 
 
 def _near(K: FloatArray, e: FloatArray, mu: float, law: Law) -> FloatArray | None:
-    """w = e + s to start from: any that leads to an answer does."""
+    """Give w = e + s to start from: any that leads to an answer does."""
     n, m = len(e) // 3, len(e)
     problem = set_up(memoryview(np.zeros(problem_size(n, m))), 0, n, m)
     problem.contacts.array(ConeContact.coefficient)[:] = mu

@@ -276,6 +276,6 @@ def _unilateral(normals: FloatArray, mu: float, p: Problem) -> FloatArray:
 
 
 def _error(forces: Sequence[FloatArray] | FloatArray, kind: Problems) -> float:
-    """The largest over problems, relative to the largest force of each."""
+    """Find the largest error over problems, relative to the largest force of each."""
     exact = np.array([p.force for p in kind.members])
     return float((np.abs(np.array(forces) - exact).max(axis=1) / np.abs(exact).max(axis=1)).max())

@@ -27,7 +27,7 @@ class ContactSet:
 
 
 def contact_sets(quick: bool) -> Iterator[ContactSet]:
-    """Every kind, seeded."""
+    """Draw every kind, seeded."""
     rng = np.random.default_rng(4)
     N = 8 if quick else 16
     for n in (2, 5, 20) if quick else (2, 3, 5, 10, 20, 100):
@@ -52,7 +52,7 @@ def _directions(rng: np.random.Generator, N: int, n: int) -> FloatArray:
 
 
 def _near_line(rng: np.random.Generator, N: int, h: float) -> FloatArray:
-    """Five points whose distances from a line through the origin are h times those along it."""
+    """Place five points whose distances from a line through the origin are h times those along it."""
     axes = np.linalg.qr(rng.normal(size=(N, 3, 3)))[0]
     along = np.linspace(-1.0, 1.0, 5) + 0.1 * rng.normal(size=(N, 5))
     local = np.concatenate([along[:, :, None], h * rng.normal(size=(N, 5, 2))], axis=2)

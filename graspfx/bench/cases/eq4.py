@@ -100,7 +100,7 @@ def _ours(contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Ite
 def _direct(
     contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray, law: gx.Coupling, engine: str
 ) -> Iterator[Method]:
-    """The direct kernel, a call for each grasp and one call for all of them."""
+    """Time the direct kernel, a call for each grasp and one call for all of them."""
     if engine == "compiled" and not is_installed("llvmlite"):
         yield missing("GraspFX PointCoupling, compiled", "llvmlite")
         return
@@ -144,7 +144,7 @@ def _direct(
 
 
 def couple_all(S: Any, N: int, size: int) -> None:
-    """Forces of N blocks of one size from their points, in one call."""
+    """Compute forces of N blocks of one size from their points, in one call."""
     for k in range(N):
         direct.couple_points(S, k * size)
 
@@ -158,7 +158,7 @@ def sample(grasp: GraspState) -> None:
 
 
 def _blocks(law: gx.Coupling, contacts: ContactSet) -> list[FloatArray]:
-    """The state block of a grasped object for every grasp."""
+    """Write the state block of a grasped object for every grasp."""
     n = contacts.points.shape[1]
     filled = []
     for points, e in zip(contacts.points, contacts.displacements, strict=True):

@@ -35,7 +35,7 @@ def fixed_case(contacts: ContactSet) -> Case:
 
 
 def _in_place(points: FloatArray, displacements: list[FloatArray], exact: FloatArray) -> Method:
-    """PointCoupling, which finds the split anew at every call: it has no need to know that contacts are fixed."""
+    """Call PointCoupling, which finds the split anew at every call: it need not know that contacts are fixed."""
     name = "GraspFX PointCoupling, compiled"
     if not is_installed("llvmlite"):
         return missing(name, "llvmlite")

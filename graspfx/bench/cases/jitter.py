@@ -51,7 +51,7 @@ def _method(stack: ExitStack, scene: Scene, engine: str) -> Method:
 
 @contextmanager
 def _ticking(scene: Scene, engine: str) -> Iterator[Callable[[], None]]:
-    """One tick with its recording; DeviceError when the scene has faulted, as what follows is no tick of it."""
+    """Run one tick with its recording; raise DeviceError once the scene has faulted: later ticks are none of it."""
     with ENGINES[engine](scene) as servo, _recorder(scene, servo) as recorder:
 
         def step() -> None:
@@ -64,7 +64,7 @@ def _ticking(scene: Scene, engine: str) -> Iterator[Callable[[], None]]:
 
 
 def _difference(scene: Scene, engine: str) -> float:
-    """Largest difference of the fingers' positions from those of `run` [m]."""
+    """Find the largest difference of the fingers' positions from those of `run` [m]."""
     with ENGINES[engine](scene) as servo, _recorder(scene, servo) as recorder:
         for _ in range(CHECKED):
             servo.tick(recorder)

@@ -41,7 +41,7 @@ Error = Callable[[float, Sequence[float]], float]  # from the position along x a
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """A body on a line, a cube that spins, a box that tumbles, and ever more viscosity."""
+    """Yield a body on a line, a cube that spins, a box that tumbles, and ever more viscosity."""
     steps = (0.005, 0.02) if quick else STEPS
     for T in steps:
         yield on_a_line(T)
@@ -55,14 +55,14 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def on_a_line(T: float) -> Case:
-    """A force that changes every step; relative to the largest distance from the start."""
+    """Apply a force that changes every step; the error is relative to the largest distance from the start."""
     forces = np.random.default_rng(1).normal(size=round(1.0 / T)).tolist()
     name = f"line, viscous, T = {1e3 * T:g} ms"
     return _travelled(name, T, VISCOSITY, forces, ("PyBullet", *MUJOCO), None)
 
 
 def viscous(ratio: float) -> Case:
-    """A held force at T = 5 ms and b T/m = ratio; what is off by more than the way is not stable."""
+    """Hold a force at T = 5 ms and b T/m = ratio; an error larger than the way is instability."""
     T = 0.005
     peers = ("PyBullet", *MUJOCO[:2])  # the third, RK4, is explicit
     return _travelled(f"line, b T/m = {ratio:g}", T, ratio * MASS / T, [0.2] * round(1.0 / T), peers, LOST)
@@ -81,7 +81,7 @@ def _travelled(
 
 
 def turning(name: str, rigid: Rigid, turn: FloatArray, T: float, bound: float) -> Case:
-    """The angle [rad] from the quaternion that it should be turned to; `bound` is that of the exact integrator."""
+    """Measure the angle [rad] from the quaternion that it should be turned to; `bound` is the exact integrator's."""
 
     def error(_: float, q: Sequence[float]) -> float:
         return angle_between(np.asarray(q), turn)
@@ -94,7 +94,7 @@ def turning(name: str, rigid: Rigid, turn: FloatArray, T: float, bound: float) -
 def methods(
     rigid: Rigid, dimensions: int, T: float, forces: Sequence[float], error: Error, peers: Sequence[str], bound: float
 ) -> list[Method]:
-    """Every integrator and the peers named; an operation is a step; `bound` is that of the exact integrator."""
+    """List every integrator and the peers named; an operation is a step; `bound` is that of the exact integrator."""
     entries: list[Method] = []
     for integrator in INTEGRATORS:
         entries += _ours(integrator, rigid, dimensions, T, forces, error, bound if integrator == "exact" else None)
@@ -162,20 +162,20 @@ def _peer(name: str, body: RigidPeer, forces: Sequence[float], error: Error) -> 
 
 
 def advance(S: Any, o: int, T: float, F: Any, steps: int) -> None:
-    """Steps of the body at o, each under the force F[k] along x."""
+    """Step the body at o, each time under the force F[k] along x."""
     for k in range(steps):
         S[o + at.FORCE] = F[k]
         step(S, o, T)
 
 
 def angle_between(p: FloatArray, q: FloatArray) -> float:
-    """The angle [rad] of the rotation from one quaternion to another, accurate where it is small."""
+    """Compute the angle [rad] of the rotation from one quaternion to another, accurate where it is small."""
     v = p[3] * q[:3] - q[3] * p[:3] - np.cross(q[:3], p[:3])
     return 2.0 * math.atan2(float(np.linalg.norm(v)), abs(float(p @ q)))
 
 
 def quaternion_of(R: FloatArray) -> FloatArray:
-    """x y z w of a rotation matrix."""
+    """Give x y z w of a rotation matrix."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(R).as_quat(), dtype=np.float64)

@@ -35,7 +35,7 @@ QUICK = 1000
 
 
 def cases(quick: bool) -> Generator[Case]:
-    """Five fingers in space: gains apart, then equal ones, which MuJoCo's springs can be too."""
+    """Yield five fingers in space: separate gains, then equal ones, which MuJoCo's springs can be too."""
     number = QUICK if quick else TICKS
     for internal, gains in ((ticks.INTERNAL, "kep < kip"), (ticks.EXTERNAL, "kep = kip")):
         scene = ticks.make_scene(3, internal, "native")

@@ -1,4 +1,4 @@
-"""What a tick saves by each step that its scene does not need: two programs that differ in that one thing."""
+"""Time that a tick saves by each step that its scene does not need: two programs that differ in that one thing."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.build.build import build
+from graspfx.compile.records import Many
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.tick.engine import Compiled
 from graspfx.loop.tick.memory import CHUNK
 from graspfx.scene.model import Scene
-from graspfx.surfaces.triangles import walk
-from graspfx.surfaces.triangles.ball import STATE
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 TITLE = "Steps that a scene does not need"
 LIMITS = """
@@ -83,12 +84,12 @@ class Program:
         return self._rows
 
     def again(self) -> Program:
-        """The same from its start."""
+        """Reset the program to its start."""
         return Program(self.name, self.scene, self.recorded, self.before, self.prepare)
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """One for each step."""
+    """Yield a case for each step."""
     for name, programs, alike in skips():
         if not is_installed("llvmlite"):
             yield Case("skips", name, "", [missing(each.name, "llvmlite") for each in programs])
@@ -110,7 +111,7 @@ def _method(program: Program, first: Program, alike: bool) -> Method:
 
 
 def skips() -> Iterator[tuple[str, list[Program], bool]]:
-    """The cases' names, their programs from the whole to what is left of it, and whether these move alike."""
+    """Yield the cases' names, their programs from the whole to the least, and whether these move alike."""
     for contact in ("attached", "unilateral"):
         equal = ball({"coupling.contact": contact, "coupling.internal.stiffness": EXTERNAL})
         nearly = equal.replace({"coupling.internal.stiffness": EXTERNAL * (1.0 + 1e-12)})
@@ -148,7 +149,7 @@ def skips() -> Iterator[tuple[str, list[Program], bool]]:
 
 
 def ball(changes: Mapping[str, Any] = MappingProxyType({}), n: int = 5, d: int = 3) -> Scene:
-    """Fingers about a ball (a box on a line), pulled 3 mm into it; changes by dotted key."""
+    """Place fingers about a ball (a box on a line), pulled 3 mm into it; changes by dotted key."""
     turn = 2.0 * math.pi / n
     about = [(math.cos(turn * i), math.sin(turn * i), 0.0)[:d] for i in range(n)]
     shape: Mapping[str, Any] = (
@@ -175,13 +176,13 @@ def ball(changes: Mapping[str, Any] = MappingProxyType({}), n: int = 5, d: int =
 
 
 def look_as_far_as_it_takes(block: FloatArray) -> None:
-    """The gap of a finger on a mesh is the exact one, however large."""
-    walks = int(block[at.WALKS])
-    block[walks + walk.REACH : int(block[at.MESH]) : STATE] = np.inf
+    """Make the gap of a finger on a mesh the exact one, however large."""
+    grasp = GraspState(block)
+    Many(MeshFinger, block, grasp.fingers[0].walk.offset, grasp.count).array(MeshFinger.reach)[:] = np.inf
 
 
 def facetted() -> dict[str, Any]:
-    """The ball as 5120 triangles."""
+    """Approximate the ball by 5120 triangles."""
     import trimesh
 
     mesh = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)

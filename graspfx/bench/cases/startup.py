@@ -60,17 +60,17 @@ class Processes:
         return self._full
 
     def code(self, name: str, text: str, cache: Callable[[], Path] | None = None) -> Method:
-        """A process that executes a text."""
+        """Start a process that executes a text."""
         return self._method(name, lambda: ["-c", text], cache or self.full)
 
     def run(self, name: str, scene: str, more: Sequence[str], cache: Callable[[], Path]) -> Method:
-        """A process of `graspfx run`, into a folder that is new each time."""
+        """Start a process of `graspfx run`, into a folder that is new each time."""
         return self._method(
             name, lambda: ["-m", "graspfx", "run", scene, *more, "--out", str(self.folder("out"))], cache
         )  # fmt: skip
 
     def _method(self, name: str, arguments: Callable[[], list[str]], cache: Callable[[], Path]) -> Method:
-        """A process of this Python; ValueError with what it wrote if it fails."""
+        """Start a process of this Python; ValueError with what it wrote if it fails."""
 
         def call() -> None:
             caches = dict.fromkeys(("XDG_CACHE_HOME", "GRASPFX_CACHE"), str(cache()))
@@ -89,7 +89,7 @@ class Processes:
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Imports and the public calls by themselves, then scenes."""
+    """Yield imports and the public calls by themselves, then scenes."""
     with TemporaryDirectory(prefix="graspfx-bench-") as folder:
         start = Processes(Path(folder))
         reference = start.code("import numpy", NUMPY)

@@ -64,11 +64,11 @@ class Ticking(Protocol):
 
     @property
     def position(self) -> FloatArray:
-        """Of the object, (d,) [m]."""
+        """Position of the object, (d,) [m]."""
         ...
 
     def rotation(self) -> FloatArray:
-        """Of the object, (d, d)."""
+        """Read the rotation of the object, (d, d)."""
         ...
 
 
@@ -87,7 +87,7 @@ class Engine:
     packages: Sequence[str] = ()
 
     def start(self, scene: Scene) -> Callable[[int], object]:
-        """A run of the scene, its rows recorded and let go of; what it gives does so many ticks a call."""
+        """Start a run of the scene whose rows are recorded and dropped; each call does so many ticks."""
         with ExitStack() as stack:
             servo = stack.enter_context(build(self.of(scene)))
             recorder = stack.enter_context(Recorder(servo.layout, Header(scene.period), keep=False))
@@ -99,7 +99,7 @@ class Engine:
         return ticks
 
     def record(self, scene: Scene, seconds: float) -> Recording:
-        """A whole run of the scene."""
+        """Record a whole run of the scene."""
         return run(self.of(scene), seconds)
 
     def of(self, scene: Scene) -> Scene:
@@ -117,14 +117,14 @@ ON_BULLET: Sequence[Engine] = (
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Two gains, then equal ones, in each dimension."""
+    """Yield separate gains, then equal ones, in each dimension."""
     for d in (1, 2, 3):
         for internal in (INTERNAL, EXTERNAL):
             yield whole_ticks(d, internal)
 
 
 def whole_ticks(d: int, internal: float) -> Case:
-    """Ours and the peers on one scene; the error of where the anchors are [m]."""
+    """Compare GraspFX and the peers on one scene; the error is that of the anchors' positions [m]."""
     native = make_scene(d, internal, "native")
     scene = springs(native, internal)
     truth = anchors_after(scene)
@@ -141,7 +141,7 @@ def whole_ticks(d: int, internal: float) -> Case:
 
 
 def make_scene(d: int, internal: float, dynamics: str, period: float = T) -> Scene:
-    """A cube of the paper's mass and viscosity, its fingers attached, each with a hand of 33 N/m."""
+    """Make a cube of the paper's mass and viscosity, its fingers attached, each with a hand of 33 N/m."""
     start = np.array(START[d])
     thing: dict[str, Any] = {
         "mass": 0.1, "viscosity": 0.8, "dynamics": dynamics, "shape": {"kind": "box", "size": [SIZE] * d},
@@ -170,7 +170,7 @@ def make_scene(d: int, internal: float, dynamics: str, period: float = T) -> Sce
 
 
 def springs(scene: Scene, internal: float) -> Springs:
-    """The same for the other programs; anchors and inertia as the scene has them once it is built."""
+    """Describe the scene for the other programs; anchors and inertia are those of the built scene."""
     d = scene.dimensions
     with build(scene) as servo:
         body = servo.objects[0].grasped.body_state.copy()
@@ -193,7 +193,7 @@ def springs(scene: Scene, internal: float) -> Springs:
 
 
 def anchors_after(g: Springs) -> FloatArray:
-    """Where the anchors are after a second with forces that are never held, (n, d), by DOP853."""
+    """Compute where the anchors are after a second with forces that are never held, (n, d), by DOP853."""
     n, d = g.anchors.shape
     turns = {1: 0, 2: 1, 3: 3}[d]
     N = n * d
@@ -221,7 +221,7 @@ def anchors_after(g: Springs) -> FloatArray:
 
 
 def ours(engine: Engine, scene: Scene, truth: FloatArray, g: Springs) -> Method:
-    """An engine on a scene."""
+    """Time an engine on a scene."""
     for package in engine.packages:
         if not is_installed(package):
             return missing(engine.name, package)
@@ -237,7 +237,7 @@ def ours(engine: Engine, scene: Scene, truth: FloatArray, g: Springs) -> Method:
 
 
 def recorded_error(recording: Recording, truth: FloatArray, g: Springs) -> float:
-    """Of the last row of a recording, which is read at its time."""
+    """Measure the error of the last row of a recording, which is read at its time."""
     [motion] = recording.objects.values()
     R = np.eye(3)
     turn = motion.orientation
@@ -251,13 +251,13 @@ def recorded_error(recording: Recording, truth: FloatArray, g: Springs) -> float
 
 
 def anchor_error(pose: tuple[FloatArray, FloatArray], truth: FloatArray, g: Springs) -> float:
-    """The largest distance [m] of an anchor from where it should be."""
+    """Find the largest distance [m] of an anchor from where it should be."""
     position, R = pose
     return float(np.linalg.norm(position + g.anchors @ R.T - truth, axis=1).max())
 
 
 def with_bullet(scene: Scene, truth: FloatArray, g: Springs) -> Iterator[Method]:
-    """Our run on PyBullet, and the calls that it makes alone."""
+    """Time a run on PyBullet, and the calls that it makes alone."""
     yield from (ours(engine, scene, truth, g) for engine in ON_BULLET)
     [motion] = run(scene).objects.values()
     bare = BareBullet(g, motion.wrench, motion.velocity, motion.angular_velocity)
@@ -274,7 +274,7 @@ def with_bullet(scene: Scene, truth: FloatArray, g: Springs) -> Iterator[Method]
 
 
 def with_mujoco(g: Springs, truth: FloatArray) -> Iterator[Method]:
-    """A call for each step, and one for all of them."""
+    """Time a call for each step, and one for all of them."""
     for name, each in (("MuJoCo with springs", 1), ("MuJoCo with springs, one call", TICKS)):
         yield (
             _peer(name, MuJoCoSprings(g, steps=each), truth, g, TICKS // each)

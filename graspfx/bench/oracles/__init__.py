@@ -1,1 +1,1 @@
-"""What is true, to more digits than a method has."""
+"""True answers, to more digits than a method has."""

@@ -1,4 +1,4 @@
-"""What is true of a surface of triangles: every one of them looked at, in long double."""
+"""Truth about a surface of triangles: every one of them looked at, in long double."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 
 
 def brute_force(vertices: FloatArray, faces: NDArray[np.intp], p: FloatArray) -> tuple[Any, Any]:
-    """Nearest point and distance over all triangles in long double, (3,) and a number."""
+    """Find the nearest point and distance over all triangles in long double, (3,) and a number."""
     a, b, c = np.moveaxis(vertices[faces].astype(np.longdouble), 1, 0)
     g = p.astype(np.longdouble)
     best = [_on_segments(a, b, g), _on_segments(b, c, g), _on_segments(c, a, g)]
@@ -23,7 +23,7 @@ def brute_force(vertices: FloatArray, faces: NDArray[np.intp], p: FloatArray) ->
 
 
 def perpendicular_feet(vertices: FloatArray, faces: NDArray[np.intp], p: FloatArray, tolerance: float) -> Any:
-    """Feet (k, 3) of the perpendiculars from p on all triangles that meet theirs, up to `tolerance` [m] outside.
+    """Find the feet (k, 3) of perpendiculars from p on all triangles that meet theirs, up to `tolerance` [m] outside.
 
     Where the surface is convex, they are all the points that a finger inside may be held by.
     """
@@ -48,7 +48,7 @@ def _on_segments(a: Any, b: Any, g: Any) -> Any:
 
 
 def _feet(a: Any, b: Any, c: Any, g: Any, tolerance: float) -> tuple[Any, Any]:
-    """The foot of the perpendicular on each triangle's plane, and whether it is in the triangle."""
+    """Find the foot of the perpendicular on each triangle's plane, and whether it is in the triangle."""
     n = np.cross(b - a, c - a)
     n /= np.sqrt((n * n).sum(axis=1, keepdims=True))
     foot = g - ((g - a) * n).sum(axis=1, keepdims=True) * n

@@ -18,7 +18,7 @@ Exact = np.longdouble
 def viscous_motion(
     T: float, mass: float, viscosity: float, velocity: float, forces: Sequence[float]
 ) -> tuple[float, float, float]:
-    """Of m v' + b v = f, each force held for T [s], from x = 0: x, v at the end and the largest |x|, in long double.
+    """Solve m v' + b v = f, each force held for T [s], from x = 0: x, v at the end and the largest |x|, in long double.
 
     x+ = x + (1 - E)/a v + (T - (1 - E)/a)/a f/m, v+ = E v + (1 - E)/a f/m, a = b/m > 0, E = exp(-a T).
     """
@@ -35,7 +35,7 @@ def viscous_motion(
 
 
 def turned_steadily(spin: Sequence[float], rate: float, t: float) -> FloatArray:
-    """Quaternion x y z w after t of a cube whose spin decays as exp(-rate t): exp(w0 (1 - exp(-rate t))/rate)."""
+    """Give x y z w after t of a cube whose spin decays as exp(-rate t): exp(w0 (1 - exp(-rate t))/rate)."""
     w = np.asarray(spin, dtype=np.float64)
     speed = float(np.linalg.norm(w))
     angle = speed * (-math.expm1(-rate * t) / rate if rate else t)
@@ -43,7 +43,7 @@ def turned_steadily(spin: Sequence[float], rate: float, t: float) -> FloatArray:
 
 
 def turned_freely(moments: Sequence[float], spin: Sequence[float], t: float) -> FloatArray:
-    """Rotation matrix, body to world, after t of a box without a moment on it, unturned at time zero.
+    """Give the rotation matrix, body to world, after t of a box without a moment on it, unturned at time zero.
 
     The angular velocity in body axes is that of Landau and Lifshitz (Mechanics, 37), (a cn, b sn, c dn)(p t; k^2); of
     Euler's angles about the angular momentum L two follow from it, and the third, the precession, is the integral of

@@ -16,7 +16,7 @@ DIGITS = 50
 
 
 def digits() -> Any:
-    """mpmath; MissingPackageError without it."""
+    """Load mpmath; raise MissingPackageError without it."""
     if not is_installed("mpmath"):
         raise MissingPackageError("mpmath", "the oracle of 50 digits", "pip install mpmath")
     import mpmath
@@ -25,7 +25,7 @@ def digits() -> Any:
 
 
 def split_force(points: FloatArray, e: FloatArray, external: float, internal: float, tolerance: float) -> FloatArray:
-    """f = k_i e + (k_e - k_i) G'(G G')^+ G e of point contacts in space (eq. 4), rounded once, (n, 3).
+    """Compute f = k_i e + (k_e - k_i) G'(G G')^+ G e of point contacts in space (eq. 4), rounded once, (n, 3).
 
     Moments are about the centroid in units of the rms radius R; a rotation that moves the contacts by no more than
     `tolerance` R a radian is none.
@@ -63,7 +63,7 @@ def split_force(points: FloatArray, e: FloatArray, external: float, internal: fl
 
 
 def cone_force(K: FloatArray, e: FloatArray, mu: float, associated: bool, near: FloatArray) -> FloatArray | None:
-    """f = K w in friction cones (mu = 0: along normals) with w = e + s, in contact frames; None if `near` is not.
+    """Compute f = K w in friction cones (mu = 0: along normals), w = e + s, in contact frames; None if `near` is not.
 
     Both laws are g = K w - R(K w - c (w - e)) = 0 for any c > 0, R the projection on the cones (associated law) or the
     radial return (Coulomb's). Newton's method, g to 50 digits and its derivative to 16, from a w `near` the answer.
@@ -97,7 +97,7 @@ def cone_force(K: FloatArray, e: FloatArray, mu: float, associated: bool, near: 
 
 
 def _returned(t: list[Any], mu: Any, associated: bool) -> list[Any]:
-    """R of one contact, in any arithmetic: branches ask for real parts only."""
+    """Compute R of one contact, in any arithmetic: branches ask for real parts only."""
     size = (t[1] * t[1] + t[2] * t[2]) ** 0.5
     theta = 1 if associated else 0
     if (t[0] + theta * mu * size).real <= 0:

@@ -12,7 +12,7 @@ STEPS = 30
 
 
 def crossing(plants: list[tuple[float, float, float]], period: float, near: float) -> float:
-    """The k near a given one at which f = k (x_1 - x_2), or k x_1 for one plant, has an eigenvalue of length one.
+    """Find the k near a given one at which f = k (x_1 - x_2), or k x_1 for one plant, has an eigenvalue of length one.
 
     Args:
         plants: m, b and k_s of m x'' + b x' + k_s x = u under zero-order hold: the device, and what it moves.
@@ -35,7 +35,7 @@ def crossing(plants: list[tuple[float, float, float]], period: float, near: floa
 
 
 def _sampled(mp: Any, m: Any, b: Any, k_s: Any, T: Any) -> tuple[Any, Any]:
-    """A (2, 2) and B (2, 1) of one sample."""
+    """Give A (2, 2) and B (2, 1) of one sample."""
     whole = mp.expm(mp.matrix([[0, 1, 0], [-k_s / m, -b / m, 1 / m], [0, 0, 0]]) * T)
     return whole[:2, :2], whole[:2, 2]
 

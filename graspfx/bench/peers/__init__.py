@@ -1,1 +1,1 @@
-"""The same problems as other programs solve them, written as their users would."""
+"""Peers: other programs that solve the problems, written as their users would."""

@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OneDof:
-    """What all variants share: two devices m x'' + b x' + k x = u (eq. 5), and an internal stiffness.
+    """A system that all variants share: two devices m x'' + b x' + k x = u (eq. 5), and an internal stiffness.
 
     Attributes:
         T: [s].
@@ -74,7 +74,7 @@ def last_positions(
 
 
 def device_step(system: OneDof) -> tuple[FloatArray, FloatArray]:
-    """A and B of a device over a period, its force constant."""
+    """Compute A and B of a device over a period, its force constant."""
     from scipy.linalg import expm
 
     m, b, k = system.device_mass, system.friction, system.hand

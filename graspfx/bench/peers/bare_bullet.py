@@ -48,7 +48,7 @@ class BareBullet:
         self._where, self._turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
     def run(self) -> None:
-        """All the samples."""
+        """Run all samples."""
         bullet, client, body = self._bullet, self._client, self._body
         force, torque, step = bullet.applyExternalForce, bullet.applyExternalTorque, bullet.stepSimulation
         place, motion, frame = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.WORLD_FRAME

@@ -36,40 +36,40 @@ class GraspMatrix:
 
 
 def grasp_matrix(points: FloatArray) -> FloatArray:
-    """G of point contacts, an array of its own."""
+    """Form G of point contacts, an array of its own."""
     return GraspMatrix(len(points))(points)
 
 
 def by_pinv(G: FloatArray, x: FloatArray) -> FloatArray:
-    """P x with P = G^+ G (eq. 3), from the right, so that P is not formed."""
+    """Compute P x with P = G^+ G (eq. 3), from the right, so that P is not formed."""
     return np.asarray(np.linalg.pinv(G) @ (G @ x))
 
 
 def by_solve(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Normal equations G G' v = G x; ValueError where G G' is singular."""
+    """Solve the normal equations G G' v = G x; ValueError where G G' is singular."""
     return np.asarray(np.linalg.solve(G @ G.T, G @ x) @ G)
 
 
 def by_lstsq(G: FloatArray, x: FloatArray) -> FloatArray:
-    """The rigid motion G' v that fits x best."""
+    """Fit the rigid motion G' v to x."""
     return np.asarray(G.T @ np.linalg.lstsq(G.T, x)[0])
 
 
 def by_svd(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Right singular vectors that count."""
+    """Use the right singular vectors that count."""
     s, V = np.linalg.svd(G, full_matrices=False)[1:]
     V = V[s > max(G.shape) * EPS * s[0]]
     return np.asarray(V.T @ (V @ x))
 
 
 def by_qr(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Orthonormal columns of G' in their order, all six."""
+    """Use orthonormal columns of G' in their order, all six."""
     Q = np.linalg.qr(G.T)[0]
     return np.asarray(Q @ (Q.T @ x))
 
 
 def by_pivoted_qr(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Orthonormal columns of G', the largest first, as many as count."""
+    """Use orthonormal columns of G', the largest first, as many as count."""
     from scipy.linalg import qr
 
     Q, R, _ = qr(G.T, mode="economic", pivoting=True, check_finite=False)
@@ -79,21 +79,21 @@ def by_pivoted_qr(G: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def by_gelsd(G: FloatArray, x: FloatArray) -> FloatArray:
-    """LAPACK's least squares by a divided singular value decomposition."""
+    """Use LAPACK's least squares by a divided singular value decomposition."""
     from scipy.linalg import lstsq
 
     return np.asarray(G.T @ lstsq(G.T, x, cond=max(G.shape) * EPS, lapack_driver="gelsd", check_finite=False)[0])
 
 
 def by_gelsy(G: FloatArray, x: FloatArray) -> FloatArray:
-    """LAPACK's least squares by a complete orthogonal factorisation."""
+    """Use LAPACK's least squares by a complete orthogonal factorisation."""
     from scipy.linalg import lstsq
 
     return np.asarray(G.T @ lstsq(G.T, x, cond=max(G.shape) * EPS, lapack_driver="gelsy", check_finite=False)[0])
 
 
 def by_posv(G: FloatArray, x: FloatArray) -> FloatArray:
-    """Normal equations G G' v = G x by Cholesky; ValueError where G G' is not positive definite."""
+    """Solve the normal equations G G' v = G x by Cholesky; ValueError where G G' is not positive definite."""
     from scipy.linalg.lapack import dposv
 
     _, v, info = dposv(G @ G.T, G @ x)
@@ -116,7 +116,7 @@ PEERS: dict[str, Project] = {
 
 
 def closed_form(points: FloatArray, x: FloatArray) -> FloatArray:
-    """P x without G: the mean shift and the turn w about the centroid, J w = sum r x d, by cofactors; (n, 3).
+    """Compute P x without G: the mean shift and the turn w about the centroid, J w = sum r x d, by cofactors; (n, 3).
 
     ZeroDivisionError where the contacts are exactly on a line.
     """

@@ -31,7 +31,7 @@ def by_eigenvalues(plants: Sequence[Plant], period: float) -> float:
 
 
 def sampled_loop(plants: Sequence[Plant], period: float) -> tuple[FloatArray, FloatArray]:
-    """A and B C of one or two plants under zero-order hold: the force moves the first forward, the second back."""
+    """Give A and B C of one or two plants under zero-order hold: the force moves the first forward, the second back."""
     from scipy.linalg import expm
 
     size = 2 * len(plants)

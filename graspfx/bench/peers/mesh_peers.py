@@ -102,7 +102,7 @@ class ByPyBullet:
         return answers
 
     def read(self, answers: Any) -> FloatArray:
-        """From the nearest of the points that it gives: its normal is from the mesh to the sphere, its gap signed."""
+        """Read the nearest of PyBullet's points: its normal is from the mesh to the sphere, its gap signed."""
         ways = np.zeros((len(answers), 3))
         for way, answer in zip(ways, answers, strict=True):
             if answer:
@@ -112,6 +112,6 @@ class ByPyBullet:
 
 
 def drawn(ways: FloatArray, outward: NDArray[np.float64]) -> FloatArray:
-    """The ways (n, 3) to the surface of fingers that are behind their triangle, zero for the others."""
+    """Give the ways (n, 3) to the surface of fingers that are behind their triangle, zero for the others."""
     inside = (ways * outward).sum(axis=1) > 0.0
     return np.where(inside[:, None], ways, 0.0)

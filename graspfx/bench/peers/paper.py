@@ -98,7 +98,7 @@ class PaperProgram:
         self._advance(world[n].tolist(), moments[n + 1].tolist() if d > 1 else ())
 
     def _advance(self, force: list[float], moment: Sequence[float]) -> None:
-        """The object by a period: velocity, then place; spin, then turn."""
+        """Advance the object by a period: velocity, then place; spin, then turn."""
         g, T = self.springs, self.springs.T
         for a, f in enumerate(force):
             self._velocity[a] += T * (f - g.viscosity * self._velocity[a]) / g.mass
@@ -144,7 +144,7 @@ class PaperProgram:
 def coupling(
     g: Springs, fingers: FloatArray, position: FloatArray, rotation: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Forces (n, d) on the object by equation (4) without damping, and their wrench."""
+    """Compute forces (n, d) on the object by equation (4) without damping, and their wrench."""
     n, d = g.anchors.shape
     arms = g.anchors @ rotation.T
     G = grasp_matrix(arms)
@@ -157,7 +157,7 @@ def coupling(
 
 
 def grasp_matrix(arms: FloatArray) -> FloatArray:
-    """(w, n d) of hard fingers: forces add up, moments are arm x force."""
+    """Form (w, n d) of hard fingers: forces add up, moments are arm x force."""
     n, d = arms.shape
     forces = np.hstack([np.eye(d)] * n)
     if d == 1:

@@ -48,7 +48,7 @@ class ByClarabel:
         self._solved = clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved
 
     def __call__(self, W: FloatArray, e: FloatArray) -> FloatArray:
-        """Forces (m,) in contact frames; RuntimeError if it does not say solved."""
+        """Solve for forces (m,) in contact frames; RuntimeError if Clarabel does not say solved."""
         entries = self._entries
         self._solver.update(P=W[entries[self._rows], entries[self._columns]], q=-e[entries])
         solution = self._solver.solve()
@@ -60,7 +60,7 @@ class ByClarabel:
 
 
 def gauss_seidel(S: Any, N: int, size: int, m: int, mu: float, theta: float, tolerance: float) -> int:
-    """Contact by contact f_i = R(f_i - (W f - e)_i / w_i), W = K^-1, until no force changes by more than a share.
+    """Iterate contact by contact f_i = R(f_i - (W f - e)_i / w_i), W = K^-1, until no force changes by a share.
 
     S has N blocks of W (m, m), e and f; each starts from f = 0. Returns the most sweeps that a block took.
     """

@@ -18,10 +18,10 @@ class RigidPeer(Protocol):
     """A body in another program."""
 
     def reset(self) -> None:
-        """Back to time zero."""
+        """Reset to time zero."""
 
     def run(self, forces: Sequence[float]) -> None:
-        """A step for each force along x [N]."""
+        """Run a step for each force along x [N]."""
 
     @property
     def position(self) -> float: ...
@@ -51,7 +51,7 @@ class Rigid:
 
 
 def free_body(bullet: Any, client: int, mass: float, moments: Sequence[float], T: float) -> int:
-    """A body that meets nothing in a PyBullet world of steps of T, PyBullet's damping and limit of speed off."""
+    """Make a body that meets nothing in a PyBullet world of steps of T, PyBullet's damping and limit of speed off."""
     bullet.setTimeStep(T, physicsClientId=client)
     body: int = bullet.createMultiBody(mass, physicsClientId=client)
     bullet.changeDynamics(

@@ -64,7 +64,7 @@ class MuJoCoSprings:
         return np.asarray(states[0])
 
     def pose(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Position (d,) and rotation (d, d) of the object in a state that `rollout` has kept."""
+        """Read position (d,) and rotation (d, d) of the object in a state of `rollout`."""
         q = state[1 : 1 + self._model.nq]
         return q[: self._springs.dimensions].copy(), self._rotation_of(q)
 
@@ -91,5 +91,5 @@ def _slides(d: int, damping: float, stiffness: float, rest: FloatArray) -> str:
 
 
 def _text(point: Sequence[float] | FloatArray) -> str:
-    """Three numbers, those that a line or a plane does not have zero."""
+    """Write three numbers, those that a line or a plane does not have zero."""
     return " ".join(repr(float(x)) for x in [*point, 0.0, 0.0][:3])

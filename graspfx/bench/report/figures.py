@@ -20,7 +20,7 @@ LEAST = 1e-17  # where an error of zero is drawn
 
 
 def figure(rows: Sequence[Row], title: str, path: Path) -> None:
-    """Draws one benchmark's rows."""
+    """Draw one benchmark's rows."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -61,7 +61,7 @@ def figure(rows: Sequence[Row], title: str, path: Path) -> None:
 
 
 def _widen(axes: Axes) -> None:
-    """At least two decades of time, so that some are named."""
+    """Widen the axis to at least two decades of time, so that some are named."""
     low, high = axes.get_xlim()
     by = max(1.0, DECADES / (high / low)) ** 0.5
     axes.set_xlim(low / by, high * by)
@@ -81,7 +81,7 @@ def _scatter(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, str
 
 
 def _bars(axes: Axes, rows: Sequence[Row], looks: Mapping[str, tuple[str, str]]) -> None:
-    """Best times as bars; where the spread was measured, its quantiles as ticks to the right of them."""
+    """Draw best times as bars; where the spread was measured, its quantiles as ticks to the right of them."""
     axes.set_xscale("log")
     axes.grid(axis="x", color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)

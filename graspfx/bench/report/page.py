@@ -35,7 +35,7 @@ LIMITATIONS = """
 
 
 def page(report: Report) -> str:
-    """Markdown."""
+    """Write the report in Markdown."""
     measured = _measured(report.stamps)
     return "\n".join([HEAD, *_short(report), *measured, *_sections(report), "## Limitations", LIMITATIONS])
 
@@ -78,7 +78,7 @@ def _sections(report: Report) -> Iterator[str]:
 
 
 def table(rows: Sequence[Row]) -> Iterator[str]:
-    """One case."""
+    """Write one case as a table."""
     best = front(rows)
     unit = next((row.unit for row in rows if row.unit), "")
     names = list(dict.fromkeys(name for row in rows for name in row.quantiles or {}))
@@ -95,7 +95,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def time_text(us: float | None) -> str:
-    """Three digits and a unit; empty for what was not timed."""
+    """Write a time with three digits and a unit; empty for a method that was not timed."""
     if us is None:
         return ""
     for size, unit in ((1e6, "s"), (1e3, "ms"), (1.0, "µs")):

@@ -8,7 +8,7 @@ from graspfx.bench.measure import TIMED, Row
 
 
 def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Rows of each case of a benchmark, in the cases' order, the quickest first and what was not timed last."""
+    """Group rows by case, in the cases' order, the quickest first and those that were not timed last."""
     cases: dict[str, list[Row]] = {}
     for row in rows:
         cases.setdefault(row.case, []).append(row)
@@ -16,7 +16,7 @@ def by_case(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
-    """The rows of one case that are on the Pareto front, the quickest first; where there is no error, the quickest."""
+    """Find the rows of one case on the Pareto front, the quickest first; without errors, the quickest."""
     return list(_front(sorted((row for row in rows if row.state == TIMED), key=_time)))
 
 

@@ -60,12 +60,12 @@ class Report:
     stamps: dict[str, Stamp] = field(default_factory=dict)
 
     def add(self, name: str, rows: Sequence[Row], stamp: Stamp) -> None:
-        """A benchmark's rows, in place of what there is of it."""
+        """Add a benchmark's rows, in place of the old ones."""
         self.rows = [row for row in self.rows if row.benchmark != name] + list(rows)
         self.stamps[name] = stamp
 
     def ordered(self, names: Iterable[str]) -> Report:
-        """The same, benchmarks in the order of the names; what is not named is left out."""
+        """Order the benchmarks by the names; others are left out."""
         order = [name for name in names if name in self.stamps]
         rows = [row for name in order for row in self.rows if row.benchmark == name]
         return Report(rows, {name: self.stamps[name] for name in order})
@@ -82,7 +82,7 @@ class Report:
 
     @classmethod
     def load(cls, path: Path) -> Report:
-        """A report that `save` has written; RecordingError for anything else."""
+        """Load a report that `save` has written; RecordingError for anything else."""
         try:
             table = json.loads(path.read_text(encoding="utf-8"))
             if table["schema"] != SCHEMA:
@@ -99,7 +99,7 @@ def stamp(
     title: str, limits: str, command: str, quick: bool, loads: tuple[float, float],
     before: Calibration, after: Calibration,
 ) -> Stamp:  # fmt: skip
-    """The stamp of a benchmark that has just been run."""
+    """Stamp a benchmark that has just been run."""
     return Stamp(
         title=title,
         limits=" ".join(limits.split()),
@@ -116,7 +116,7 @@ def stamp(
 
 
 def cpu() -> str:
-    """The processor's name and the number of processors that this process may use."""
+    """Describe the processor: its name and the number of processors that this process may use."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -126,7 +126,7 @@ def cpu() -> str:
 
 
 def load() -> float:
-    """Runnable processes on average over the last minute; 0 where the system does not say."""
+    """Read the average number of runnable processes over the last minute; 0 where the system does not say."""
     return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else 0.0
 
 

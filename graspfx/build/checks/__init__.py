@@ -1,1 +1,1 @@
-"""What is wrong with a scene, all of it at once."""
+"""Faults of a scene, all of them at once."""

@@ -1,4 +1,4 @@
-"""What the fields of a scene must be to one another; each check skips what has a fault of its own."""
+"""Checks of fields against one another; each skips a field that has a fault of its own."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 UNIT = 1e-6  # how far from 1 the norm of a quaternion may be: more is a slip of the pen, not rounding
-NAMED = {"object": "name", "device": "label", "hand": "name"}
+NAME_KEYS = {"object": "name", "device": "label", "hand": "name"}
 
 
-def cross_faults(scene: SceneTable, stock: Stock) -> list[Found]:
-    """Faults between the valid fields of a scene, or of a draft of one."""
-    faults: list[Found] = []
+def cross_faults(scene: SceneTable, stock: Stock) -> list[Finding]:
+    """Find faults between the valid fields of a scene, or of a draft of one."""
+    faults: list[Finding] = []
     for check in _checks(scene, stock, faults):
         with suppress(NotValid):
-            for found in check:
-                faults.append(found)  # one by one: those before a field that is not valid stay
+            for finding in check:
+                faults.append(finding)  # one by one: those before a field that is not valid stay
     return faults
 
 
-def _checks(scene: SceneTable, stock: Stock, faults: list[Found]) -> Iterator[Iterator[Found]]:
+def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[Iterator[Finding]]:
     yield _enough(scene)
     yield _length(scene, (), scene, "gravity")
-    for table in NAMED:
+    for table in NAME_KEYS:
         yield _unique(scene, table)
     yield _finger_names(scene)
     for i, thing in enumerate(_items(scene, "object")):
@@ -74,7 +74,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Found]) -> Iterator[It
     yield meeting_faults(scene, stock, faults)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _length(scene, ("finger", i), finger, "start")
-        for field in NAMED:
+        for field in NAME_KEYS:
             yield _reference(scene, ("finger", i, field), finger, field)
         yield own_hand_faults(scene, i, stock)
         yield own_coefficient(scene, ("finger", i, "friction"), finger)
@@ -107,39 +107,39 @@ def _items(scene: SceneTable, table: str) -> tuple[Any, ...]:
     return items
 
 
-def _enough(scene: SceneTable) -> Iterator[Found]:
+def _enough(scene: SceneTable) -> Iterator[Finding]:
     for table in ("object", "finger"):
         if getattr(scene, table) == ():
             yield (table,), "expected at least one"
 
 
-def _unique(scene: SceneTable, table: str) -> Iterator[Found]:
-    seen: set[str] = set()
+def _unique(scene: SceneTable, table: str) -> Iterator[Finding]:
+    names: set[str] = set()
     for i, item in enumerate(_items(scene, table)):
         try:
-            name = getattr(item, NAMED.get(table, "name"))
+            name = getattr(item, NAME_KEYS.get(table, "name"))
         except NotValid:
             continue
-        if name in seen:
-            yield (table, i, NAMED.get(table, "name")), f"{name!r} is taken; every {table} needs a name of its own"
-        seen.add(name)
+        if name in names:
+            yield (table, i, NAME_KEYS.get(table, "name")), f"{name!r} is taken; every {table} needs a name of its own"
+        names.add(name)
 
 
-def _finger_names(scene: SceneTable) -> Iterator[Found]:
+def _finger_names(scene: SceneTable) -> Iterator[Finding]:
     names = scene.finger_names
     for i, name in enumerate(names):
         if name in names[:i]:
             yield ("finger", i, "name"), f"{name!r} is taken; every finger needs a name of its own"
 
 
-def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+def _free(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     width = WIDTHS[scene.dimensions]
     if thing.free is not None and len(thing.free) != width:
-        what = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
-        yield (*at, "free"), f"expected {width} of true or false ({what}); given {abbreviate(list(thing.free))}"
+        moves = {1: "translation", 3: "two translations, one rotation", 6: "three translations, three rotations"}[width]
+        yield (*at, "free"), f"expected {width} of true or false ({moves}); given {abbreviate(list(thing.free))}"
 
 
-def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     inertia, d = thing.inertia, scene.dimensions
     if inertia is None:
         if may_turn(scene, thing) and thing.shape is None and scene.coupling.contact == "attached":
@@ -155,7 +155,7 @@ def _inertia(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
         yield (*at, "inertia"), f"expected more than 0; given {abbreviate(inertia)}"
 
 
-def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     if thing.rotational_viscosity is None and may_turn(scene, thing):
         yield (
             (*at, "rotational_viscosity"),
@@ -163,7 +163,7 @@ def _turning(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
         )
 
 
-def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     yield from _turned(scene, at, "orientation", thing.orientation, "a quaternion of 4 numbers x, y, z, w", 4)
     value = thing.orientation
     if scene.dimensions == 3 and isinstance(value, tuple) and len(value) == 4:
@@ -172,11 +172,11 @@ def _orientation(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]
             yield (*at, "orientation"), f"expected a quaternion of norm 1; its norm is {norm:.6g}"
 
 
-def _angular_velocity(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
+def _angular_velocity(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
     yield from _turned(scene, at, "angular_velocity", thing.angular_velocity, "3 numbers", 3)
 
 
-def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: str, count: int) -> Iterator[Found]:
+def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: str, count: int) -> Iterator[Finding]:
     if value is None:
         return
     if scene.dimensions == 1:
@@ -187,9 +187,9 @@ def _turned(scene: SceneTable, at: Location, field: str, value: Any, in_space: s
         yield (*at, field), f"expected {in_space}; given {abbreviate(value)}"
 
 
-def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Found]) -> Iterator[Found]:
-    """What the body itself refuses, where nothing else has been found."""
-    if any(found[: len(at)] == at or found == ("gravity",) for found, _ in faults):
+def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: list[Finding]) -> Iterator[Finding]:
+    """Find what the body itself refuses, where there is no other fault."""
+    if any(place[: len(at)] == at or place == ("gravity",) for place, _ in faults):
         return
     try:
         bodies.fill(scene, thing, stock.solid(at, thing), np.zeros(SIZE))
@@ -197,7 +197,7 @@ def _body(scene: SceneTable, at: Location, thing: Any, stock: Stock, faults: lis
         yield (*at, error.name), reason(error)
 
 
-def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
+def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Finding]:
     try:
         plugins.find("dynamics", thing.dynamics, folder)
         if thing.dynamics not in plugins.BUILT_IN["dynamics"]:
@@ -216,24 +216,24 @@ def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Found]:
         )
 
 
-def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iterator[Found]:
+def _reference(scene: SceneTable, at: Location, finger: Any, table: str) -> Iterator[Finding]:
     name = getattr(finger, table)
     if not isinstance(name, str):
         return
-    names = [getattr(item, NAMED[table]) for item in getattr(scene, table)]
+    names = [getattr(item, NAME_KEYS[table]) for item in getattr(scene, table)]
     if name not in names:
         close = closest(name, names)
         hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(names)})" if names else ""
-        yield at, f"no [[{table}]] has the {NAMED[table]} {name!r}{hint}"
+        yield at, f"no [[{table}]] has the {NAME_KEYS[table]} {name!r}{hint}"
 
 
-def _own_device(scene: SceneTable, at: Location, finger: Any, stock: Stock) -> Iterator[Found]:
+def _own_device(scene: SceneTable, at: Location, finger: Any, stock: Stock) -> Iterator[Finding]:
     if not isinstance(finger.device, str):
         yield from setting_faults(scene, at, finger.device, stock)
 
 
-def _channels(scene: SceneTable) -> Iterator[Found]:
-    taken: dict[tuple[str, int], int] = {}
+def _channels(scene: SceneTable) -> Iterator[Finding]:
+    users: dict[tuple[str, int], int] = {}
     for i, finger in enumerate(scene.finger):
         try:
             key = (finger.device, finger.channel)
@@ -241,28 +241,28 @@ def _channels(scene: SceneTable) -> Iterator[Found]:
             continue
         if not isinstance(key[0], str):
             continue
-        if key in taken:
-            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} is finger {taken[key]}'s already"
-        taken.setdefault((key[0], key[1]), i)
+        if key in users:
+            yield ("finger", i, "channel"), f"channel {key[1]} of {key[0]!r} is finger {users[key]}'s already"
+        users.setdefault((key[0], key[1]), i)
 
 
-def _unused(scene: SceneTable, table: str) -> Iterator[Found]:
+def _unused(scene: SceneTable, table: str) -> Iterator[Finding]:
     used = {getattr(finger, table) for finger in scene.finger if isinstance(getattr(finger, table), str)}
     for i, item in enumerate(getattr(scene, table)):
-        if getattr(item, NAMED[table]) not in used:
-            yield (table, i, NAMED[table]), f"no finger names {getattr(item, NAMED[table])!r}"
+        if getattr(item, NAME_KEYS[table]) not in used:
+            yield (table, i, NAME_KEYS[table]), f"no finger names {getattr(item, NAME_KEYS[table])!r}"
 
 
-def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Found]:
-    given = np.asarray(getattr(getattr(scene.coupling, share), quantity))
+def _gain(scene: SceneTable, share: str, quantity: str) -> Iterator[Finding]:
+    value = np.asarray(getattr(getattr(scene.coupling, share), quantity))
     n, d, objects = len(scene.finger), scene.dimensions, len(scene.object)
     m = n * d
     forms: dict[int, list[tuple[int, ...]]] = {0: [()], 1: [(n,)], 2: [(d, d), (m, m)], 3: [(n, d, d)]}
     at = ("coupling", share, quantity)
-    if given.shape not in forms[given.ndim]:
-        sizes = " or ".join(" x ".join(map(str, shape)) for shape in forms[given.ndim])
-        yield at, f"expected {sizes} numbers for {n} fingers in {d} dimensions; given {_size(given.shape)}"
-    elif given.ndim == 2 and given.shape != (d, d) and objects > 1:
+    if value.shape not in forms[value.ndim]:
+        sizes = " or ".join(" x ".join(map(str, shape)) for shape in forms[value.ndim])
+        yield at, f"expected {sizes} numbers for {n} fingers in {d} dimensions; given {_size(value.shape)}"
+    elif value.ndim == 2 and value.shape != (d, d) and objects > 1:
         yield at, "an m x m matrix couples all fingers: it needs a scene with one object"
 
 
@@ -270,20 +270,20 @@ def _size(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
 
 
-def _stiff(scene: SceneTable, share: str) -> Iterator[Found]:
+def _stiff(scene: SceneTable, share: str) -> Iterator[Finding]:
     if scene.coupling.contact != "unilateral":
         return
     stiffness = np.asarray(getattr(scene.coupling, share).stiffness)
     least = float((np.linalg.eigvalsh(stiffness) if stiffness.ndim > 1 else stiffness).min())
     if least <= 0.0:
-        what = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
+        expected = "eigenvalues of more than 0" if stiffness.ndim > 1 else "more than 0"
         yield (
             ("coupling", share, "stiffness"),
-            f"unilateral contact expects {what}; the least is {least:.6g} (contact = 'attached' takes 0)",
+            f"unilateral contact expects {expected}; the least is {least:.6g} (contact = 'attached' takes 0)",
         )
 
 
-def _fade(scene: SceneTable) -> Iterator[Found]:
+def _fade(scene: SceneTable) -> Iterator[Finding]:
     if scene.coupling.fade == "auto":
         return
     low, high = scene.coupling.fade
@@ -291,7 +291,7 @@ def _fade(scene: SceneTable) -> Iterator[Found]:
         yield ("coupling", "fade"), f"expected [h1, h2] with 0 <= h1 < h2; given {abbreviate([low, high])}"
 
 
-def _blend(scene: SceneTable) -> Iterator[Found]:
+def _blend(scene: SceneTable) -> Iterator[Finding]:
     if scene.coupling.blend == "off":
         return
     low, high = scene.coupling.blend

@@ -23,7 +23,7 @@ BOUNDS = {
     "less_than": ("less than", "lt"),
     "less_than_equal": ("no more than", "le"),
 }
-WANTED = {
+EXPECTED = {
     "float_type": "a number",
     "finite_number": "a finite number",
     "int_type": "a whole number",
@@ -75,7 +75,7 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
     except ValidationError as error:
         draft = SceneTable.model_validate(data, context=DRAFT)
         faults = [*_field_faults(error, draft), *trust_faults(draft, source)]
-        misspelt = _meant(error.errors(include_url=False), draft)
+        misspelt = _likely_keys(error.errors(include_url=False), draft)
         faults += [each for each in cross_faults(draft, stock) if each[0] not in misspelt.values()]
         return as_faults(data, faults), stock
     faults = trust_faults(draft, source)
@@ -84,28 +84,28 @@ def find_faults(data: Mapping[str, Any], source: Source) -> tuple[list[Fault], S
 
 def _field_faults(error: ValidationError, draft: SceneTable) -> Iterator[tuple[Key, str]]:
     errors = error.errors(include_url=False)
-    meant = _meant(errors, draft)
+    likely = _likely_keys(errors, draft)
     for each in errors:
         at = each["loc"]
-        if each["type"] == "missing" and at in meant.values():
+        if each["type"] == "missing" and at in likely.values():
             continue
         if each["type"] == "extra_forbidden":
-            yield at, f"unknown key{_hint(at, meant, draft)}"
+            yield at, f"unknown key{_hint(at, likely, draft)}"
         elif each["type"] == "kind" and isinstance(each["input"], Mapping):
             yield (*at, "kind"), message(each)
         else:
             yield at, message(each)
 
 
-def _meant(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
-    """For every key that is not known, the one that it comes close to: one slip of the pen is one fault."""
+def _likely_keys(errors: Iterable[Any], draft: SceneTable) -> dict[Key, Key]:
+    """Pair every unknown key with a known one that it comes close to: one slip of the pen is one fault."""
     unknown = [each["loc"] for each in errors if each["type"] == "extra_forbidden"][:MOST_HINTS]
     close = {at: _near(str(at[-1]), part_at(draft, at[:-1])) for at in unknown}
     return {at: (*at[:-1], name) for at, name in close.items() if name is not None}
 
 
 def _near(key: str, table: Any) -> str | None:
-    """A key that is given already is meant only where it is very near, as by an override."""
+    """Tell whether a key that is there already could be meant: only where it is very near, as by an override."""
     if table is None:
         return None
     if len(key) > LONGEST_KEY:
@@ -114,38 +114,38 @@ def _near(key: str, table: Any) -> str | None:
     return closest(key, keys.keys() - table.model_fields_set) or closest(key, keys, VERY_NEAR)
 
 
-def _hint(at: Key, meant: Mapping[Key, Key], draft: SceneTable) -> str:
+def _hint(at: Key, likely: Mapping[Key, Key], draft: SceneTable) -> str:
     elsewhere = ELSEWHERE.get((type(part_at(draft, at[:-1])).__name__, str(at[-1])))
     if elsewhere is not None:
         return f"; here it is {elsewhere}"
-    return f"; did you mean {meant[at][-1]!r}?" if at in meant else ""
+    return f"; did you mean {likely[at][-1]!r}?" if at in likely else ""
 
 
 def message(error: Any) -> str:
-    """One of pydantic's faults in the words of this project."""
-    kind, context, given = error["type"], error.get("ctx", {}), abbreviate(error["input"])
+    """Write one of pydantic's faults in the words of this project."""
+    kind, context, value = error["type"], error.get("ctx", {}), abbreviate(error["input"])
     if kind == "missing":
         return "required, but not given"
     if kind in BOUNDS:
         words, limit = BOUNDS[kind]
-        return f"expected {words} {context[limit]:g}; given {given}"
-    if kind in WANTED:
-        return f"expected {WANTED[kind]}; given {given}"
+        return f"expected {words} {context[limit]:g}; given {value}"
+    if kind in EXPECTED:
+        return f"expected {EXPECTED[kind]}; given {value}"
     if kind == "union_tag_invalid":
         forms = [FORMS.get(tag.strip(" '<>"), "a table") for tag in context["expected_tags"].split(",")]
-        return f"expected {' or '.join(dict.fromkeys(forms))}; given {given}"
+        return f"expected {' or '.join(dict.fromkeys(forms))}; given {value}"
     if kind == "literal_error":
-        return f"expected {context['expected']}; given {given}"
+        return f"expected {context['expected']}; given {value}"
     if kind in ("too_short", "too_long"):
-        wanted = context.get("min_length", context.get("max_length"))
-        return f"expected {wanted} numbers; given {context['actual_length']}"
+        length = context.get("min_length", context.get("max_length"))
+        return f"expected {length} numbers; given {context['actual_length']}"
     if kind == "string_pattern_mismatch":
-        return f"expected letters, digits, '_' and '-', a letter first; given {given}"
+        return f"expected letters, digits, '_' and '-', a letter first; given {value}"
     return str(error["msg"])
 
 
 def part_at(draft: SceneTable, location: Sequence[str | int]) -> Any:
-    """The table at a validator's location; None where that is not valid."""
+    """Find the table at a validator's location; None where that is not valid."""
     part: Any = draft
     try:
         for step in location:

@@ -15,14 +15,14 @@ from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 CODE: tuple[tuple[type[Table], str], ...] = ((Device, "name"), (MadeHand, "kind"), (Object, "dynamics"))
 DATA: tuple[tuple[type[Table], str], ...] = ((MeshShape, "mesh"), (Path, "file"))
 DO = "move it there, or say that you trust the scene: --trust, or GRASPFX_TRUST=1"
 
 
-def trust_faults(scene: SceneTable, source: Source) -> list[Found]:
+def trust_faults(scene: SceneTable, source: Source) -> list[Finding]:
     """Find every path that leads out of the folder of the scene's file, and take it out of the tables.
 
     What is left of the scene then names no such file, so that the checks that come later cannot import or read it.
@@ -30,7 +30,7 @@ def trust_faults(scene: SceneTable, source: Source) -> list[Found]:
     return [] if source.is_trusted else list(_faults((), scene, source))
 
 
-def _faults(at: Location, part: Any, source: Source) -> Iterator[Found]:
+def _faults(at: Location, part: Any, source: Source) -> Iterator[Finding]:
     if isinstance(part, tuple):
         for k, each in enumerate(part):
             yield from _faults((*at, k), each, source)

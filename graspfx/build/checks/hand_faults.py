@@ -1,4 +1,4 @@
-"""What keeps a scene's hands from holding: axes, directions, times, recorded paths, and hands of a plug-in's own."""
+"""Checks of a scene's hands: axes, directions, times, recorded paths, and hands of a plug-in's own."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from graspfx import plugins
-from graspfx.build.checks.lengths import Found, Location, length_faults, numbers
+from graspfx.build.checks.lengths import Finding, Location, length_faults, numbers
 from graspfx.build.checks.settings import reason, signature_faults
 from graspfx.build.hand_parts import AUTOMATIC, plugin_hand
 from graspfx.build.stock import Stock
@@ -26,14 +26,14 @@ from graspfx.scene.tables.scene_table import SceneTable
 NEAR = 1e-9  # of the coordinates: what is left of a finger's arm is their rounding
 
 
-def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Found]:
-    """Faults of the hand that finger i has for itself."""
+def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Finding]:
+    """Find faults of finger i's own hand."""
     finger, at = scene.finger[i], ("finger", i, "hand")
     hand = finger.hand
     if hand is None or isinstance(hand, str):
         return
     if isinstance(hand, MadeHand):
-        yield from _made(scene, at, hand, [i], stock)
+        yield from _plugin_faults(scene, at, hand, [i], stock)
         return
     yield from _each(
         length_faults(scene, at, hand, "rest"),
@@ -44,12 +44,12 @@ def own_hand_faults(scene: SceneTable, i: int, stock: Stock) -> Iterator[Found]:
     )
 
 
-def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock) -> Iterator[Found]:
-    """Faults of a hand that several fingers may name."""
+def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock) -> Iterator[Finding]:
+    """Find faults of a hand that several fingers may name."""
     name = getattr(hand, "name", None)  # none if it has a fault of its own
     fingers = [i for i, finger in enumerate(scene.finger) if name and getattr(finger, "hand", None) == name]
     if isinstance(hand, MadeHand):
-        yield from _made(scene, at, hand, fingers, stock)
+        yield from _plugin_faults(scene, at, hand, fingers, stock)
         return
     yield from _each(
         *(_half(scene, (*at, half), hand, half) for half in ("arm", "grip")),
@@ -60,23 +60,23 @@ def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock)
     )
 
 
-def _each(*checks: Iterator[Found]) -> Iterator[Found]:
+def _each(*checks: Iterator[Finding]) -> Iterator[Finding]:
     for check in checks:
         with suppress(NotValid):
             yield from check
 
 
-def _half(scene: SceneTable, at: Location, hand: Any, half: str) -> Iterator[Found]:
+def _half(scene: SceneTable, at: Location, hand: Any, half: str) -> Iterator[Finding]:
     yield from _spring(scene, at, getattr(hand, half))
 
 
-def _spring(scene: SceneTable, at: Location, spring: Any) -> Iterator[Found]:
+def _spring(scene: SceneTable, at: Location, spring: Any) -> Iterator[Finding]:
     for quantity in ("stiffness", "damping"):
         if isinstance(getattr(spring, quantity), tuple):
             yield from length_faults(scene, at, spring, quantity)
 
 
-def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], stock: Stock) -> Iterator[Found]:
+def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], stock: Stock) -> Iterator[Finding]:
     yield from _each(
         *(_motion(scene, where, each, stock) for where, each in _numbered((*at, "motion"), hand, "motion")),
         *(_turn(scene, where, each, fingers) for where, each in _numbered((*at, "turn"), hand, "turn")),
@@ -85,7 +85,7 @@ def _moving(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int], 
 
 
 def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, Any]]:
-    """The tables of a field that takes one or a list, with where each stands."""
+    """List the tables of a field that takes one or a list, with where each stands."""
     try:
         value = getattr(hand, field)
     except NotValid:
@@ -94,16 +94,16 @@ def _numbered(at: Location, hand: Any, field: str) -> Iterator[tuple[Location, A
         yield ((*at, k) if isinstance(value, tuple) else at), each
 
 
-def _motion(scene: SceneTable, at: Location, meant: Any, stock: Stock) -> Iterator[Found]:
-    if isinstance(meant, Sine):
-        yield from _axis(scene, at, meant)
-    elif isinstance(meant, Reach):
-        yield from length_faults(scene, at, meant, "displacement")
-    elif isinstance(meant, RecordedPath):
-        yield from _recorded(scene, at, meant, stock)
+def _motion(scene: SceneTable, at: Location, motion: Any, stock: Stock) -> Iterator[Finding]:
+    if isinstance(motion, Sine):
+        yield from _axis(scene, at, motion)
+    elif isinstance(motion, Reach):
+        yield from length_faults(scene, at, motion, "displacement")
+    elif isinstance(motion, RecordedPath):
+        yield from _recorded(scene, at, motion, stock)
 
 
-def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Found]:
+def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Finding]:
     axis = part.axis
     if isinstance(axis, tuple):
         wrong = list(length_faults(scene, at, part, "axis"))
@@ -112,12 +112,12 @@ def _axis(scene: SceneTable, at: Location, part: Any) -> Iterator[Found]:
         yield (*at, "axis"), f"expected an axis of {scene.dimensions} dimensions; given {abbreviate(axis)}"
 
 
-def _zero(at: Location, vector: Sequence[float]) -> Iterator[Found]:
+def _zero(at: Location, vector: Sequence[float]) -> Iterator[Finding]:
     if not any(vector):
         yield at, f"expected a direction, of any length but zero; given {abbreviate(list(vector))}"
 
 
-def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock) -> Iterator[Found]:
+def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock) -> Iterator[Finding]:
     times, positions = path.times, path.positions
     if path.file is not None:
         if times is not None or positions is not None:
@@ -144,7 +144,7 @@ def _recorded(scene: SceneTable, at: Location, path: RecordedPath, stock: Stock)
             return
 
 
-def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) -> Iterator[Found]:
+def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     d = scene.dimensions
     if d == 1:
         yield at, "a line has no rotation: leave it out"
@@ -154,7 +154,7 @@ def _turn(scene: SceneTable, at: Location, turn: Any, fingers: Sequence[int]) ->
         yield (*at, "centre"), "required where a hand touches several objects"
 
 
-def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Found]:
+def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Finding]:
     if scene.dimensions == 3:
         if turn.axis is None:
             yield (*at, "axis"), "required in space: x, y, z or a direction"
@@ -164,7 +164,7 @@ def _turn_axis(scene: SceneTable, at: Location, turn: Any) -> Iterator[Found]:
         yield (*at, "axis"), f"a turn in the plane is about z: leave it out; given {abbreviate(turn.axis)}"
 
 
-def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
+def _squeeze(at: Location, hand: Any) -> Iterator[Finding]:
     squeeze = hand.squeeze
     if isinstance(squeeze, int | float):
         return
@@ -183,7 +183,7 @@ def _squeeze(at: Location, hand: Any) -> Iterator[Found]:
             )
 
 
-def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Found]:
+def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int]) -> Iterator[Finding]:
     bare = [thing.name for thing in _touched(scene, fingers) if thing.shape is None]
     if bare and hand.closing == "normal" and hand.squeeze != 0.0:
         yield (
@@ -192,13 +192,13 @@ def _normals(scene: SceneTable, at: Location, hand: Any, fingers: Sequence[int])
         )
 
 
-def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Found]:
+def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding]:
     if isinstance(hand.closing, tuple):
         wrong = list(length_faults(scene, at, hand, "closing"))
         yield from wrong or _zero((*at, "closing"), hand.closing)
 
 
-def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Found]:
+def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
     closing = hand.closing
     if isinstance(closing, tuple):
         if fingers and len(closing) != len(fingers):
@@ -213,13 +213,15 @@ def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequenc
             yield (*at, "closing"), "a finger starts in the fingers' mean, from where no direction leads to it"
 
 
-def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Found]:
+def _share(at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
     share = hand.share
     if fingers and isinstance(share, tuple) and len(share) != len(fingers):
         yield (*at, "share"), f"expected one for each of its {len(fingers)} fingers; given {abbreviate(list(share))}"
 
 
-def _made(scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[int], stock: Stock) -> Iterator[Found]:
+def _plugin_faults(
+    scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[int], stock: Stock
+) -> Iterator[Finding]:
     kind = table.kind
     try:
         module = plugins.load_blaming("hands", kind, stock.folder)
@@ -233,8 +235,8 @@ def _made(scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[in
         yield (*at, "kind"), f"the hand {kind!r} has no function hold(**settings)"
         return
     parameters, settings = inspect.signature(module.hold).parameters, table.settings
-    given = [key for key in settings if key in AUTOMATIC and key in parameters]
-    wrong = [((*at, key), "the scene gives it: leave it out") for key in given]
+    clashes = [key for key in settings if key in AUTOMATIC and key in parameters]
+    wrong = [((*at, key), "the scene gives it: leave it out") for key in clashes]
     wrong += signature_faults(at, kind, settings, parameters, AUTOMATIC)
     yield from wrong
     starts = [scene.finger[i].start for i in fingers]
@@ -254,7 +256,7 @@ def _made(scene: SceneTable, at: Location, table: MadeHand, fingers: Sequence[in
 
 
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:
-    """The objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
+    """List the objects that these fingers touch; NotValid if one is not known, which is a fault of its own."""
     things = {thing.name: thing for thing in scene.object}
     if not things:
         raise NotValid("object")

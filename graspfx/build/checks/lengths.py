@@ -9,11 +9,11 @@ from graspfx.errors import abbreviate
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
-def length_faults(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Found]:
-    """The fault of a part's vector that has another number of components than d."""
+def length_faults(scene: SceneTable, at: Location, part: Any, field: str) -> Iterator[Finding]:
+    """Find the fault of a part's vector that has another number of components than d."""
     value = getattr(part, field)
     if value is not None and len(value) != scene.dimensions:
         yield (*at, field), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(value))}"

@@ -1,4 +1,4 @@
-"""What the objects of a scene cannot meet, or not with their dynamics."""
+"""Checks of what objects can meet with their dynamics."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from graspfx.scene.tables.part_tables import Object
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 FLAT = ("half-space", "plane")
 STIFFEST = 1e4  # k T^2/m of a native contact point; from 1e5 on a box at rest in space is thrown up by rounding
 DEEP = 1e-5  # how far inside an obstacle an object may start [m]: what is more is no rounding, nor its weight's sinking
 
 
-def meeting_faults(scene: SceneTable, stock: Stock, known: Sequence[Found]) -> Iterator[Found]:
-    """What objects cannot meet, or not with these dynamics; nothing where an object or obstacle has its own fault."""
-    if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in known):
+def meeting_faults(scene: SceneTable, stock: Stock, earlier: Sequence[Finding]) -> Iterator[Finding]:
+    """Find what objects cannot meet with these dynamics; nothing where an object or obstacle has its own fault."""
+    if any(at[:1] in (("object",), ("obstacle",), ("world",), ("gravity",)) for at, _ in earlier):
         return
     yield from _together(scene, stock)
     if not scene.obstacle:
@@ -55,17 +55,17 @@ def meeting_faults(scene: SceneTable, stock: Stock, known: Sequence[Found]) -> I
                 yield from _too_stiff(scene, i, thing, stock)
 
 
-def _together(scene: SceneTable, stock: Stock) -> Iterator[Found]:
+def _together(scene: SceneTable, stock: Stock) -> Iterator[Finding]:
     if scene.world.collide and len(scene.object) > 1:
         for i, thing in enumerate(scene.object):
             if thing.dynamics == "native" and encounters.moves(scene, thing):
                 yield ("object", i, "dynamics"), "native objects meet no other object; world.collide needs 'bullet'"
-    wanted = bool(scene.world.collide)
+    collide = bool(scene.world.collide)
     for group in encounters.groups(scene):
         if not encounters.in_world(scene, group):
             continue
         name = scene.object[group[0]].dynamics
-        if (scene.obstacle or wanted) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
+        if (scene.obstacle or collide) and not hasattr(plugins.load("dynamics", name, stock.folder), "create_world"):
             yield (
                 ("object", group[0], "dynamics"),
                 f"{name!r} without create_world lets objects meet nothing; use 'bullet'",
@@ -76,11 +76,11 @@ def _together(scene: SceneTable, stock: Stock) -> Iterator[Found]:
             if thing.dynamics != "bullet":
                 continue
             if scene.dimensions != 3:
-                what = "world.collide" if wanted and not scene.obstacle else "obstacles"
+                who = "world.collide" if collide and not scene.obstacle else "obstacles"
                 yield (
                     ("object", i, "dynamics"),
-                    f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {what} need dimensions = 3"
-                    + ("" if what == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
+                    f"a PyBullet world is in space, not in {scene.dimensions} dimension(s): {who} need dimensions = 3"
+                    + ("" if who == "world.collide" else ", or dynamics = 'native' and half-spaces or planes"),
                 )
             elif thing.shape is not None and encounters.moves(scene, thing) and not all(scene.free(thing)):
                 yield (
@@ -94,7 +94,7 @@ def _meets(scene: SceneTable, thing: Object, dynamics: str) -> bool:
     return thing.dynamics == dynamics and thing.shape is not None and encounters.moves(scene, thing)
 
 
-def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Found]:
+def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
     mass = bodies.mass(thing, stock.solid(("object", i), thing))
     k, T = scene.world.stiffness, scene.period
     if k * T * T > STIFFEST * mass:
@@ -105,8 +105,8 @@ def _too_stiff(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterat
         )
 
 
-def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Found]:
-    """Where a shape begins below a half-space or across a plane; other pairs would need a search."""
+def _inside(scene: SceneTable, i: int, thing: Object, stock: Stock) -> Iterator[Finding]:
+    """Tell whether a shape begins below a half-space or across a plane; other pairs would need a search."""
     from graspfx.objects.floor.floor import clearance
 
     state = np.zeros(SIZE)

@@ -19,11 +19,11 @@ from graspfx.scene.tables.part_tables import Device
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 OPEN_ENDED = inspect.Parameter.VAR_KEYWORD
 
 
-def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock) -> Iterator[Found]:
+def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock) -> Iterator[Finding]:
     """Find what keeps a device from being connected; one that can be goes to the stock."""
     try:
         driver = plugins.load_blaming("devices", table.name, stock.folder)
@@ -50,19 +50,19 @@ def setting_faults(scene: SceneTable, at: Location, table: Device, stock: Stock)
 
 
 def reason(error: GraspFXError) -> str:
-    """An error's text without the name that it begins with, where the fault's key says that already."""
+    """Write an error's text without the name that it begins with, where the fault's key says that already."""
     return str(error).removeprefix(f"{error.name}: ") if isinstance(error, InputError) else str(error)
 
 
-def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleType, stock: Stock) -> Iterator[Found]:
+def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleType, stock: Stock) -> Iterator[Finding]:
     dimensions = scene.dimensions
     try:
         with plugins.blaming(Path(driver.__file__ or driver.__name__)):
             device = connect(driver, table, dimensions)
             features = getattr(device, "features", None)
     except InputError as error:
-        known = error.name in table.settings
-        yield ((*at, error.name), reason(error)) if known else (at, str(error))
+        is_setting = error.name in table.settings
+        yield ((*at, error.name), reason(error)) if is_setting else (at, str(error))
     except GraspFXError as error:
         yield at, f"{table.name!r} cannot be connected: {error}"
     else:
@@ -78,18 +78,18 @@ def signature_faults(
     settings: Mapping[str, Any],
     parameters: Mapping[str, inspect.Parameter],
     automatic: AbstractSet[str],
-) -> Iterator[Found]:
-    """Settings that a plug-in of this name does not take, and those that it needs; it is given the automatic ones."""
+) -> Iterator[Finding]:
+    """Find settings that a plug-in does not take, and missing ones that it needs; the automatic ones are filled in."""
     for key, value in settings.items():
         if not _finite(value):
             yield (*at, key), f"expected finite numbers; given {abbreviate(value)}"
-    named = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
-    unknown = [key for key in settings if key not in named] if len(named) == len(parameters) else []
-    meant = {key: closest(key, named) for key in unknown}
-    for key, close in meant.items():
-        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(named - automatic))})"
+    names = {key for key, each in parameters.items() if each.kind is not OPEN_ENDED}
+    unknown = [key for key in settings if key not in names] if len(names) == len(parameters) else []
+    likely = {key: closest(key, names) for key in unknown}
+    for key, close in likely.items():
+        hint = f"; did you mean {close!r}?" if close else f" (known: {', '.join(sorted(names - automatic))})"
         yield (*at, key), f"unknown setting of {name!r}{hint}"
-    for key in sorted(named - automatic - settings.keys() - set(meant.values())):
+    for key in sorted(names - automatic - settings.keys() - set(likely.values())):
         if parameters[key].default is inspect.Parameter.empty:
             yield (*at, key), f"required by {name!r}, but not given"
 

@@ -1,4 +1,4 @@
-"""What an object's shape and mass must be: in the scene's dimensions, readable, and weighed one way."""
+"""Checks of an object's shape and mass: in the scene's dimensions, readable, and weighed one way."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from graspfx.scene.tables.scene_table import SceneTable
 from graspfx.scene.tables.shapes import MeshShape
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 VECTORS = {"box": "size", "ellipsoid": "semi_axes", "half-space": "normal", "plane": "normal"}  # of d numbers
 ENDLESS = ("half-space", "plane")
 
 
-def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Found]:
+def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
     """Find the faults of an object's shape; a sound one goes to the stock."""
     shape, d = thing.shape, scene.dimensions
     if shape is None and scene.coupling.contact == "unilateral":
@@ -31,8 +31,8 @@ def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> I
     name = VECTORS.get(shape.kind)
     if name is not None and len(getattr(shape, name)) != d:
         numbers = "1 number" if d == 1 else f"{d} numbers"
-        given = abbreviate(list(getattr(shape, name)))
-        yield (*at, "shape", name), f"expected {numbers} (dimensions = {d}); given {given}"
+        text = abbreviate(list(getattr(shape, name)))
+        yield (*at, "shape", name), f"expected {numbers} (dimensions = {d}); given {text}"
         return
     try:
         solid = stock.solid(at, thing).primitive
@@ -43,7 +43,7 @@ def shape_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> I
         yield (*at, "shape", "kind"), f"there is no {shape.kind} in {d} dimension(s)"
 
 
-def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Iterator[Found]:
+def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
     shape, at = thing.shape, (*owner, "shape")
     inline = [key for key in ("vertices", "faces") if getattr(shape, key) is not None]
     source = (*at, "mesh" if shape.mesh is not None else "vertices")
@@ -62,8 +62,8 @@ def _mesh(scene: SceneTable, owner: Location, thing: Any, stock: Stock) -> Itera
             yield source, str(error)
 
 
-def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Found]:
-    """Faults of how an object is weighed: by its mass, or in space by its density."""
+def mass_faults(scene: SceneTable, at: Location, thing: Any) -> Iterator[Finding]:
+    """Find faults of how an object is weighed: by its mass, or in space by its density."""
     if thing.density is None:
         if thing.mass is None:
             yield (*at, "mass"), "required, but not given" + (" (or density)" if scene.dimensions == 3 else "")

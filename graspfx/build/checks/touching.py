@@ -11,11 +11,11 @@ from graspfx.loop.device import Device
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
-def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Found]:
-    """A coefficient that a finger has beside a coupling which leaves no room for it."""
+def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Finding]:
+    """Find a coefficient of a finger's own beside a coupling which leaves no room for it."""
     if finger.friction is None:
         return
     if scene.coupling.contact == "attached":
@@ -24,8 +24,8 @@ def own_coefficient(scene: SceneTable, at: Location, finger: Any) -> Iterator[Fo
         yield at, "coupling.friction = 'stick' holds every finger; a coefficient there lets each have its own"
 
 
-def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
-    """What a soft finger lacks, or a hard one has of it."""
+def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
+    """Find what a soft finger lacks, or what a hard one has of it."""
     at: Location = ("finger", i, "patch")
     if finger.model == "hard":
         if finger.patch is not None:
@@ -52,7 +52,7 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Found]:
         yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
 
 
-def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Found]:
+def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:
     """Find matrices that are none in contact axes: k_n along the normal, one k_t along the surface."""
     coupling, d = scene.coupling, scene.dimensions
     if coupling.axes != "contact":
@@ -74,8 +74,8 @@ def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Found]:
         yield ("coupling", "axes"), "'contact' expects objects with a shape, which have normals"
 
 
-def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
-    """Devices that do not tell the mass that limits the damping which control adds."""
+def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+    """Find devices that do not tell the mass that limits the damping which control adds."""
     if scene.coupling.passivity != "control":
         return
     for at, device in connected.items():
@@ -85,8 +85,8 @@ def control_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> I
             yield ("coupling", "passivity"), f"{text} ('observe' needs none)"
 
 
-def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Found]:
-    """Devices that do not tell the mass by which the metric would count them."""
+def metric_faults(scene: SceneTable, connected: Mapping[Location, Device]) -> Iterator[Finding]:
+    """Find devices that do not tell the mass by which the metric would count them."""
     if scene.coupling.metric != "mass":
         return
     for at, device in connected.items():

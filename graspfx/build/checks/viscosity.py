@@ -16,17 +16,17 @@ from graspfx.scene.tables.reading import WIDTHS
 from graspfx.scene.tables.scene_table import SceneTable
 
 Location = tuple[str | int, ...]
-Found = tuple[Location, str]
+Finding = tuple[Location, str]
 
 
 def may_turn(scene: SceneTable, thing: Any) -> bool:
-    """Whether a rotation of an object is free, as far as `free` has the right length to tell."""
+    """Tell whether a rotation of an object is free, as far as `free` has the right length to tell."""
     free = scene.free(thing)
     return len(free) == WIDTHS[scene.dimensions] and any(free[scene.dimensions :])
 
 
-def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Found]:
-    """Faults of viscosities that explicit and semi-implicit integration does not stand."""
+def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) -> Iterator[Finding]:
+    """Find viscosities that explicit and semi-implicit integration does not stand."""
     if thing.dynamics != "native" or thing.integrator not in ("explicit", "semi-implicit"):
         return
     with suppress(GraspFXError):  # a mass or a shape that cannot be has its own fault
@@ -45,7 +45,7 @@ def viscosity_faults(scene: SceneTable, at: Location, thing: Any, stock: Stock) 
 
 def _slowed(
     scene: SceneTable, at: Location, thing: Any, key: str, viscosity: float, by: str, inertia: float
-) -> Iterator[Found]:
+) -> Iterator[Finding]:
     ratio = viscosity * scene.period / inertia
     if ratio >= VISCOUS_LIMIT:
         yield (

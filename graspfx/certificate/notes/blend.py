@@ -23,11 +23,11 @@ def blend_notes(parts: Parts) -> list[str]:
     scene = parts.scene
     if scene.coupling.blend == "off" or not any(map(scene.turns, scene.object)):
         return []
-    return [note for held in grasps(parts) for note in _notes(held.name, held.grasped)]
+    return [note for part in grasps(parts) for note in _notes(part.name, part.grasped)]
 
 
 def arms(grasped: GraspedObject) -> list[float]:
-    """The rms arms of the free rotations about their principal axes, the least first [m].
+    """Compute the rms arms of the free rotations about their principal axes, the least first [m].
 
     They are the singular values of the fields a_k x (c_i - c) of the weighted contacts, less what the free translations
     move, over the root of the weights' sum; those that are rounding are left out.
@@ -42,8 +42,8 @@ def arms(grasped: GraspedObject) -> list[float]:
     shifts /= math.sqrt(weights.sum())
     turns = np.array([field.ravel() for field in fields]).reshape(-1, 3 * len(points))
     turns -= turns @ shifts.T @ shifts
-    found = np.linalg.svd(turns, compute_uv=False) / math.sqrt(weights.sum())
-    return sorted(float(arm) for arm in found if arm > NO_ARM)
+    values = np.linalg.svd(turns, compute_uv=False) / math.sqrt(weights.sum())
+    return sorted(float(arm) for arm in values if arm > NO_ARM)
 
 
 def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
@@ -59,8 +59,10 @@ def _notes(name: str, grasped: GraspedObject) -> Iterator[str]:
     if grasped.matrices:
         figure = f"{100.0 * (1.0 - blend):.2g} % of its stiffness is the internal one"
     else:
-        made = kip + (kep - kip) * blend
-        figure = f"it has {made:.4g} N/m where eq. (4) has kep = {kep:g} N/m ({100.0 * (made / kep - 1.0):+.2g} %)"
+        blended = kip + (kep - kip) * blend
+        figure = (
+            f"it has {blended:.4g} N/m where eq. (4) has kep = {kep:g} N/m ({100.0 * (blended / kep - 1.0):+.2g} %)"
+        )
     yield (
         f"a rotation of {name} on its contacts, of {1e3 * small[0]:.3g} mm arm, lies in the band of coupling.blend, "
         f"{1e3 * low:g} to {1e3 * high:g} mm: {figure}; coupling.blend = 'off' is eq. (4) to the letter"

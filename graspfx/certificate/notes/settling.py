@@ -19,7 +19,7 @@ Spring = tuple[float, float]  # K [N/m], B [N s/m]
 
 
 def unsettled(parts: Parts) -> list[str]:
-    """A sentence for each motion that grows from sample to sample, with the finger of which it grows fastest.
+    """Write a sentence for each motion that grows from sample to sample, with the finger where it grows fastest.
 
     Each finger is taken as one of n alike. Squeezing, it swings against an object that stays: kip, and the grip.
     Moving, all n swing along with the object: kep, and the arm. Velocities count as known and forces as undelayed, and
@@ -33,7 +33,7 @@ def unsettled(parts: Parts) -> list[str]:
     kep, ked, kip, kid = (float(g) for each in (external, internal) for g in (each.stiffness, each.damping))  # type: ignore[arg-type]
     devices = _devices(parts)
     arms, grips = _springs(scene)
-    found: list[str] = []
+    notes: list[str] = []
     for number, thing in enumerate(scene.object):
         own = [i for i, k in enumerate(scene.finger_objects) if k == number and i in devices and i in grips]
         if not own:
@@ -41,23 +41,23 @@ def unsettled(parts: Parts) -> list[str]:
         mean = np.mean([devices[i][0] for i in own])
         share = {i: devices[i][0] / float(mean) if scene.coupling.metric == "mass" else 1.0 for i in own}
         squeezing = {i: _growth(scene.period, devices[i], grips[i], (share[i] * kip, share[i] * kid)) for i in own}
-        found += _told(scene, squeezing, f"kip = {kip:g} N/m")
+        notes += _sentences(scene, squeezing, f"kip = {kip:g} N/m")
         if any(scene.free(thing)[: scene.dimensions]) and thing.dynamics in ("native", "bullet"):
             kind = thing.integrator if thing.dynamics == "native" else "bullet"
             body = len(own), mass(thing, parts.objects[number].solid), thing.viscosity, kind
             moving = {
                 i: _growth(scene.period, devices[i], arms[i], (share[i] * kep, share[i] * ked), body) for i in own
             }
-            found += _told(scene, moving, f"kep = {kep:g} N/m with the {1e3 * body[1]:.3g} g of {thing.name}")
-    return found
+            notes += _sentences(scene, moving, f"kep = {kep:g} N/m with the {1e3 * body[1]:.3g} g of {thing.name}")
+    return notes
 
 
-def _told(scene: Scene, growth: dict[int, float], what: str) -> Iterator[str]:
+def _sentences(scene: Scene, growth: dict[int, float], gain: str) -> Iterator[str]:
     finger = max(growth, key=lambda i: growth[i])
     if growth[finger] > SLOWEST:
         name = scene.finger_names[finger]
         yield (
-            f"at a period of {1e3 * scene.period:g} ms {name} does not settle under {what}: its swing grows "
+            f"at a period of {1e3 * scene.period:g} ms {name} does not settle under {gain}: its swing grows "
             f"{np.exp(min(growth[finger] * scene.period, 99.0)):.3g}-fold each sample; lower the period or the gains, "
             "or raise the damping of device or hand"
         )
@@ -65,16 +65,16 @@ def _told(scene: Scene, growth: dict[int, float], what: str) -> Iterator[str]:
 
 def _devices(parts: Parts) -> dict[int, Spring]:
     """Give by finger the mass [kg] and the damping [N s/m] that its device tells."""
-    found: dict[int, Spring] = {}
+    devices: dict[int, Spring] = {}
     for wire in parts.wires:
         features = wire.features
         if features.mass is not None:
-            found |= {int(i): (features.mass, features.friction or 0.0) for i in wire.used}
-    return found
+            devices |= {int(i): (features.mass, features.friction or 0.0) for i in wire.used}
+    return devices
 
 
 def _springs(scene: Scene) -> tuple[dict[int, Spring], dict[int, Spring]]:
-    """By finger the softest arm and grip along an axis; a hand that holds one finger is both."""
+    """Find by finger the softest arm and grip along an axis; a hand that holds one finger is both."""
     arms: dict[int, Spring] = {}
     grips: dict[int, Spring] = {}
     for holding in holdings(scene):
@@ -97,7 +97,7 @@ def _softest(table: object) -> Spring:
 def _growth(
     T: float, device: Spring, hand: Spring, gains: Spring, body: tuple[int, float, float, str] | None = None
 ) -> float:
-    """The fastest growth [1/s] of a device m, b behind a hand K, B and gains k, d, held for T.
+    """Find the fastest growth [1/s] of a device m, b behind a hand K, B and gains k, d, held for T.
 
     Against an object that stays; or with `body`, n such devices that swing with an object of mass M and viscosity c,
     moved by the integrator named.

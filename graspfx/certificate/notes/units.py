@@ -18,8 +18,8 @@ HEAVIEST = 100.0  # [kg]
 
 
 def unit_notes(scene: Scene) -> list[str]:
-    """A sentence for each such value, by its key."""
-    return [f"{key} = {given:g} {unit}: check the unit" for key, given, unit in _suspects(scene)]
+    """Write a sentence for each such value, by its key."""
+    return [f"{key} = {value:g} {unit}: check the unit" for key, value, unit in _suspects(scene)]
 
 
 def _suspects(scene: Scene) -> Iterator[tuple[str, float, str]]:

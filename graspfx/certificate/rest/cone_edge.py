@@ -36,7 +36,7 @@ def grip_margins(grasped: GraspedObject) -> FloatArray:
 
 
 def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """T and V (n d, fingers), world axes: along t each contact slides, and V'f = f_t - mu f_n = 0 while it does."""
+    """Give T and V (n d, fingers), world axes: along t each contact slides, and V'f = f_t - mu f_n = 0 meanwhile."""
     n, d = grasped.fingers, grasped.dimensions
     R = grasped.body_state[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
     forces = list(_forces(grasped))
@@ -52,7 +52,7 @@ def edge_directions(grasped: GraspedObject, fingers: Sequence[int]) -> tuple[Flo
 
 
 def _forces(grasped: GraspedObject) -> Iterator[tuple[float, FloatArray]]:
-    """The normal force of each finger, and its tangential force in the object's axes (3,)."""
+    """Give the normal force of each finger, and its tangential force in the object's axes (3,)."""
     for row in grasped.rows:
         normal, force = row[at.NORMAL : at.NORMAL + 3], row[at.LOCAL : at.LOCAL + 3].copy()
         force[grasped.dimensions :] = 0.0
@@ -61,7 +61,7 @@ def _forces(grasped: GraspedObject) -> Iterator[tuple[float, FloatArray]]:
 
 
 def released(K: FloatArray, T: FloatArray, V: FloatArray) -> FloatArray | None:
-    """K_s = K - K T (V'K T)^-1 V'K, the stiffness while contacts slide; None where det(V'K T) <= 0."""
+    """Compute K_s = K - K T (V'K T)^-1 V'K, the stiffness while contacts slide; None where det(V'K T) <= 0."""
     inner = V.T @ K @ T
     if np.linalg.det(inner / max(float(np.abs(inner).max(initial=0.0)), 1e-300)) <= 0.0:
         return None
@@ -86,8 +86,8 @@ def sliding_notes(
     count = len(names)
     sizes = range(1, count + 1) if count <= ALL_SETS else (1, count)
     for size in sizes:
-        for chosen in combinations(range(count), size):
-            some, of = list(chosen), ", ".join(names[i] for i in chosen)
+        for sliders in combinations(range(count), size):
+            some, of = list(sliders), ", ".join(names[i] for i in sliders)
             t, v = T[:, some], V[:, some]
             K = released(linear.stiffness, t, v)
             if K is None:
@@ -102,7 +102,7 @@ def sliding_notes(
 def said_of_grip(grip: Mapping[str, float], edge: Sequence[str]) -> str:
     """Say how near the fingers are to sliding, the nearest first."""
     ranked = sorted(grip.items(), key=lambda item: -item[1])
-    shown = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
+    margins = ", ".join(f"{name} {margin:.2f}" for name, margin in ranked[:MOST_GRIPS])
     more = f", {len(ranked) - MOST_GRIPS} more down to {ranked[-1][1]:.2f}" if len(ranked) > MOST_GRIPS else ""
     on = f"; on the cone's edge, and sticking: {', '.join(edge)}" if edge else ""
-    return f"friction in use, f_t/(mu f_n): {shown}{more}{on}"
+    return f"friction in use, f_t/(mu f_n): {margins}{more}{on}"

@@ -25,14 +25,14 @@ SAME = 1e-3  # of the largest force: what recorded forces may differ by from tho
 BORNE = 1e-2  # of the forces on the object: a wrench that something else balances
 
 
-def recording_of(scene: Scene, given: Recording | str | PathLike[str]) -> Recording:
+def recording_of(scene: Scene, source: Recording | str | PathLike[str]) -> Recording:
     """Give a recording, loaded if it is a path, once it is found to be of this scene.
 
     Raises:
         InputError: a recording of other fingers, objects or dimensions, or one without a row.
         RecordingError: a path that leads to no recording.
     """
-    recording = given if isinstance(given, Recording) else Recording.load(given)
+    recording = source if isinstance(source, Recording) else Recording.load(source)
     layout = recording.layout
     has = (layout.dimensions, tuple(layout.fingers), tuple(layout.objects))
     wants = (scene.dimensions, tuple(scene.finger_names), tuple(thing.name for thing in scene.object))
@@ -110,8 +110,8 @@ def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
         return
     torsions = (moments[-1, fingers] * grip.grasped.inward()).sum(axis=1)[soft] / rows[soft, at.PATCH]
 
-    def torsion(kept: FloatArray) -> FloatArray:
-        rows[soft, at.KEPT] = kept
+    def torsion(retained: FloatArray) -> FloatArray:
+        rows[soft, at.KEPT] = retained
         grip.forces()
         return np.array(rows[soft, at.LOCAL + 3])
 
@@ -126,16 +126,16 @@ def differences(
     scene: Scene, index: int, grip: Grip, fingers: NDArray[np.intp], recording: Recording, ground: Ground | None
 ) -> list[str]:  # fmt: skip
     """Say what of the recording's end is no rest of this scene."""
-    g, said = grip.grasped, []
+    g, texts = grip.grasped, []
     force = recording.finger_force[:, fingers]
     largest = max(float(np.abs(force[-1]).max(initial=0.0)), 1e-9)
     before = force[-min(len(force), round(LAST / recording.period) + 1) :]
     change = float(np.abs(before - force[-1]).max(initial=0.0)) / largest
     if change > CALM:
-        said.append(f"the recording is not at rest at its end: forces change by {100 * change:.2g} % in {LAST:g} s")
+        texts.append(f"the recording is not at rest at its end: forces change by {100 * change:.2g} % in {LAST:g} s")
     off = float(np.abs(g.force - force[-1]).max(initial=0.0)) / largest
     if off > SAME:
-        said.append(f"the recorded forces are others than those of this scene's gains, by up to {100 * off:.2g} %")
+        texts.append(f"the recorded forces are others than those of this scene's gains, by up to {100 * off:.2g} %")
     full = np.zeros(6)
     if scene.gravity is not None:
         full[: grip.d] = float(g.body_state[body.MASS]) * np.array(scene.gravity)
@@ -143,7 +143,7 @@ def differences(
     scale = max(largest, float(np.abs(full).max(initial=0.0)))
     if ground is None and change <= CALM and np.abs(missing).max(initial=0.0) > BORNE * scale:
         who = ", ".join(bearers(scene, index)) or "nothing of the scene"
-        said.append(
+        texts.append(
             f"{float(np.linalg.norm(missing)):.3g} N of the object's load are carried by {who}, which is left out"
         )
-    return said
+    return texts

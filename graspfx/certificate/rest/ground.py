@@ -1,4 +1,4 @@
-"""What an object stands on: the stiffness of native floors and walls under it, and which obstacles are left out."""
+"""Ground of an object: the stiffness of native floors and walls under it, and which obstacles are left out."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What pulls a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
+    """The pull on a grasp besides its coupling: hands K_h (m, m), their course (STEPS, m), the weight (r,)."""
 
     hands: FloatArray
     course: FloatArray
@@ -88,31 +88,31 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
     grip.grasped.finger_position[:] = start
     initial = grip.grasped.block.copy()
     straight = start.ravel() + np.linspace(1.0 / STEPS, 1.0, STEPS)[:, None] * (load.course[-1] - start.ravel())
-    found = settle(grip, straight, load.hands, load.weight)
-    if found is None or found.slid.any() or bent(load.course, start.ravel()):
+    result = settle(grip, straight, load.hands, load.weight)
+    if result is None or result.slid.any() or bent(load.course, start.ravel()):
         # where contacts slide, or hands come from aside, it matters how they close
-        first, reached = found, grip.grasped.block.copy()
+        first, reached = result, grip.grasped.block.copy()
         grip.grasped.block[:] = initial
-        found = settle(grip, load.course, load.hands, load.weight)
-        if (found is None or not found.rest) and first is not None and first.rest:
-            found, grip.grasped.block[:] = first, reached
-    if found is None:
+        result = settle(grip, load.course, load.hands, load.weight)
+        if (result is None or not result.rest) and first is not None and first.rest:
+            result, grip.grasped.block[:] = first, reached
+    if result is None:
         return unforced(place, "on the way to rest the forces of a sample do not settle")
-    if not found.rest:
-        slipping = [scene.finger_names[i] for i in fingers[found.sliding]]
+    if not result.rest:
+        slipping = [scene.finger_names[i] for i in fingers[result.sliding]]
         why = (
             f"with still hands {', '.join(slipping)} still slide"
             if slipping
             else "with still hands the grasp does not come to rest"
         )
-        return unforced(place, f"{why} after {found.steps} steps" if slipping else why)
-    if found.slid.any():
+        return unforced(place, f"{why} after {result.steps} steps" if slipping else why)
+    if result.slid.any():
         place.assumed.append(SLID)
     return about(grip, place, untouching(parts.scene, grip, fingers))
 
 
 def bent(course: FloatArray, start: FloatArray) -> bool:
-    """Whether hands close to their last targets by another way than a straight one from where the fingers start."""
+    """Tell whether hands close to their last targets by another way than a straight one from the fingers' start."""
     way = course[-1] - start
     length = float(np.linalg.norm(way))
     along = np.outer((course - start) @ way, way) / max(length**2, 1e-300)

@@ -50,13 +50,13 @@ class Grip:
         self.rows_of_wrench = np.flatnonzero(self.free)
 
     def forces(self) -> FloatArray | None:
-        """(f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
+        """Compute (f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
         if self.grasped.sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
     def move(self, y: FloatArray) -> None:
-        """Fingers and object by y from where they are."""
+        """Move fingers and object by y from where they are."""
         g, S = self.grasped, self.grasped.block
         g.finger_position += y[: self.m].reshape(self.n, self.d)
         shift = np.zeros(6)
@@ -70,16 +70,16 @@ class Grip:
             R[:] = turn.reshape(3, 3) @ R
 
     def tried(self, y: FloatArray) -> FloatArray | None:
-        """`forces` after a motion y, from which nothing remains."""
-        kept = self.grasped.block.copy()
+        """Compute `forces` after a motion y, from which nothing remains."""
+        block = self.grasped.block.copy()
         self.move(y)
-        found = self.forces()
-        self.grasped.block[:] = kept
-        return found
+        forces = self.forces()
+        self.grasped.block[:] = block
+        return forces
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
-        """Contacts that touch stick where they are, also on their cones' edges; those without friction slip on."""
+        """Make touching contacts stick where they are, also on their cones' edges; those without friction slip on."""
         mu = self.grasped.rows[:, at.COEFFICIENT]
         coefficients = mu.copy()
         mu *= ROUGH
@@ -89,39 +89,39 @@ class Grip:
             mu[:] = coefficients
 
     def stiffness(self, lengths: FloatArray, *, both: bool = True) -> FloatArray | None:
-        """d(f, wrench)/dy, (m + r, m + r), by difference quotients over `lengths`, central if `both`."""
+        """Compute d(f, wrench)/dy, (m + r, m + r), by difference quotients over `lengths`, central if `both`."""
         size = self.m + self.r
         J = np.zeros((size, size))
         here = None if both else self.tried(np.zeros(size))
         for i in range(size):
             y = np.zeros(size)
             y[i] = lengths[i]
-            ahead = self.tried(y)
+            forward = self.tried(y)
             behind = self.tried(-y) if both else here
-            if ahead is None or behind is None:
+            if forward is None or behind is None:
                 return None
-            J[:, i] = (ahead - behind) / (2 * lengths[i] if both else lengths[i])
+            J[:, i] = (forward - behind) / (2 * lengths[i] if both else lengths[i])
         return J
 
     def turning_damping(self) -> FloatArray:
-        """-d wrench/d(angular velocity) on the free freedoms (r, r), the damping of torsion included."""
+        """Compute -d wrench/d(angular velocity) on the free freedoms (r, r), the damping of torsion included."""
         o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
-            kept = self.grasped.block.copy()
+            block = self.grasped.block.copy()
             if axis >= 3:
-                found = []
+                columns = []
                 for rate in (RATE, -RATE):
-                    self.grasped.block[:] = kept
+                    self.grasped.block[:] = block
                     self.grasped.block[o + axis - 3] = rate
                     now = self.forces()
-                    found.append(np.zeros(self.m + self.r) if now is None else now)
-                B[:, i] = (found[1] - found[0])[self.m :] / (2 * RATE)
-            self.grasped.block[:] = kept
+                    columns.append(np.zeros(self.m + self.r) if now is None else now)
+                B[:, i] = (columns[1] - columns[0])[self.m :] / (2 * RATE)
+            self.grasped.block[:] = block
         return B
 
     def lengths(self) -> FloatArray:
-        """A small motion for each coordinate: that of `SHIFT` at the fingertips."""
+        """Give a small motion for each coordinate: that of `SHIFT` at the fingertips."""
         g = self.grasped
         arms = g.finger_position - g.body_state[body.POSITION : body.POSITION + self.d]
         far = max(float(np.linalg.norm(arms, axis=1).max(initial=0.0)), 1e-3)
@@ -130,11 +130,11 @@ class Grip:
 
 
 def softened(grip: Grip, J: FloatArray, sliding: NDArray[np.bool_]) -> FloatArray:
-    """J of contacts that slide on the way that they slide now; J itself where friction leaves them no answer."""
+    """Give J of contacts that slide on the way that they slide now; J itself where friction leaves no answer."""
     wide = np.zeros((2, len(J), int(sliding.sum())))
     wide[:, : grip.m] = edge_directions(grip.grasped, np.flatnonzero(sliding).tolist())
-    found = released(J, *wide)
-    return J if found is None else found
+    softer = released(J, *wide)
+    return J if softer is None else softer
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ class Choice:
 
 
 def _join(one: Any, other: Any) -> Any:
-    """A variable after a choice of the program, by what it is after each branch."""
+    """Join a variable after a choice of the program, by its value after each branch."""
     if isinstance(one, Expression) and isinstance(other, Expression):
         return one if one.text == other.text else UNSETTLED
     if isinstance(one, Expression) and other is UNBOUND:

@@ -11,11 +11,11 @@ OR, AND, NOT, COMPARISON, SUM, PRODUCT, SIGN, ATOM = range(8)  # how tightly an 
 
 
 class NotUnfoldable(Exception):
-    """What a stage does and no stage can: what stands there, what was expected, and what to do."""
+    """An operation that no stage can do: what stands there, what was expected, and what to do."""
 
-    def __init__(self, found: object, expected: str, do: str = "") -> None:
-        super().__init__(found, expected, do)
-        self.found, self.expected, self.do = found if isinstance(found, str) else repr(found), expected, do
+    def __init__(self, actual: object, expected: str, do: str = "") -> None:
+        super().__init__(actual, expected, do)
+        self.actual, self.expected, self.do = actual if isinstance(actual, str) else repr(actual), expected, do
 
 
 class Expression:
@@ -96,7 +96,7 @@ class Expression:
 
 
 def literal(value: object) -> Expression:
-    """A number that is known already.
+    """Write a number that is known already.
 
     Raises:
         NotUnfoldable: it is none, or not finite.
@@ -111,23 +111,23 @@ def literal(value: object) -> Expression:
 
 
 def number(value: Any) -> Expression:
-    """An operand as an expression."""
+    """Write an operand as an expression."""
     return value if isinstance(value, Expression) else literal(value)
 
 
 def operand(value: object, level: int) -> str:
-    """The text of an operand, in brackets unless it holds together that tightly."""
+    """Write the text of an operand, in brackets unless it holds together that tightly."""
     expression = number(value)
     return expression.text if expression.level >= level else f"({expression.text})"
 
 
 def join(left: object, sign: str, right: object, level: int) -> Expression:
-    """Two operands with a sign between them, the left one first as Python has it."""
+    """Write two operands with a sign between them, the left one first as Python has it."""
     calls = number(left).calls or number(right).calls
     return Expression(f"{operand(left, level)} {sign} {operand(right, level + 1)}", level, calls)
 
 
 def compare(left: object, sign: str, right: object) -> Expression:
-    """A comparison of two operands."""
+    """Write a comparison of two operands."""
     calls = number(left).calls or number(right).calls
     return Expression(f"{operand(left, SUM)} {sign} {operand(right, SUM)}", COMPARISON, calls)

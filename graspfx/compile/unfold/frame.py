@@ -166,22 +166,22 @@ class Frame:
                 break
         return whole
 
-    def call_inside(self, function: Any, *arguments: Any, **named: Any) -> Any:
+    def call_inside(self, function: Any, *arguments: Any, **keywords: Any) -> Any:
         """Call inside an expression, whose other parts may be read before or after."""
         before = len(self.writer.lines)
-        result = self.call(function, *arguments, **named)
+        result = self.call(function, *arguments, **keywords)
         if len(self.writer.lines) != before:
             raise NotUnfoldable(function, "a stage that only computes, or a statement of its own for the call")
         return result
 
-    def call(self, function: Any, *arguments: Any, **named: Any) -> Any:
+    def call(self, function: Any, *arguments: Any, **keywords: Any) -> Any:
         """Unfold a stage, write the call of a kernel, or call anything else now."""
         if getattr(function, "is_stage", False):
-            return self._stage(function, arguments, named)
-        values = [*arguments, *named.values()]
+            return self._stage(function, arguments, keywords)
+        values = [*arguments, *keywords.values()]
         if function in (len, isinstance) or not any(map(_is_of_program, values)):
-            return function(*arguments, **named)
-        if named:
+            return function(*arguments, **keywords)
+        if keywords:
             raise NotUnfoldable(function, "arguments in order: a kernel's have no names")
         writer = self.writer
         if isinstance(function, FunctionType):
@@ -195,11 +195,11 @@ class Frame:
         calls = any(number(a).calls for a in arguments)
         return Expression(f"math.{name}({text})" if of_mathematics else f"{name}({text})", calls=calls)
 
-    def _stage(self, function: FunctionType, arguments: Iterable[Any], named: dict[str, Any]) -> Any:
+    def _stage(self, function: FunctionType, arguments: Iterable[Any], keywords: dict[str, Any]) -> Any:
         origin = self.here() if self.depth else None
         frame = Frame(self.writer, self.occupied | set(self.variables.values()), self.depth + 1, origin)
         values = [frame.parameter(k, v) for k, v in zip(function.__code__.co_varnames, arguments, strict=False)]
-        return rewrite(function)(frame, *values, **{k: frame.parameter(k, v) for k, v in named.items()})
+        return rewrite(function)(frame, *values, **{k: frame.parameter(k, v) for k, v in keywords.items()})
 
     def parameter(self, name: str, value: Any) -> Any:
         """Hand over an argument: a number as it is now, for what it is computed from may change in the stage."""

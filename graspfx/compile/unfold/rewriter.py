@@ -29,7 +29,7 @@ class Place(TypedDict):
 
 
 def rewrite_code(function: FunctionType) -> CodeType:
-    """A module with a function of a frame and a stage's arguments, which has the stage's name, file and lines.
+    """Rewrite a module with a function of a frame and a stage's arguments, with the stage's name, file and lines.
 
     Raises:
         InputError: the stage holds something that no stage can.
@@ -182,7 +182,7 @@ class Rewriter:
     # Expressions --------------------------------------------------------------------------------------------------
 
     def statement_value(self, node: ast.expr) -> ast.expr:
-        """The value of a statement, which may be a call of another stage."""
+        """Write the value of a statement, which may be a call of another stage."""
         return self.call_of(node, "call") if isinstance(node, ast.Call) else self.value(node)
 
     def value(self, node: ast.expr) -> ast.expr:

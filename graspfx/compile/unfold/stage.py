@@ -26,7 +26,7 @@ def is_changed(file: str) -> bool:
 
 @cache
 def _stamp(file: str) -> tuple[int, int]:
-    """Time and size of a file when a stage of it was marked first."""
+    """Give time and size of a file when a stage of it was first marked."""
     return _status(file)
 
 

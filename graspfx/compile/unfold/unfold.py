@@ -42,7 +42,7 @@ def unfold(function: Callable[..., None], names: Names, **parts: object) -> list
     try:
         rewrite(function)(frame, *values)
     except NotUnfoldable as error:
-        raise InputError(_place(error), error.found, error.expected, error.do) from error
+        raise InputError(_place(error), error.actual, error.expected, error.do) from error
     except (AttributeError, IndexError, TypeError) as error:
         raise InputError(_place(error), str(error), "what the parts have, and arithmetic that a program has") from error
     return writer.lines

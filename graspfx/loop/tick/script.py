@@ -98,7 +98,7 @@ class Port:
 class Table:
     """The targets of a hand that is no kernel, for each tick of a call."""
 
-    moved: int
+    plant: int
     memory: FloatArray  # (CHUNK, width), flat: r and r' at the end of each sample, then in its middle if asked for
     middle: bool
 

@@ -13,7 +13,7 @@ from graspfx.errors import InputError
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port
 from graspfx.loop.energy.observer import MET
-from graspfx.loop.parts import Moved, Mover, Parts, Station, guest_of
+from graspfx.loop.parts import BodyGroup, DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.tick.memory import CHUNK, PERIOD, STUCK
 from graspfx.loop.tick.script import Port, Table, Tick
@@ -50,7 +50,7 @@ class Wirer:
     def __init__(self, parts: Parts, tick: Tick) -> None:
         self.parts, self.tick, self.script = parts, tick, tick.script
         self.n, self.d = n, d = len(parts.layout.fingers), parts.layout.dimensions
-        self.first = STUCK + len(parts.movers) + len(parts.moved)
+        self.first = STUCK + len(parts.movers) + len(parts.plants)
         self.servo = tick.own = np.zeros(self.first + 2 * n * d + n)
         self.servo[PERIOD] = parts.period
         self.script.memory("servo", self.servo, [PERIOD])
@@ -58,14 +58,14 @@ class Wirer:
             self.script.memory("object", held.grasped.block, held.grasped.structure)
         for observer in parts.observers:
             self.script.memory("ledger", observer.buffer, observer.structure)
-        for m in parts.moved:
+        for m in parts.plants:
             if isinstance(m.plant, FusedPlant):
                 m.plant.hold(m.hand, parts.period)
         for mover in parts.movers:
             if (guest := guest_of(mover.body)) is not None:
                 guest.hold(parts.period)
-        self.native = [self._is_native(m) for m in parts.moved]
-        self.plants = [self._memory(m) for m in parts.moved]
+        self.native = [self._is_native(m) for m in parts.plants]
+        self.plants = [self._memory(m) for m in parts.plants]
 
     def wire(self, *, record: bool) -> Wiring:
         """The wiring of all parts, recorded or not."""
@@ -81,7 +81,7 @@ class Wirer:
             devices=devices,
             grasps=[self._grasp(i) for i in range(len(self.parts.objects))],
             bodies=list(self._bodies()),
-            plants=list(self._moved()),
+            plants=list(self._plant_wires()),
             width=self.parts.layout.width,
             columns=self._columns() if record else None,
         )
@@ -114,13 +114,13 @@ class Wirer:
     def _tip(self, f: int, position: FloatArray) -> FloatArray:
         """Where the fingertip truly is, or where it was read if that is not known."""
         if self.parts.layout.simulated:
-            for m, memory in zip(self.parts.moved, self.plants, strict=True):
+            for m, memory in zip(self.parts.plants, self.plants, strict=True):
                 if f in m.fingers:
                     start = m.plant.ports.position if isinstance(m.plant, FusedPlant) else 0
                     return memory[start + m.fingers.tolist().index(f) * self.d :][: self.d]
         return position
 
-    def _device(self, i: int, station: Station, fingers: list[FingerWires]) -> DeviceWires | PortWires:
+    def _device(self, i: int, station: DeviceWiring, fingers: list[FingerWires]) -> DeviceWires | PortWires:
         device = station.device
         plant = self._plant_of(device)
         if plant is None or not isinstance(device, FusedDevice):
@@ -141,7 +141,7 @@ class Wirer:
             stopping=device.stopping,
         )
 
-    def _port(self, i: int, station: Station, fingers: list[FingerWires]) -> PortWires:
+    def _port(self, i: int, station: DeviceWiring, fingers: list[FingerWires]) -> PortWires:
         k, size = len(station.fingers), len(station.fingers) * self.d
         last = 1 + 3 * size
         limited = isinstance(station.device, LimitedDevice)
@@ -154,7 +154,7 @@ class Wirer:
 
     def _channels(
         self,
-        station: Station,
+        station: DeviceWiring,
         fingers: list[FingerWires],
         memory: FloatArray,
         position: int,
@@ -211,7 +211,7 @@ class Wirer:
             else:
                 self.tick.bodies.append(i)
 
-    def _floor(self, mover: Mover) -> FloatArray:
+    def _floor(self, mover: BodyGroup) -> FloatArray:
         """What stands beside a native body's block, or the block again."""
         buffer: FloatArray | None = mover.body.buffer
         if buffer is None:
@@ -221,13 +221,13 @@ class Wirer:
 
     # Plants and hands ---------------------------------------------------------------------------------------------
 
-    def _is_native(self, m: Moved) -> bool:
+    def _is_native(self, m: PlantWiring) -> bool:
         """Whether kernels do all that a plant needs."""
         known = {id(station.device) for station in self.parts.stations}
         devices = [cast("Device", device) for device in m.devices]
         return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in known for d in devices)
 
-    def _memory(self, m: Moved) -> FloatArray:
+    def _memory(self, m: PlantWiring) -> FloatArray:
         """A plant's block, or its fingertips' positions, flat."""
         if isinstance(m.plant, FusedPlant):
             self.script.memory("plant", m.plant.state, m.plant.structure)
@@ -244,13 +244,13 @@ class Wirer:
 
     def _plant_of(self, device: Device) -> FloatArray | None:
         """The block of the native plant that moves a device."""
-        for m, memory, native in zip(self.parts.moved, self.plants, self.native, strict=True):
+        for m, memory, native in zip(self.parts.plants, self.plants, self.native, strict=True):
             if native and id(device) in map(id, m.devices):
                 return memory
         return None
 
-    def _moved(self) -> Iterator[PlantWires]:
-        for j, (m, native) in enumerate(zip(self.parts.moved, self.native, strict=True)):
+    def _plant_wires(self) -> Iterator[PlantWires]:
+        for j, (m, native) in enumerate(zip(self.parts.plants, self.native, strict=True)):
             if not native:
                 self.tick.plants.append(j)
                 continue
@@ -269,7 +269,7 @@ class Wirer:
                 end=end,
             )
 
-    def _efforts(self, m: Moved, plant: FusedPlant) -> Iterator[tuple[FloatArray, FloatArray]]:
+    def _efforts(self, m: PlantWiring, plant: FusedPlant) -> Iterator[tuple[FloatArray, FloatArray]]:
         start = plant.ports.effort
         for device in m.devices:
             assert isinstance(device, FusedDevice)
@@ -277,7 +277,7 @@ class Wirer:
             yield plant.state[start : start + size], device.state[device.ports.effort :][:size]
             start += size
 
-    def _hand(self, j: int, m: Moved, targets: list[Target]) -> HandWires | TableWires | None:
+    def _hand(self, j: int, m: PlantWiring, targets: list[Target]) -> HandWires | TableWires | None:
         """A hand, for the targets that its plant takes in a sample; one that keeps still is done with now."""
         hand = m.hand if isinstance(m.hand, FusedHand) else None
         size = len(m.fingers) * self.d

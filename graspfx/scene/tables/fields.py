@@ -46,10 +46,10 @@ class Table(BaseModel):
     def _tolerate(cls, data: Any, info: ValidationInfo) -> Any:
         if info.context is not DRAFT:
             return data
-        given: Mapping[str, Any] = data if isinstance(data, Mapping) else {}
+        values: Mapping[str, Any] = data if isinstance(data, Mapping) else {}
         missing = {name: INVALID for name, field in cls.model_fields.items() if field.is_required()}
         open_ended = cls.model_config["extra"] == "allow"
-        return missing | {key: value for key, value in given.items() if open_ended or key in cls.model_fields}
+        return missing | {key: value for key, value in values.items() if open_ended or key in cls.model_fields}
 
     @field_validator("*", mode="wrap")
     @classmethod
@@ -92,7 +92,7 @@ class Table(BaseModel):
 
 
 def listed(value: Any) -> Any:
-    """Arrays as nested lists."""
+    """Write arrays as nested lists."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
@@ -129,7 +129,7 @@ Gains = float | tuple[float, ...] | tuple[tuple[float, ...], ...] | tuple[tuple[
 
 
 def _gain(value: Any) -> Gains:
-    """A gain in any of its forms; one fault, whichever form it fails."""
+    """Check a gain in any of its forms; one fault, whichever form it fails."""
     value = listed(value)
     array = _numbers(value)
     square = array is not None and array.ndim in (2, 3) and array.shape[-1] == array.shape[-2]
@@ -164,7 +164,7 @@ def _check_matrices(matrices: np.ndarray[Any, np.dtype[np.float64]]) -> None:
 
 
 def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Numbers, nested regularly, as an array; None for anything else (strings and booleans are no numbers)."""
+    """Read numbers, nested regularly, as an array; None for anything else (strings and booleans are no numbers)."""
     if isinstance(value, list | tuple):
         parts = [_numbers(item) for item in value]
         arrays = [part for part in parts if part is not None]
@@ -177,7 +177,7 @@ def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
 
 
 def as_float(value: float) -> float:
-    """A number as a float; infinite where a whole number is too large to be one."""
+    """Read a number as a float; infinite where a whole number is too large to be one."""
     try:
         return float(value)
     except OverflowError:
@@ -205,9 +205,9 @@ Gain = Annotated[
 
 
 def by_kind(
-    known: tuple[str, ...], *, what: str, implied: Mapping[str, str] | None = None
+    kinds: tuple[str, ...], *, field: str, implied: Mapping[str, str] | None = None
 ) -> tuple[BeforeValidator, Discriminator]:
-    """What chooses among tables by their key `kind`: one fault about the kind, else the faults of the chosen table.
+    """Make the choice among tables by their key `kind`: one fault about the kind, else those of the chosen table.
 
     A table without a kind that has one of the keys `implied` is of the kind that goes with it.
     """
@@ -225,10 +225,10 @@ def by_kind(
         if not isinstance(value, Mapping):
             raise PydanticCustomError("kind", "expected a table; given {given}", {"given": abbreviate(value)})
         kind = kind_of(value)
-        if not isinstance(kind, str) or kind not in known:
-            close = closest(kind, known) if isinstance(kind, str) else None
+        if not isinstance(kind, str) or kind not in kinds:
+            close = closest(kind, kinds) if isinstance(kind, str) else None
             hint = f"; did you mean {close!r}?" if close else ""
-            context = {"given": abbreviate(kind), "known": ", ".join(known), "what": what, "hint": hint}
+            context = {"given": abbreviate(kind), "known": ", ".join(kinds), "what": field, "hint": hint}
             raise PydanticCustomError("kind", "unknown kind of {what} {given}{hint} (known: {known})", context)
         return value
 

@@ -24,7 +24,7 @@ from graspfx.scene.tables.fields import (
 
 
 def _form(value: Any) -> str:
-    """What a field that takes a word or number, a list or a table was given."""
+    """Tell the form of a field that takes a word or number, a list or a table."""
     if isinstance(value, Mapping | Table):
         return "<table>"
     return "<list>" if isinstance(value, list | tuple) or getattr(value, "ndim", None) else "<word>"
@@ -70,7 +70,7 @@ class Path(Table):
 
 
 MOTIONS = ("rest", "sine", "reach", "path")
-_check_motion, _motion_by_kind = by_kind(MOTIONS, what="motion")
+_check_motion, _motion_by_kind = by_kind(MOTIONS, field="motion")
 Motion = Annotated[
     Annotated[Rest, Tag("<rest>")]
     | Annotated[Sine, Tag("<sine>")]
@@ -110,7 +110,7 @@ class TurnReach(Turning):
     duration: Positive = Field(description="[s]")
 
 
-_check_turn, _turn_by_kind = by_kind(("sine", "reach"), what="turn")
+_check_turn, _turn_by_kind = by_kind(("sine", "reach"), field="turn")
 Turn = Annotated[Annotated[TurnSine, Tag("<sine>")] | Annotated[TurnReach, Tag("<reach>")], _turn_by_kind, _check_turn]
 Turns = Annotated[Annotated[Turn, Tag("<table>")] | Annotated[tuple[Turn, ...], Tag("<list>")], by_table_or_list]
 
@@ -149,7 +149,7 @@ class Spring(Table):
 
 
 class Moving(Table):
-    """What hands of every kind do in time."""
+    """The motion in time that hands of every kind may have."""
 
     motion: Motions = Field(default=Rest(kind="rest"), description="one, or a list of motions that add up")
     turn: Turns | None = Field(default=None, description="one, or a list of turns made one after another")
@@ -161,7 +161,7 @@ class Moving(Table):
 
 
 class OwnHand(Moving):
-    """What holds one fingertip: K (r - p) + B (r' - p')."""
+    """The hand of one fingertip: K (r - p) + B (r' - p')."""
 
     form: ClassVar[Literal["own"]] = "own"
 
@@ -176,7 +176,7 @@ class OwnHand(Moving):
 
 
 class SharedHand(Moving):
-    """What holds several fingertips together: an arm that carries their mean, a grip that closes on it."""
+    """The hand of several fingertips: an arm that carries their mean, a grip that closes on it."""
 
     form: ClassVar[Literal["shared"]] = "shared"
 
@@ -216,8 +216,8 @@ class SharedMadeHand(MadeHand):
 def _hand_form(value: Any) -> str:
     if isinstance(value, str):
         return "<name>"
-    made = "kind" in value if isinstance(value, Mapping) else isinstance(value, MadeHand)
-    return "<made>" if made else "<table>"
+    is_plugin = "kind" in value if isinstance(value, Mapping) else isinstance(value, MadeHand)
+    return "<made>" if is_plugin else "<table>"
 
 
 HandOrName = Annotated[

@@ -29,7 +29,7 @@ from graspfx.scene.tables.shapes import Shape
 
 
 class Object(Table):
-    """What the fingers touch: m a + b v = f_v (27), translation and rotation."""
+    """The object in the fingers: m a + b v = f_v (27), translation and rotation."""
 
     name: Name = "object"
     mass: Positive | None = Field(default=None, description="m [kg]; this or the density is required")
@@ -56,7 +56,7 @@ class Object(Table):
 
 
 class Obstacle(Table):
-    """What objects meet and nothing moves: a floor, a wall, a table. Fingers pass through it."""
+    """A thing that objects meet and nothing moves: a floor, a wall, a table. Fingers pass through it."""
 
     name: Name = "obstacle"
     shape: Shape

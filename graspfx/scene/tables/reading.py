@@ -1,4 +1,4 @@
-"""What is read from the tables of a scene, whether they have just been checked or were kept from a run before."""
+"""Reading of a scene's tables, whether they have just been checked or come from the cache."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def listed(value: Any) -> tuple[Any, ...]:
-    """The tables of a field that takes one or a list of them."""
+    """List the tables of a field that takes one or a list of them."""
     if value is None:
         return ()
     return value if isinstance(value, tuple) else (value,)
 
 
 class Readable:
-    """What follows from a whole scene's fields."""
+    """Properties that follow from a whole scene's fields."""
 
     if TYPE_CHECKING:
         dimensions: int
@@ -41,15 +41,15 @@ class Readable:
     @property
     def coefficients(self) -> tuple[float, ...]:
         """Each finger's coefficient of friction; 0 where it slips freely or sticks."""
-        given = self.coupling.friction
-        if isinstance(given, str) or self.coupling.contact == "attached":
+        shared = self.coupling.friction
+        if isinstance(shared, str) or self.coupling.contact == "attached":
             return (0.0,) * len(self.finger)
-        return tuple(given if finger.friction is None else finger.friction for finger in self.finger)
+        return tuple(shared if finger.friction is None else finger.friction for finger in self.finger)
 
     def free(self, thing: Object) -> tuple[bool, ...]:
-        """Which of an object's w freedoms move."""
+        """Tell which of an object's w freedoms move."""
         return thing.free if thing.free is not None else (True,) * WIDTHS[self.dimensions]
 
     def turns(self, thing: Object) -> bool:
-        """Whether a rotation of an object is free."""
+        """Tell whether a rotation of an object is free."""
         return any(self.free(thing)[self.dimensions :])

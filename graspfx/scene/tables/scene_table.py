@@ -20,7 +20,7 @@ def _no_switch(value: Any) -> Any:
 
 
 def _writable(value: str) -> str:
-    """Text that a recording's file takes."""
+    """Check text for a recording's file."""
     if "\0" in value or any("\ud800" <= letter <= "\udfff" for letter in value):
         text = "expected text without NUL and lone surrogates; given {given}"
         raise PydanticCustomError("title", text, {"given": abbreviate(value)})

@@ -80,7 +80,7 @@ class MeshShape(Table):
 
 _check_shape, _shape_by_kind = by_kind(
     ("box", "sphere", "half-space", "plane", "capsule", "cylinder", "ellipsoid", "mesh"),
-    what="shape",
+    field="shape",
     implied={"mesh": "mesh", "vertices": "mesh", "faces": "mesh"},
 )
 Shape = Annotated[

@@ -9,8 +9,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.compile.machine import compiled
-from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.loop.energy import leak as po
+from tests.support.contact_sets import contact_set, modes_of
 
 POINT, WEIGHT, FORCE, STEP, STRETCH, STRIDE = 0, 3, 4, 7, 10, 13
 T = 1e-3
@@ -22,21 +22,18 @@ class Observed:
 
     def __init__(self, points: np.ndarray, weights: np.ndarray | None = None) -> None:
         self.n, self.d = points.shape
-        turns = {1: 0, 2: 1, 3: 3}[self.d]
-        self.axes = self.n * STRIDE
-        self.modes = self.axes + 18
+        self.modes = self.n * STRIDE
         self.row = self.modes + 6 * (1 + 3 * self.n)
         self.ledger = self.row + 6
         self.S = np.zeros(self.ledger + po.SIZE)
         self.fingers = self.S[: self.n * STRIDE].reshape(self.n, STRIDE)
         self.fingers[:, : self.d] = points
         self.fingers[:, WEIGHT] = 1.0 if weights is None else weights
-        axes = np.vstack([np.eye(3)[: self.d], np.eye(3)[3 - turns :]])
-        self.S[self.axes : self.axes + axes.size] = axes.ravel()
         self.block = memoryview(self.S)
-        self.count, _ = rigid_modes(
-            self.block, 0, STRIDE, POINT, WEIGHT, self.n, self.d, self.axes, self.d, turns, 1e-9, 2e-9, self.modes
-        )
+        contacts = contact_set(points, weights)
+        self.count, _ = modes_of(contacts, self.d, 1e-9, 2e-9)
+        modes = contacts.modes.array(6).ravel()
+        self.S[self.modes : self.modes + modes.size] = modes
 
     def put(self, offset: int, vectors: np.ndarray) -> None:
         self.fingers[:, offset : offset + self.d] = vectors

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import graspfx as gx
 from graspfx.build.build import build
-from graspfx.loop.parts import Mover, guest_of
+from graspfx.loop.parts import BodyGroup, guest_of
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.objects import guest
@@ -53,7 +53,7 @@ def watched(servo: Any, recorder: Recorder, ticks: int) -> None:
 
 def by_steps(servo: Any, recorder: Recorder, ticks: int) -> None:
     """As a body without kernels would be moved."""
-    servo.movers = [Mover(Stepped(mover.body), mover.objects) for mover in servo.movers]
+    servo.movers = [BodyGroup(Stepped(mover.body), mover.objects) for mover in servo.movers]
     servo.run(ticks, recorder)
 
 

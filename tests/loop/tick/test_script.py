@@ -44,7 +44,7 @@ def test_a_kernel_may_be_called_as_what_the_script_calls_its_own() -> None:
 def test_a_plant_that_shows_copies_is_refused() -> None:
     """Its position would be recorded as it was at the beginning."""
     with build(gx.load("reference-1dof")) as servo:
-        moved = servo.moved[0]
+        moved = servo.plants[0]
         real = moved.plant
 
         class Copying:
