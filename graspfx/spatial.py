@@ -191,6 +191,12 @@ def outer(a: Vector, b: Vector) -> Matrix:
 
 
 @inline
+def length(v: Vector) -> float:
+    """Compute |v|."""
+    return math.sqrt(v.x * v.x + v.y * v.y + v.z * v.z)
+
+
+@inline
 def total(v: Vector) -> float:
     """Add the components of a vector: NaN or infinite where one of them is."""
     return v.x + v.y + v.z

@@ -123,7 +123,7 @@ class Record:
 class Many(Generic[Member]):
     """A group of records, one after another, or of values that stand one in each of them."""
 
-    def __init__(self, kind: Any, buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
+    def __init__(self, kind: type[Member], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
         self.stride = size_of(kind) if stride is None else stride
 

@@ -43,8 +43,7 @@ OBSERVED = start_of(GraspState, "observed")
 LIMITS = start_of(GraspState, "limited")
 BODY = start_of(GraspState, "body")
 ROW = start_of(GraspState, "fingers")
-MESH = start_of(GraspState, "parameters")
-WALKS = MESH + 1
+MESH = start_of(GraspState, "mesh")
 # Of a finger, from its row on.
 STRIDE = size_of(FingerState)
 CONTACT = start_of(FingerState, "contact")

@@ -434,7 +434,7 @@ def test_the_plan_says_where_limits_come_from(tmp_path: Path) -> None:
         scene = pinch(**LIMIT, **changes)
         with build(scene) as servo:
             [held] = servo.objects
-            assert limits_inside(scene, scene.object[0]) == is_inside(memoryview(held.grasped.block))
+            assert limits_inside(scene, scene.object[0]) == is_inside(held.grasped.state)
     assert "inside the projection" in why
     assert "scaled" in rows(pinch(**LIMIT, object__integrator="implicit"))[0][1]
     assert "in every sample" in rows(arms(drive="elbow"))[0][1]

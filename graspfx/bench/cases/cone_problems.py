@@ -75,16 +75,16 @@ def problems(quick: bool) -> Iterator[Problems]:
 
 
 def _some(rng: np.random.Generator, N: int, law: Law, n: int, ratio: float) -> Problems:
-    problems: list[Problem] = []
+    found: list[Problem] = []
     mu = 0.0 if law == "frictionless" else FRICTION
-    while len(problems) < N:
+    while len(found) < N:
         K, Q, e = _posed(rng, n, INTERNAL / ratio)
         near = _near(K, e, mu, law)
         force = None if near is None else cone_force(K, e, mu, law != "coulomb", near)
         if force is not None and force.any():
             W = np.eye(len(e)) / INTERNAL + (ratio / INTERNAL - 1.0 / INTERNAL) * Q @ Q.T
-            problems.append(Problem(K, W, Q, e, force))
-    return Problems(law, n, ratio, tuple(problems))
+            found.append(Problem(K, W, Q, e, force))
+    return Problems(law, n, ratio, tuple(found))
 
 
 def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArray, FloatArray, FloatArray]:

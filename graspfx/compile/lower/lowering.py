@@ -7,10 +7,15 @@ from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from types import FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graspfx.compile.lower.store import Lowering, store
 from graspfx.compile.marks import LOWERED, parameter_kinds
+
+if TYPE_CHECKING:
+    import ast
+
+    from graspfx.compile.lower.statements import Body
 
 
 @cache
@@ -50,13 +55,27 @@ def _executed(function: Any) -> Any:
 
 def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:
     """Give a kernel's lowered text, the functions that it calls by other names, and the files that it comes from."""
-    import ast
+    import ast  # only for a kernel that is not in the cache
 
-    from graspfx.compile.lower.scratch import Frame  # only for a kernel that is not in the cache
+    node, body = _lower(function)
+    return ast.unparse(node) + "\n", body.callees, tuple(sorted(body.files))
+
+
+def written_lines(function: FunctionType) -> list[int]:
+    """Give the line of a kernel that each line of its lowered text comes from."""
+    from graspfx.compile.specialise.syntax import unparsed_statements
+
+    lines = [function.__code__.co_firstlineno]
+    for statement in unparsed_statements(_lower(function)[0].body):
+        lines.append(vars(statement).get("origin", lines[-1]))
+    return lines
+
+
+def _lower(function: FunctionType) -> tuple[ast.FunctionDef, Body]:
+    from graspfx.compile.lower.scratch import Frame
     from graspfx.compile.lower.statements import Body
     from graspfx.compile.specialise.definitions import definition
 
     body = Body(function.__qualname__, function.__code__.co_filename)
     frame = Frame({}, function.__globals__)
-    node = body.lower(definition(function), frame, parameter_kinds(function))
-    return ast.unparse(node) + "\n", body.callees, tuple(sorted(body.files))
+    return body.lower(definition(function), frame, parameter_kinds(function)), body

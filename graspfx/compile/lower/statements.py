@@ -58,7 +58,10 @@ class Body(Expressions):
     def block(self, statements: Sequence[ast.stmt], frame: Frame) -> list[ast.stmt]:
         outer, self.out = self.out, []
         for statement in statements:
+            before = len(self.out)
             self.statement(statement, frame)
+            for line in self.out[before:]:  # an inner block may have said already where a line comes from
+                vars(line).setdefault("origin", statement.lineno)
         lowered, self.out = self.out, outer
         return lowered or [ast.Pass()]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import name_of
+from graspfx.compile.records import Record, name_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.device import FusedDevice
 from graspfx.loop.parts import Parts
@@ -24,6 +24,9 @@ AXES = "xyz"
 class Names:
     """What each memory of a script is called, and each of its entries.
 
+    An object's block is declared by `GraspState`. A device, plant, hand, body or ledger may say by an attribute
+    `declaration` which record its memory is; of others the entries at their ports have names.
+
     Attributes:
         memories: names of arrays, such as `object[0]`.
     """
@@ -31,35 +34,34 @@ class Names:
     def __init__(self, parts: Parts, tick: Tick) -> None:
         script, self.memories = tick.script, _memories(tick.script)
         arrays = {id(array): name for name, array in script.arrays.items()}
-        self._objects = {arrays[id(held.grasped.block)]: held for held in parts.objects}
-        entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
-        self._known = {
-            (arrays[id(array)], entry): f"{self.memories[arrays[id(array)]]}{name}" if name[0] == "." else name
-            for array, entry, name in entries
-            if id(array) in arrays
+        self._arrays = script.arrays
+        self._fingers = {arrays[id(held.grasped.block)]: held.fingers.tolist() for held in parts.objects}
+        self._declarations = {
+            arrays[id(array)]: declaration for array, declaration in _declarations(parts) if id(array) in arrays
         }
+        entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
+        self._entries = {(arrays[id(array)], k): name for array, k, name in entries if id(array) in arrays}
 
     def entry(self, array: str, k: int) -> str:
         """Name an entry of an array; one that nothing declares by its number."""
-        if (array, k) not in self._known:
-            self._known[array, k] = self._object(array, k) if array in self._objects else f"{self.memories[array]}[{k}]"
-        return self._known[array, k]
-
-    def _object(self, array: str, k: int) -> str:
-        """Name an entry by its block's declaration, fingers by their numbers in the scene."""
-        held = self._objects[array]
-        text = name_of(GraspState, k, held.grasped.block)
-        if not text.startswith("fingers["):
-            return _inside(self.memories[array], text)
-        j, _, rest = text.removeprefix("fingers[").partition("]")
-        return f"finger[{held.fingers[int(j)]}]{rest}"
+        name = self._declared(array, k)
+        if array in self._fingers and name.startswith(".fingers["):  # by their numbers in the scene
+            j, _, rest = name.removeprefix(".fingers[").partition("]")
+            return f"finger[{self._fingers[array][int(j)]}]{rest}"
+        return name if name[0] not in ".[" else f"{self.memories[array]}{name}"
 
     def shared(self, array: str, k: int) -> str:
         """Name an entry where a function serves several memories of a kind: without the number of this one."""
-        kind = self.memories[array].partition("[")[0]
-        if array in self._objects:
-            return _inside(kind, name_of(GraspState, k, self._objects[array].grasped.block))
-        return self.entry(array, k).replace(self.memories[array], kind, 1)
+        name = self._declared(array, k)
+        return name if name[0] not in ".[" else f"{self.memories[array].partition('[')[0]}{name}"
+
+    def _declared(self, array: str, k: int) -> str:
+        """An entry's name in full, or from the point or bracket after its memory's on."""
+        if array in self._declarations:
+            name = name_of(self._declarations[array], k, self._arrays[array])
+            if not name.startswith("["):
+                return f".{name}"
+        return self._entries.get((array, k), f"[{k}]")
 
 
 def columns(layout: Layout) -> Mapping[int, str]:
@@ -84,6 +86,20 @@ def _memories(script: Script) -> dict[str, str]:
         names[array] = kind if kind == "servo" else f"{kind}[{counts.get(kind, 0)}]"
         counts[kind] = counts.get(kind, 0) + 1
     return names
+
+
+def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
+    """Memories with the records that they are."""
+    yield from ((held.grasped.block, GraspState) for held in parts.objects)
+    owners: list[tuple[object, object]] = [(s.device, getattr(s.device, "state", None)) for s in parts.stations]
+    for m in parts.plants:
+        owners += [(part, getattr(part, "state", None)) for part in (m.plant, m.hand)]
+    owners += [(mover.body, getattr(mover.body, "buffer", None)) for mover in parts.movers]
+    owners += [(observer, observer.buffer) for observer in parts.observers]
+    for owner, array in owners:
+        declaration = getattr(owner, "declaration", None)
+        if declaration is not None and isinstance(array, np.ndarray):
+            yield array, declaration
 
 
 def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
@@ -155,7 +171,3 @@ def _components(shape: Sequence[int]) -> list[str]:
     if width == 1:
         return [""]
     return [f".{AXES[a]}" for a in range(width)] if width <= len(AXES) else [f"[{a}]" for a in range(width)]
-
-
-def _inside(memory: str, name: str) -> str:
-    return f"{memory}{'' if name.startswith('[') else '.'}{name}"

@@ -11,9 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.records import numbers
 from graspfx.errors import InputError
 from graspfx.numeric import LARGEST, SMALLEST, finite, number
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
+from graspfx.surfaces.nearest import Nearest
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +38,12 @@ class Contacts:
     point: FloatArray
     normal: FloatArray
     gap: FloatArray
+
+
+def contacts(each: Sequence[Nearest], d: int) -> Contacts:
+    """Collect the contacts of fingers, of which d coordinates count."""
+    rows = np.array([list(numbers(contact)) for contact in each]).reshape(-1, 8)
+    return Contacts(rows[:, 0].astype(np.intp), rows[:, 1 : 1 + d], rows[:, 4 : 4 + d], rows[:, 7])
 
 
 class Shape(ABC):
@@ -112,13 +121,13 @@ class Shape(ABC):
         if before.shape != (n, d):
             raise InputError("previous", previous, f"finite positions of shape ({n}, {d})")
         radius = number("radius", radius, "a finite length, zero or more [m]")
-        found = np.zeros((n, 8))
-        for i in range(n):
-            x, y, z = (*p[i].tolist(), 0.0, 0.0)[:3]
-            u, v, w = (*before[i].tolist(), 0.0, 0.0)[:3]
-            f = int(face[i])
-            found[i] = proxy.closest_to_ball(self.kind, d, *self.parameters, radius, x, y, z, f, u, v, w)
-        return Contacts(found[:, 0].astype(np.intp), found[:, 1 : 1 + d], found[:, 4 : 4 + d], found[:, 7])
+        size, rest = Vector(*self.parameters), [0.0] * (3 - d)
+        rows = zip(p.tolist(), face.tolist(), before.tolist(), strict=True)
+        each = [
+            proxy.closest_to_ball(self.kind, d, size, radius, Vector(*x, *rest), int(f), Vector(*c, *rest))
+            for x, f, c in rows
+        ]
+        return contacts(each, d)
 
     def _check(self, d: int) -> None:
         if not self.dimensions_ok(int(number("dimensions", d, "1, 2 or 3"))):

@@ -10,16 +10,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspfx.compile.records import Many, size_of, start_of
 from graspfx.errors import InputError
 from graspfx.numeric import finite, number, real
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
-from graspfx.surfaces.closed_form.shape import Contacts
-from graspfx.surfaces.triangles.ball import STATE, ball_contact
+from graspfx.surfaces.closed_form.shape import Contacts, contacts
+from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES, load_trimesh, read_mesh_file
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_edges
-from graspfx.surfaces.triangles.walk import REACH, mesh_contact
+from graspfx.surfaces.triangles.walk import mesh_contact
 from graspfx.surfaces.triangles.winding import wound
 
+STATE = size_of(MeshFinger)  # entries of a finger on a mesh
 SMALLEST, LARGEST = 1e-3, 10.0  # sizes beyond which a unit is more likely wrong than right [m]
 FLAT = 1e-13  # a triangle whose height is below this, relative to the mesh, has no normal
 SAME_POINT = 1e-6  # relative distance at which the corners of a mesh that does not close are taken for one
@@ -93,13 +98,13 @@ class Mesh:
         if getattr(S, "shape", None) != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
             raise InputError("state", state, f"what new_fingers({len(p)}) gives")
         radius = number("radius", radius, "a finite length, zero or more [m]")
-        M, row = memoryview(self.data), memoryview(S.reshape(-1))
+        mesh = MeshTree(memoryview(self.data))
+        fingers: Many[MeshFinger] = Many(MeshFinger, memoryview(S.reshape(-1)), 0, len(p))
         if radius > 0.0:
-            each = [ball_contact(M, 0, row, i * STATE, radius, *p[i].tolist()) for i in range(len(p))]
+            each = [ball_contact(mesh, f, radius, Vector(*x)) for f, x in zip(fingers, p.tolist(), strict=True)]
         else:
-            each = [mesh_contact(M, 0, row, i * STATE, *p[i].tolist()) for i in range(len(p))]
-        found = np.array(each).reshape(-1, 7)
-        return Contacts(S[:, 1].astype(np.intp), found[:, :3], found[:, 3:6], found[:, 6])
+            each = [mesh_contact(mesh, f, Vector(*x)) for f, x in zip(fingers, p.tolist(), strict=True)]
+        return contacts(each, 3)
 
     def mass_properties(self, *, mass: float | None = None, density: float | None = None) -> MassProperties:
         """Of the solid, from its mass [kg] or its density [kg/m^3]; of a shell, from the mass spread over its surface.
@@ -144,7 +149,7 @@ class Mesh:
 def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
     """States (count, STATE) of fingers that have not been near a mesh yet."""
     state = np.zeros((count, STATE))
-    state[:, REACH] = reach
+    state[:, start_of(MeshFinger, "reach")] = reach
     return state
 
 

@@ -378,5 +378,5 @@ def test_springs_of_matrix_gains_hold_the_displacement_of_their_force(singular: 
     if singular:
         assert np.array_equal(h, block.fingers.array(FingerState.displacement)[:, :2])
     else:
-        expected = np.linalg.solve(block.array(GraspState.stiffness).reshape(4, 4), fe.ravel())
+        expected = np.linalg.solve(grasp.state.stiffness.array(4), fe.ravel())
         np.testing.assert_allclose(h.ravel(), expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.surfaces.closed_form.shape import Box
-from graspfx.surfaces.triangles.mesh import Mesh, load_mesh, make_mesh, new_fingers
+from graspfx.surfaces.triangles.mesh import STATE, Mesh, load_mesh, make_mesh, new_fingers
 from graspfx.surfaces.triangles.tree import half_edges
-from graspfx.surfaces.triangles.walk import STATE
 from tests.support.meshes import bumpy_sphere, ell, mug, plate, sheet
 
 FloatArray = NDArray[np.float64]
