@@ -60,11 +60,11 @@ class Shape(ABC):
 
     @abstractmethod
     def dimensions_ok(self, d: int) -> bool:
-        """Whether the shape exists on the line, in the plane, in space."""
+        """Tell whether the shape exists on the line, in the plane, in space."""
 
     @abstractmethod
     def faces(self, d: int) -> int:
-        """How many faces hold a finger."""
+        """Count the faces that hold a finger."""
 
     @abstractmethod
     def _moments(self, d: int) -> tuple[float, float, float]:
@@ -75,7 +75,7 @@ class Shape(ABC):
         """In space [m^3]."""
 
     def volume(self) -> float:
-        """Of the solid in space [m^3].
+        """Compute the volume of the solid in space [m^3].
 
         Raises:
             InputError: a shape that is not in space, or without end.
@@ -250,7 +250,7 @@ class Plane(HalfSpace):
 
 @dataclass(frozen=True)
 class Round(Shape):
-    """What is round about an axis, with a radius and a length along it [m]."""
+    """A shape that is round about an axis, with a radius and a length along it [m]."""
 
     radius: float
     length: float
@@ -363,30 +363,30 @@ class Ellipsoid(Shape):
         return b + c, c + a, a + b
 
 
-def _numbers(name: str, given: Any, what: str, largest: float = LARGEST) -> tuple[float, ...]:
-    value = finite(name, given, what, largest=largest)
-    if value.ndim != 1:
-        raise InputError(name, given, what)
-    return tuple(value.tolist())
+def _numbers(name: str, value: Any, expected: str, largest: float = LARGEST) -> tuple[float, ...]:
+    entries = finite(name, value, expected, largest=largest)
+    if entries.ndim != 1:
+        raise InputError(name, value, expected)
+    return tuple(entries.tolist())
 
 
-def _lengths(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
-    what = "one to three finite lengths above zero [m]"
-    lengths = _numbers(name, given, what)
-    if not (1 <= len(lengths) <= 3 and all(value >= SMALLEST for value in lengths)):
-        raise InputError(name, given, what)
+def _lengths(name: str, value: Sequence[Any] | FloatArray) -> tuple[float, ...]:
+    expected = "one to three finite lengths above zero [m]"
+    lengths = _numbers(name, value, expected)
+    if not (1 <= len(lengths) <= 3 and all(length >= SMALLEST for length in lengths)):
+        raise InputError(name, value, expected)
     return lengths
 
 
-def _length(name: str, given: Any) -> float:
-    return number(name, given, "a finite length above zero [m]", zero=False)
+def _length(name: str, value: Any) -> float:
+    return number(name, value, "a finite length above zero [m]", zero=False)
 
 
-def _direction(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
-    what = "one to three finite numbers, not all zero"
-    vector = _numbers(name, given, what, math.inf)
+def _direction(name: str, value: Sequence[Any] | FloatArray) -> tuple[float, ...]:
+    expected = "one to three finite numbers, not all zero"
+    vector = _numbers(name, value, expected, math.inf)
     largest = max(map(abs, vector), default=0.0)
     if not (1 <= len(vector) <= 3 and largest > 0.0):
-        raise InputError(name, given, what)
-    length = math.hypot(*(value / largest for value in vector))
-    return tuple(value / largest / length for value in vector)
+        raise InputError(name, value, expected)
+    length = math.hypot(*(entry / largest for entry in vector))
+    return tuple(entry / largest / length for entry in vector)

@@ -62,7 +62,7 @@ def _volumes(corners: FloatArray) -> FloatArray:
 
 
 def _cavities(corners: FloatArray, pieces: IntArray, count: int) -> NDArray[np.bool_]:
-    """Which pieces have an odd number of others around them, by the solid angle of each seen from a point of theirs."""
+    """Tell which pieces have an odd number of others around them, by solid angles seen from a point of each."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, pieces, corners.min(axis=1))
     np.maximum.at(high, pieces, corners.max(axis=1))
