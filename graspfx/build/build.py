@@ -68,11 +68,11 @@ def meet(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGrou
     for mover in movers:
         if any(objects[i].grasped.implicit for i in mover.objects):
             mover.body.free_motion(parts.scene.period)
-    for held in objects:
-        held.grasped.meet(parts.start[held.fingers])
+    for part in objects:
+        part.grasped.meet(parts.start[part.fingers])
     inward = np.zeros_like(parts.start)
-    for held in objects:
-        inward[held.fingers] = held.grasped.inward()
+    for part in objects:
+        inward[part.fingers] = part.grasped.inward()
     set_fade(parts, objects, inward)
     return inward
 

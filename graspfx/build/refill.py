@@ -47,8 +47,8 @@ def reach(key: str) -> dict[str, frozenset[str]]:
         fields |= {"fingers.anchor"}
     if reaches((*HANDS, *TOUCH, "coupling.external.stiffness", "coupling.internal.stiffness"), plain):
         fields |= {"fade_start", "fade_end"}  # where the fade is automatic
-    found = {"grasp": fields} if fields else {}
-    return found | {kind: frozenset("*") for kind, keys in WHOLE.items() if reaches(keys, plain)}
+    reached = {"grasp": fields} if fields else {}
+    return reached | {kind: frozenset("*") for kind, keys in WHOLE.items() if reaches(keys, plain)}
 
 
 def refill(servo: Servo, parts: Parts) -> None:
@@ -63,16 +63,16 @@ def refill(servo: Servo, parts: Parts) -> None:
         SceneError, DeviceError: as of `build`.
     """
     _require_blocks(servo, parts)
-    for held, part in zip(servo.objects, parts.objects, strict=True):
-        part.fill(held.grasped, parts.limits)
+    for grasped_part, part in zip(servo.objects, parts.objects, strict=True):
+        part.fill(grasped_part.grasped, parts.limits)
     inward = meet(parts, servo.objects, servo.movers)
     wired = parts.own_wires()
-    moved = list(make_plants(parts, wired, inward))
+    plants = list(make_plants(parts, wired, inward))
     for station, wire in zip(servo.stations, wired, strict=True):
         with wire.device:
             wire.device.open(servo.period)
             _copy(wire.device, station.device)
-    for old, new in zip(servo.plants, moved, strict=True):
+    for old, new in zip(servo.plants, plants, strict=True):
         new.plant.hold(new.hand, servo.period)  # type: ignore[attr-defined]
         _copy(new.plant, old.plant)
         _copy(new.hand, old.hand)
@@ -87,8 +87,8 @@ def _require_blocks(servo: Servo, parts: Parts) -> None:
     others = [
         *(name for name, each in (("a ledger", servo.observers),) if each),
         *("a device" for station in servo.stations if fused(station.device) is None),
-        *("a plant" for moved in servo.plants if fused_plant(moved.plant) is None),
-        *("a hand" for moved in servo.plants if not isinstance(moved.hand, FusedHand)),
+        *("a plant" for wiring in servo.plants if fused_plant(wiring.plant) is None),
+        *("a hand" for wiring in servo.plants if not isinstance(wiring.hand, FusedHand)),
         *("a body that meets others" for mover in servo.movers if getattr(mover.body, "buffer", 0) is not None),
         *("another period" for _ in range(1) if parts.scene.period != servo.period),
     ]

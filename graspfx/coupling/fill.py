@@ -31,7 +31,7 @@ EYE = np.eye(3).ravel()
 
 
 class Shape(Protocol):
-    """What the coupling needs of a shape: the number, the parameters and the data of its closest-point kernel."""
+    """A shape, as the coupling needs it: the number, the parameters and the data of its closest-point kernel."""
 
     @property
     def kind(self) -> int: ...

@@ -138,7 +138,7 @@ class GraspedObject:
 
     @property
     def shortfall(self) -> float:
-        """By how much the fade began too near the surface, at most so far [m]; 0 if it never did."""
+        """Distance by which the fade began too near the surface, at most so far [m]; 0 if it never did."""
         return self.state.shortfall
 
     @property
@@ -147,7 +147,7 @@ class GraspedObject:
         return self.state.fade_start + self.shortfall if self.shortfall else 0.0
 
     def fade_asked(self) -> tuple[float, float] | None:
-        """Where the fade begins, and where the forces of the last sample ask it to [m]; None where nothing fades."""
+        """Give where the fade begins, and where the last sample's forces ask it to [m]; None where nothing fades."""
         if not self.state.fade or self.state.equal:
             return None
         pushes = sum(normal_force(finger) for finger in self._grasp.fingers)
@@ -165,13 +165,13 @@ class GraspedObject:
             self._walks.array(MeshFinger.reach)[:] = high + self.array(FingerState.radius)
 
     def inward(self) -> FloatArray:
-        """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
+        """Give unit normals into the object at the fingers' contacts, world axes, (n, d)."""
         o = start_of(BodyState, "motion") + start_of(type(self.state.body.motion), "rotation")
         R = self.body_state[o : o + 9].reshape(3, 3)
         return (self.array(FingerState.normal) @ R.T)[:, : self.dimensions]
 
     def attach(self, contacts: FloatArray) -> None:
-        """Attached contact points, (n, d) in the object's frame [m]; the object's centre unless they are set."""
+        """Attach contacts at points (n, d) in the object's frame [m]; the object's centre unless they are set."""
         self.array(FingerState.contact)[:, : self.dimensions] = contacts
 
     def meet(self, position: FloatArray) -> None:
@@ -192,11 +192,11 @@ class GraspedObject:
         self.touching[:] = touching
 
     def sample(self) -> int:
-        """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
+        """Compute forces and wrench from the motion of fingers and object (free motion, if implicit)."""
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
-        """Compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
+        """Give compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
 
         Args:
             at_rest: at the forces of the last sample, which had no rates; else at none, where they are infinite.
@@ -219,7 +219,7 @@ class GraspedObject:
             self.law.warn_if_active("damping", self.state.skewest_damping.array(self.state.components))
 
     def let_go(self) -> None:
-        """Zero force and wrench."""
+        """Set force and wrench to zero."""
         let_go(self._grasp)
 
 
@@ -238,7 +238,7 @@ def _grip(
 
 
 def fault_text(fault: int, fingers: Sequence[str]) -> str:
-    """What a fault of `sample` means to the user."""
+    """Say what a fault of `sample` means to the user."""
     if fault == NOT_FINITE:
         return f"a finger's position or velocity is not finite ({', '.join(fingers)}); all forces are zero"
     if fault == UNRESOLVED:

@@ -24,7 +24,7 @@ SHELVES = ("devices", "scenes")
 
 
 def tree(*folders: str) -> dict[str, bytes]:
-    """What the source tree holds, without what Python, an operating system or an editor leaves there."""
+    """List the source tree, without what Python, an operating system or an editor leaves there."""
     files = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file())
     kept = (path for path in files if path.suffix != ".pyc" and not path.name.startswith("."))
     return {path.relative_to(ROOT).as_posix(): path.read_bytes() for path in kept}

@@ -1,4 +1,4 @@
-"""Queries of the tree of boxes around a mesh: a face to begin with, the nearest face, the first in a way."""
+"""Queries of the tree of boxes around a mesh: a face to begin with, the nearest face, the first on a way."""
 
 from __future__ import annotations
 
