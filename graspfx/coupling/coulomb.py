@@ -99,9 +99,9 @@ def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             e = in_frame(grasp, finger, finger.displacement)
-            write_coordinates(grasp, grasp.known, i, e)
+            write_coordinates(grasp, grasp.start, i, e)
         for k in range(grasp.count * grasp.coordinates):
-            problem.unknowns[k].value = grasp.known[k]
+            problem.unknowns[k].value = grasp.start[k]
     else:
         for k in range(grasp.mode_count):
             problem.unknowns[k].value = -grasp.mode_force[k]
@@ -153,7 +153,7 @@ def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
     """Find the damping where some finger slips or is free; give the law of the answer."""
     if grasp.dense:
         for i in range(grasp.count):
-            write_coordinates(grasp, grasp.known, i, problem.contacts[i].base_force)
+            write_coordinates(grasp, grasp.start, i, problem.contacts[i].base_force)
         assemble(grasp, False)
         raise_least(grasp, grasp.square)
         soften(grasp, grasp.square, None, 1.0)

@@ -31,8 +31,8 @@ class PointCoupling:
     also where contacts lie nearly on a line, far from the origin, or close together.
 
     Write `points`, `displacement` and `rate`, call `compute()`, read `force`; all four are (n, d) views of one array
-    and stay the same for the object's life. A `rate` that is never written is zero. Numbers that are not finite give
-    forces that are none.
+    and stay the same for the object's life. A `rate` that is never written is zero. Non-finite inputs give NaN
+    forces.
 
     Contacts on one line turn about it freely (rank 5 in space), coincident ones do not turn (rank 3); the rank is
     decided here and now, without the blend of a run (scene key `coupling.blend`), and without locked freedoms, weights

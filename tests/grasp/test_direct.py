@@ -36,7 +36,7 @@ def forces(law: gx.PointCoupling, points: FloatArray, e: FloatArray, de: FloatAr
 
 
 def exact_forces(points: FloatArray, e: FloatArray, de: FloatArray, line: FloatArray | None = None) -> FloatArray:
-    """At 50 digits by the 3 x 3 moments about the centroid; for contacts on a `line`, across it only. Objects."""
+    """Compute at 50 digits by the 3 x 3 moments about the centroid; on a `line`, across it only. Objects."""
     kep, ked, kip, kid = map(mp.mpf, GAINS)
     exact = np.vectorize(lambda x: mp.mpf(float(x)), otypes=[object])
     p, x, v = exact(points), exact(e), exact(de)
@@ -57,7 +57,7 @@ def exact_forces(points: FloatArray, e: FloatArray, de: FloatArray, line: FloatA
 
 
 def worst_error(sets: Sequence[FloatArray], line: FloatArray | None = None, seed: int = 3) -> float:
-    """Of the largest force of each set, at motions at random."""
+    """Find the largest error of each set, relative to its largest force, at motions at random."""
     rng = np.random.default_rng(seed)
     law, worst = point_coupling(5, 3), 0.0
     with mp.workdps(50):
