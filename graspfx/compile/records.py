@@ -112,6 +112,13 @@ class Record:
             extent = cls.__dict__.get(name)
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 
+    def array(self, field: Any) -> NDArray[np.float64]:
+        """Give the numbers of a field as an array that shares their memory: `finger.array(Finger.position)`."""
+        layout(type(self))
+        start = field.place(self)
+        numbers: NDArray[np.float64] = np.asarray(self.buffer)[start : start + evaluate(field.size, self)]
+        return numbers
+
 
 class Many(Generic[Member]):
     """A group of records, one after another, or of values that stand one in each of them."""

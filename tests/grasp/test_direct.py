@@ -11,8 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
+from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 from graspfx.grasp import direct
+from graspfx.grasp.point_grasp import PointGrasp
 from tests.support.optional import require
 
 FloatArray = NDArray[np.float64]
@@ -199,9 +201,11 @@ def test_views_are_one_block_that_a_kernel_takes_with_an_offset() -> None:
     f = forces(law, *rng.normal(size=(3, 4, 3)))
     assert all(a is b for a, b in zip(views, (law.points, law.displacement, law.rate, law.force), strict=True))
     assert all(a.base is law.force.base for a in views)
-    block = np.concatenate([np.full(7, np.nan), require(law.force.base).ravel()[: direct.size(4, 3)]])
+    block = np.concatenate(
+        [np.full(7, np.nan), require(law.force.base).ravel()[: size_for(PointGrasp, count=4, dimensions=3)]]
+    )
     block[-12:] = 0.0
-    assert direct.couple_points(memoryview(block), 7) == 0
+    assert direct.couple_points(PointGrasp(memoryview(block), 7)) == 0
     assert np.array_equal(block[-12:], f.ravel())
 
 

@@ -15,6 +15,7 @@ from graspfx.coupling import block as at
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
+from graspfx.objects.body_state import BodyState
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -80,7 +81,7 @@ def set_pose(grip: Grip, recording: Recording, name: str) -> None:
         state[body.ANGLE] = motion.orientation[-1]
     elif motion.orientation is not None:
         state[body.QUATERNION : body.QUATERNION + 4] = motion.orientation[-1]
-    body.orient(state, 0)
+    body.orient(BodyState(state))
 
 
 def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from graspfx.compile.unfold.stage import stage
 from graspfx.coupling import block as at
 from graspfx.coupling.approach import LOST
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.loop.energy.watch import watch
@@ -115,7 +116,7 @@ def predict(scene: Wiring) -> None:
     """Tell couplings under the implicit integrator where their bodies would be without them."""
     for body in scene.bodies:
         if isinstance(body, BodyWires) and body.predicting is not None:
-            body.predicting(body.block, at.BODY, body.floor, scene.servo[PERIOD])
+            body.predicting(body.block, at.BODY, body.floor, 0, scene.servo[PERIOD])
 
 
 @stage
@@ -135,15 +136,15 @@ def couple_objects(scene: Wiring, k: int) -> None:
                 if code == LOST:
                     servo[grasp.stuck] = 1.0
             if grasp.ledger is not None and servo[FAULTED] == 0.0:
-                watch_energy(grasp.block, grasp.ledger, servo)
+                watch_energy(grasp.state, grasp.ledger, servo)
 
 
 @stage
-def watch_energy(block: FloatArray, ledger: LedgerWires, servo: FloatArray) -> None:
+def watch_energy(grasp: GraspState, ledger: LedgerWires, servo: FloatArray) -> None:
     """Watch the energies of a grasp."""
     if ledger.met is not None and ledger.contact_wrench is not None:
         copy(ledger.met, ledger.contact_wrench)
-    watch(block, ledger.book, servo[PERIOD])
+    watch(grasp, ledger.state, servo[PERIOD])
 
 
 @stage
@@ -222,7 +223,7 @@ def move(scene: Wiring, k: int) -> None:
                 for part in body.parts:
                     body.handing(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
             else:
-                code = body.stepping(body.block, at.BODY, body.floor, servo[PERIOD])
+                code = body.stepping(body.block, at.BODY, body.floor, 0, servo[PERIOD])
                 if code != 0:
                     latch(servo, k, MOVER, body.index, code)
                     servo[body.stuck] = 1.0

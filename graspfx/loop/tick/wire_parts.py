@@ -12,6 +12,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port
+from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.observer import MET
 from graspfx.loop.parts import BodyGroup, DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
@@ -190,7 +191,7 @@ class Wirer:
             if observer.met is not None:
                 self._floor(self.parts.movers[number])
             met = None if observer.met is None else observer.buffer[MET : MET + 6]
-            ledger = LedgerWires(observer.buffer, met, observer.met)
+            ledger = LedgerWires(LedgerState(observer.buffer), met, observer.met)
         return GraspWires(i, grasped.block, grasped.state, grasped.limit is not None, STUCK + number, ledger)
 
     def _bodies(self) -> Iterator[BodyWires | GuestWires]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasp_state import GraspState
+from graspfx.loop.energy.books import LedgerState
 
 FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
@@ -68,8 +69,8 @@ class PortWires:
 class LedgerWires:
     """The energies of an object's grasp; on planes also what these did to the body."""
 
-    book: FloatArray
-    met: FloatArray | None  # where the book takes it, (6,) [N, N m]
+    state: LedgerState
+    met: FloatArray | None  # where the ledger takes it, (6,) [N, N m]
     contact_wrench: FloatArray | None  # where the planes' memory has it, (6,) [N, N m]
 
 
