@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.compile.records import size_for, size_of, start_of
+from graspfx.compile.records import numbers, size_for, size_of, start_of
 from graspfx.cones.problem import MODES, problem_size, set_up
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
@@ -249,8 +249,6 @@ def _entries(name: str) -> slice:
 
 def list_of(value: object) -> list[float]:
     """List the numbers of a vector."""
-    from graspfx.compile.records import numbers
-
     return list(numbers(value))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.compile.records import Many, size_of, start_of
-from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
+from graspfx.coupling.contacts import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
 from graspfx.coupling.entries import recorded_entries, structure_entries
 from graspfx.coupling.fade import release_compliance

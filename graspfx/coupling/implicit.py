@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.cones.complement import pivot, release
-from graspfx.coupling.assemble import add_gains, in_frame, write_coordinates
+from graspfx.coupling.contact_frames import add_gains, in_frame, write_coordinates
 from graspfx.coupling.depth import soften
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import cross, dot

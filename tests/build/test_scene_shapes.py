@@ -19,7 +19,7 @@ from graspfx.build.meshes import scene_mesh
 from graspfx.certificate.plan import plan
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import place_contact
+from graspfx.coupling.contacts import place_contact
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError

@@ -109,7 +109,7 @@ def _responses(g: Any, p: np.ndarray, rates: list[np.ndarray]) -> np.ndarray:
     for rate in rates:
         before = g.block.copy()
         g.rows[:, at.RATE : at.RATE + 4] = rate
-        assert sample_forces(g._S, False) == 0
+        assert sample_forces(g._grasp, False) == 0
         columns.append((g.rows[:, at.LOCAL : at.LOCAL + 4] - f0).ravel() / 1e-7)
         g.block[:] = before
     return np.array(columns).T

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from graspfx.compile.unfold.stage import stage
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import LOST
+from graspfx.coupling.contacts import LOST
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample

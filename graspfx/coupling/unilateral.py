@@ -5,8 +5,8 @@ from __future__ import annotations
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats
 from graspfx.cones.complement import Contacts, complement, release, settle
-from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
-from graspfx.coupling.assemble import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
+from graspfx.coupling.contact_frames import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
+from graspfx.coupling.contacts import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.conventional import damp_alone, separate
 from graspfx.coupling.depth import soften
 from graspfx.coupling.grasp_state import GraspState
