@@ -29,6 +29,7 @@ Member = TypeVar("Member", covariant=True)  # a group of records is one of any c
 _REFERENCE = "offset of a record in the same block"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
 
+_LAYOUTS: dict[type[Record], dict[str, Field]] = {}
 SCALARS = (float, int, bool)
 
 
@@ -202,9 +203,6 @@ def layout(cls: type[Record]) -> dict[str, Field]:
     if fields is None:
         fields = _LAYOUTS[cls] = _layout(cls)
     return fields
-
-
-_LAYOUTS: dict[type[Record], dict[str, Field]] = {}
 
 
 def _layout(cls: type[Record]) -> dict[str, Field]:
