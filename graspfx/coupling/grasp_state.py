@@ -123,7 +123,7 @@ class GraspState(Record):
     square: Table = table("unknowns", "unknowns")  # the law in contact frames; pivots change it
     vector: Floats = floats("unknowns")  # that goes with it
     diagonal: Floats = floats("unknowns")  # of the square before any pivot
-    known: Floats = floats("count * coordinates")  # what a projection starts from: displacement, or elastic force
+    start: Floats = floats("count * coordinates")  # what a projection starts from: displacement, or elastic force
     marks: Floats = floats("count * coordinates")  # 1.0 for a contact coordinate to be released
     engaged: Floats = floats("count")  # 1 engaged, 0 released, -1 left alone
     mode_force: Floats = floats("6")  # what each mode adds to the internal force

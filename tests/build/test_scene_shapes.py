@@ -19,12 +19,13 @@ from graspfx.build.meshes import scene_mesh
 from graspfx.certificate.plan import plan
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import place_contact
+from graspfx.coupling.contacts import place_contact
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects import integrators as body
 from graspfx.objects.body import fill_body
+from graspfx.objects.body_state import BodyState
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
 from tests.support.meshes import ell, plate, sheet
@@ -110,7 +111,7 @@ def turned(d: int) -> tuple[Any, FloatArray]:
         return 0.7, np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     S = np.zeros(body.SIZE)
     S[body.DIMENSIONS], S[body.QUATERNION : body.QUATERNION + 4] = 3, HALF_TURN
-    body.orient(S, 0)
+    body.orient(BodyState(S))
     return HALF_TURN, S[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
 
 
@@ -154,7 +155,7 @@ def test_a_squeeze_is_felt_with_the_internal_gain(
 def turn_body(g: GraspedObject, x: FloatArray, q: FloatArray) -> FloatArray:
     state = g.body_state
     state[body.POSITION : body.POSITION + 3], state[body.QUATERNION : body.QUATERNION + 4] = x, q / np.linalg.norm(q)
-    body.orient(state, 0)
+    body.orient(BodyState(state))
     return state[body.ROTATION : body.ROTATION + 9].reshape(3, 3).copy()
 
 

@@ -22,6 +22,7 @@ from graspfx.grasp.contact_state import Contact
 from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
 from graspfx.spatial import exponential_numbers as exponential
 from graspfx.spatial import product
@@ -45,7 +46,7 @@ def turn(g: GraspedObject, x: float, y: float, z: float) -> None:
     """Turns the object by a rotation vector in world axes [rad]."""
     S = g.body_state
     S[body.QUATERNION : body.QUATERNION + 4] = product(*exponential(x, y, z), *S[body.QUATERNION : body.QUATERNION + 4])
-    orient(memoryview(S), 0)
+    orient(BodyState(memoryview(S)))
 
 
 def scaled(K: np.ndarray, n: int) -> np.ndarray:
@@ -199,7 +200,7 @@ def test_torsion_at_the_fingertip_creates_no_energy(at_contact: bool, low: float
         p = c * 0.95 + 0.004 * np.sin(t + np.arange(9).reshape(3, 3))
         S = g.body_state
         S[body.QUATERNION : body.QUATERNION + 4] = exponential(*a)
-        orient(memoryview(S), 0)
+        orient(BodyState(memoryview(S)))
         respond(g, p)
         now = (p.copy(), S[body.QUATERNION : body.QUATERNION + 4].copy(), g.force.copy(), g.wrench.copy())
         if before is not None:

@@ -10,7 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.compile.kernel import written
 from graspfx.compile.records import numbers
-from graspfx.coupling import assemble, sample
+from graspfx.coupling import contact_frames, sample
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
@@ -134,6 +134,6 @@ def test_frames_there_and_back(d: int) -> None:
         g.meet(0.04 * out / np.linalg.norm(out))
         g.array(FingerState.local)[0, :d] = rng.normal(size=d)
         finger = g.state.fingers[0]
-        there = assemble.in_frame(g.state, finger, finger.local)
-        back = assemble.out_of_frame(g.state, finger, there)
+        there = contact_frames.in_frame(g.state, finger, finger.local)
+        back = contact_frames.out_of_frame(g.state, finger, there)
         np.testing.assert_allclose(list(numbers(back)), list(numbers(finger.local)), rtol=0.0, atol=1e-15 * 4)

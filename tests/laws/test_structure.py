@@ -1,4 +1,4 @@
-"""What blocks say never changes: the entries that pick what is computed stay the same through a run of every scene."""
+"""Structure of blocks: the entries that pick what is computed stay the same through a run of every scene."""
 
 from __future__ import annotations
 

@@ -75,16 +75,16 @@ def problems(quick: bool) -> Iterator[Problems]:
 
 
 def _some(rng: np.random.Generator, N: int, law: Law, n: int, ratio: float) -> Problems:
-    found: list[Problem] = []
+    problems: list[Problem] = []
     mu = 0.0 if law == "frictionless" else FRICTION
-    while len(found) < N:
+    while len(problems) < N:
         K, Q, e = _posed(rng, n, INTERNAL / ratio)
         near = _near(K, e, mu, law)
         force = None if near is None else cone_force(K, e, mu, law != "coulomb", near)
         if force is not None and force.any():
             W = np.eye(len(e)) / INTERNAL + (ratio / INTERNAL - 1.0 / INTERNAL) * Q @ Q.T
-            found.append(Problem(K, W, Q, e, force))
-    return Problems(law, n, ratio, tuple(found))
+            problems.append(Problem(K, W, Q, e, force))
+    return Problems(law, n, ratio, tuple(problems))
 
 
 def _posed(rng: np.random.Generator, n: int, external: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -107,5 +107,5 @@ def _near(K: FloatArray, e: FloatArray, mu: float, law: Law) -> FloatArray | Non
     problem.contacts.array(ConeContact.coefficient)[:] = mu
     problem.contacts.array(ConeContact.displacement)[:, :3] = e.reshape(n, 3)
     answer = friction_force_square(problem, 3, Table(memoryview(K.ravel()), 0, m), True, law == "coulomb", 2)
-    wanted = COULOMB if law == "coulomb" else ASSOCIATED
-    return problem.unknowns.array(Unknown.value).copy() if answer.law == wanted else None
+    law_number = COULOMB if law == "coulomb" else ASSOCIATED
+    return problem.unknowns.array(Unknown.value).copy() if answer.law == law_number else None

@@ -17,12 +17,12 @@ from graspfx.loop.tick import memory
 from graspfx.loop.tick.script import Script, Tick
 
 FloatArray = NDArray[np.float64]
-Named = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
+NamedEntry = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
 AXES = "xyz"
 
 
 class Names:
-    """What each memory of a script is called, and each of its entries.
+    """Names of a script's memories, and of their entries.
 
     An object's block is declared by `GraspState`. A device, plant, hand, body or ledger may say by an attribute
     `declaration` which record its memory is; of others the entries at their ports have names.
@@ -35,7 +35,7 @@ class Names:
         script, self.memories = tick.script, _memories(tick.script)
         arrays = {id(array): name for name, array in script.arrays.items()}
         self._arrays = script.arrays
-        self._fingers = {arrays[id(held.grasped.block)]: held.fingers.tolist() for held in parts.objects}
+        self._fingers = {arrays[id(part.grasped.block)]: part.fingers.tolist() for part in parts.objects}
         self._declarations = {
             arrays[id(array)]: declaration for array, declaration in _declarations(parts) if id(array) in arrays
         }
@@ -56,7 +56,7 @@ class Names:
         return name if name[0] not in ".[" else f"{self.memories[array].partition('[')[0]}{name}"
 
     def _declared(self, array: str, k: int) -> str:
-        """An entry's name in full, or from the point or bracket after its memory's on."""
+        """Name an entry in full, or from the point or bracket after its memory's name on."""
         if array in self._declarations:
             name = name_of(self._declarations[array], k, self._arrays[array])
             if not name.startswith("["):
@@ -78,7 +78,7 @@ def columns(layout: Layout) -> Mapping[int, str]:
 
 
 def _memories(script: Script) -> dict[str, str]:
-    """The arrays' names with numbers that begin anew for each kind."""
+    """Name the arrays with numbers that begin anew for each kind."""
     counts: dict[str, int] = {}
     names = {}
     for array in script.arrays:
@@ -89,8 +89,8 @@ def _memories(script: Script) -> dict[str, str]:
 
 
 def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
-    """Memories with the records that they are."""
-    yield from ((held.grasped.block, GraspState) for held in parts.objects)
+    """List memories with the records that they are."""
+    yield from ((part.grasped.block, GraspState) for part in parts.objects)
     owners: list[tuple[object, object]] = [(s.device, getattr(s.device, "state", None)) for s in parts.stations]
     for m in parts.plants:
         owners += [(part, getattr(part, "state", None)) for part in (m.plant, m.hand)]
@@ -102,8 +102,8 @@ def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
             yield array, declaration
 
 
-def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
-    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "AHEAD"):
+def _servo(parts: Parts, servo: FloatArray) -> Iterator[NamedEntry]:
+    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "LOOKED_UP"):
         yield servo, getattr(memory, name), f"servo.{name.lower()}"
     stuck = [f"body[{i}].stuck" for i in range(len(parts.movers))]
     stuck += [f"plant[{j}].stuck" for j in range(len(parts.plants))]
@@ -116,7 +116,7 @@ def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
         start += n * width
 
 
-def _devices(parts: Parts) -> Iterator[Named]:
+def _devices(parts: Parts) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for station in parts.stations:
         if isinstance(station.device, FusedDevice):
@@ -126,7 +126,7 @@ def _devices(parts: Parts) -> Iterator[Named]:
                 yield from _vectors(state, getattr(ports, quantity), f".{quantity}", k, d)
 
 
-def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
+def _ports(parts: Parts, tick: Tick) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for port in tick.ports:
         k = len(port.position)
@@ -137,7 +137,7 @@ def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
             yield from _vectors(port.memory, 1 + 3 * k * d, ".limit", k, 1)
 
 
-def _plants(parts: Parts) -> Iterator[Named]:
+def _plants(parts: Parts) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for m in parts.plants:
         if isinstance(m.plant, FusedPlant):
@@ -150,7 +150,7 @@ def _plants(parts: Parts) -> Iterator[Named]:
                     yield from _vectors(state, first + n * d, f".{quantity}.velocity", n, d)
 
 
-def _hands(parts: Parts) -> Iterator[Named]:
+def _hands(parts: Parts) -> Iterator[NamedEntry]:
     for m in parts.plants:
         if isinstance(m.hand, FusedHand):
             for quantity in ("position", "velocity"):
@@ -158,15 +158,15 @@ def _hands(parts: Parts) -> Iterator[Named]:
                 yield from _vectors(m.hand.state, first, f".{quantity}", len(m.fingers), parts.layout.dimensions)
 
 
-def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[Named]:
-    """Some vectors one after another."""
+def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[NamedEntry]:
+    """Name some vectors one after another."""
     for i in range(count):
         for a, suffix in enumerate(_components((d,))):
             yield state, first + i * d + a, f"{name}{f'[{i}]' if count > 1 else ''}{suffix}"
 
 
 def _components(shape: Sequence[int]) -> list[str]:
-    """Suffixes of a number, of a vector's components, or of many numbers."""
+    """List suffixes of a number, of a vector's components, or of many numbers."""
     width = shape[0] if shape else 1
     if width == 1:
         return [""]

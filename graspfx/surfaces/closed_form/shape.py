@@ -60,22 +60,22 @@ class Shape(ABC):
 
     @abstractmethod
     def dimensions_ok(self, d: int) -> bool:
-        """Whether the shape exists on the line, in the plane, in space."""
+        """Tell whether the shape exists on the line, in the plane, in space."""
 
     @abstractmethod
     def faces(self, d: int) -> int:
-        """How many faces hold a finger."""
+        """Count the faces that hold a finger."""
 
     @abstractmethod
     def _moments(self, d: int) -> tuple[float, float, float]:
-        """Principal moments over the mass [m^2]."""
+        """Give principal moments over the mass [m^2]."""
 
     @abstractmethod
     def _volume(self) -> float:
-        """In space [m^3]."""
+        """Compute the volume in space [m^3]."""
 
     def volume(self) -> float:
-        """Of the solid in space [m^3].
+        """Compute the volume of the solid in space [m^3].
 
         Raises:
             InputError: a shape that is not in space, or without end.
@@ -84,7 +84,7 @@ class Shape(ABC):
         return self._volume()
 
     def inertia(self, mass: float, d: int) -> FloatArray:
-        """Principal moments of the solid about its centre, (3,) [kg m^2]; the plane has the third, a line none.
+        """Give principal moments of the solid about its centre, (3,) [kg m^2]; the plane has the third, a line none.
 
         Raises:
             InputError: other dimensions than the shape's, or a shape without end.
@@ -101,7 +101,7 @@ class Shape(ABC):
         *,
         radius: float = 0.0,
     ) -> Contacts:
-        """Contact points of fingers at `points` (n, d) in the object's frame.
+        """Find contact points of fingers at `points` (n, d) in the object's frame.
 
         Args:
             faces: (n,) theirs from before.
@@ -250,7 +250,7 @@ class Plane(HalfSpace):
 
 @dataclass(frozen=True)
 class Round(Shape):
-    """What is round about an axis, with a radius and a length along it [m]."""
+    """A shape that is round about an axis, with a radius and a length along it [m]."""
 
     radius: float
     length: float
@@ -363,30 +363,30 @@ class Ellipsoid(Shape):
         return b + c, c + a, a + b
 
 
-def _numbers(name: str, given: Any, what: str, largest: float = LARGEST) -> tuple[float, ...]:
-    value = finite(name, given, what, largest=largest)
+def _numbers(name: str, argument: Any, expected: str, largest: float = LARGEST) -> tuple[float, ...]:
+    value = finite(name, argument, expected, largest=largest)
     if value.ndim != 1:
-        raise InputError(name, given, what)
+        raise InputError(name, argument, expected)
     return tuple(value.tolist())
 
 
-def _lengths(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
-    what = "one to three finite lengths above zero [m]"
-    lengths = _numbers(name, given, what)
+def _lengths(name: str, argument: Sequence[Any] | FloatArray) -> tuple[float, ...]:
+    expected = "one to three finite lengths above zero [m]"
+    lengths = _numbers(name, argument, expected)
     if not (1 <= len(lengths) <= 3 and all(value >= SMALLEST for value in lengths)):
-        raise InputError(name, given, what)
+        raise InputError(name, argument, expected)
     return lengths
 
 
-def _length(name: str, given: Any) -> float:
-    return number(name, given, "a finite length above zero [m]", zero=False)
+def _length(name: str, argument: Any) -> float:
+    return number(name, argument, "a finite length above zero [m]", zero=False)
 
 
-def _direction(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
-    what = "one to three finite numbers, not all zero"
-    vector = _numbers(name, given, what, math.inf)
+def _direction(name: str, argument: Sequence[Any] | FloatArray) -> tuple[float, ...]:
+    expected = "one to three finite numbers, not all zero"
+    vector = _numbers(name, argument, expected, math.inf)
     largest = max(map(abs, vector), default=0.0)
     if not (1 <= len(vector) <= 3 and largest > 0.0):
-        raise InputError(name, given, what)
+        raise InputError(name, argument, expected)
     length = math.hypot(*(value / largest for value in vector))
     return tuple(value / largest / length for value in vector)

@@ -39,10 +39,10 @@ def ball_contact(mesh: MeshTree, ball: MeshFinger, radius: float, g: Vector) -> 
         return begin(mesh, ball, radius, g)
     scale = scale_at(mesh, g)
     clear = ball.safe - radius
-    moved = length(g - ball.last)
-    if ball.mode == FREE and moved + ROUNDING * scale < clear:
+    travel = length(g - ball.last)
+    if ball.mode == FREE and travel + ROUNDING * scale < clear:
         ball.last = g
-        ball.safe -= moved + ROUNDING * scale
+        ball.safe -= travel + ROUNDING * scale
         if ball.safe > ball.reach:
             return Nearest(ball.face, ball.point, ball.inward, ball.safe - radius)
         return free_contact(mesh, ball, radius, g)
@@ -92,12 +92,12 @@ def settle(mesh: MeshTree, ball: MeshFinger, radius: float, step: float, scale: 
         if count < 0:  # no way out of where it began, or none there: it stays where it is clear
             break
         u = x - q
-        moved = length(u)
-        if moved > farthest:
-            ball.last = q + (farthest / moved) * u
+        travel = length(u)
+        if travel > farthest:
+            ball.last = q + (farthest / travel) * u
         else:
             ball.last = x
-            if moved <= ROUNDING * scale:
+            if travel <= ROUNDING * scale:
                 break
             if count == 1:
                 roll(mesh, ball, radius, scale, g)

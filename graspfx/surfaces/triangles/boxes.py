@@ -1,4 +1,4 @@
-"""What the tree of boxes around a mesh is asked for: a face to begin with, the nearest face, the first in a way."""
+"""Queries of the tree of boxes around a mesh: a face to begin with, the nearest face, the first on a way."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ NEW, FREE, TOUCHING = 0, 1, 2  # modes
 
 
 class Plane(Record):
-    """What a ball's proxy stays in front of: n . x >= distance."""
+    """A plane that a ball's proxy stays in front of: n . x >= distance."""
 
     normal: Vector  # n_j
     distance: float  # n_j . c_j + radius

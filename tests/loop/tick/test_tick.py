@@ -141,7 +141,7 @@ def test_a_kernel_that_serves_two_objects_says_so() -> None:
 
 
 class Reading(Record):
-    """What stands first in a block."""
+    """The first entries of a block."""
 
     fingers: int
     pose: Vector

@@ -52,7 +52,7 @@ def query(
 
 
 def vector(entries: Any) -> Vector:
-    """Of up to three entries."""
+    """Make a vector of up to three entries."""
     x, y, z = (*(float(entry) for entry in entries), 0.0, 0.0)[:3]
     return Vector(x, y, z)
 
@@ -187,7 +187,7 @@ def test_on_the_middle_plane_of_an_ellipsoid_a_finger_keeps_its_side(axes: tuple
 
 
 def test_next_to_where_the_middle_plane_s_nearest_points_end() -> None:
-    """At the focal ellipse's rim and 1e-140 ... 1e-3 off its plane the root of |y(s)| = 1 goes like a cube root.
+    """The root of |y(s)| = 1 goes like a cube root at the focal ellipse's rim and 1e-140 ... 1e-3 off its plane.
 
     Semi-axes 1 and 1/2 have the rim at 3/4 to the last bit.
     """

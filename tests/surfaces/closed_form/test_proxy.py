@@ -31,7 +31,7 @@ def contact(
 
 
 def vector(entries: Sequence[float]) -> Vector:
-    """Of up to three entries."""
+    """Make a vector of up to three entries."""
     x, y, z = (*entries, 0.0, 0.0)[:3]
     return Vector(x, y, z)
 

@@ -134,7 +134,7 @@ def place_contact(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 @kernel
 def refactor(grasp: GraspState) -> None:
     """Compute the rigid modes of the contacts, only if a contact, a weight or a free direction has changed."""
-    known = grasp.split_known and not grasp.mixed
+    current = grasp.split_known and not grasp.mixed
     for finger in grasp.fingers:
         same = finger.weight == finger.split_weight
         for a in range(grasp.dimensions):
@@ -142,11 +142,11 @@ def refactor(grasp: GraspState) -> None:
             if grasp.coordinates > 3:
                 same = same and finger.normal[a] == finger.split_normal[a]
         if not same:
-            known = False
+            current = False
             finger.split_weight = finger.weight
             finger.split_contact = finger.contact
             finger.split_normal = finger.normal
-    if not known:
+    if not current:
         grasp.mode_count, grasp.blended = rigid_modes(
             grasp.fingers, grasp.freedom, grasp.dimensions, grasp.arm_low, grasp.arm_high, grasp.width, grasp.modes
         )
