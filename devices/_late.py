@@ -7,8 +7,8 @@ from graspfx.compile.records import Floats, Table
 
 
 @kernel
-def delayed(line: Table, slot: int, delay: int, values: Floats) -> int:
-    """Put values into the line, and into their place what was put in `delay` calls ago; give the row filled next.
+def delay_values(line: Table, slot: int, delay: int, values: Floats) -> int:
+    """Put values into the line and replace them by those of `delay` calls ago; give the row to be filled next.
 
     The line has delay + 1 rows; `slot` is the one that is filled now.
     """
@@ -23,8 +23,8 @@ def delayed(line: Table, slot: int, delay: int, values: Floats) -> int:
 
 
 @kernel
-def cleared(line: Table, delay: int, values: Floats) -> None:
-    """Leave no values, and none in the line."""
+def clear_line(line: Table, delay: int, values: Floats) -> None:
+    """Set the values and the delay line to zero."""
     for row in range(delay + 1):
         for j in range(line.columns):
             line[row, j] = 0.0

@@ -31,7 +31,7 @@ def connect(
     force_limit: float | None = None,
     workspace: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> PointDevice:
-    """A device whose fingertips are point masses, m x'' + b x' = force + hand's force, on every axis.
+    """Make a device whose fingertips are point masses, m x'' + b x' = force + hand's force, on every axis.
 
     Args:
         mass: m of each fingertip [kg].

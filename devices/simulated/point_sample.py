@@ -1,4 +1,4 @@
-"""A sample of simulated point devices: what their sensors tell, and what their actuators hold."""
+"""A sample of simulated point devices: sensors are read and forces are written."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Many, Record, Table, floats, many, start_of, table
-from graspfx.devices._late import cleared, delayed
+from graspfx.devices._late import clear_line, delay_values
 from graspfx.loop.velocity import VelocityEstimate, estimate
 
 
@@ -47,7 +47,7 @@ WHOLE = 2.0**52  # from here on floats are whole numbers
 
 
 def nearest(x: float) -> float:
-    """Round x to a whole number, halves to the even one; what is not finite stays."""
+    """Round x to a whole number, halves to the even one; infinities and NaN stay as they are."""
     if abs(x) < WHOLE:
         return (x + WHOLE) - WHOLE if x >= 0.0 else (x - WHOLE) + WHOLE
     return x
@@ -79,7 +79,7 @@ def read(device: PointDeviceState) -> int:
 
 @kernel
 def write(device: PointDeviceState) -> int:
-    """Shorten commands to the limit, put them into the delay line and what comes out of it into the efforts.
+    """Shorten commands to the limit, pass them through the delay line and set the efforts to its output.
 
     0, or ENDLESS_FORCE of the first finger whose command is not finite, and then the device has stopped.
     """
@@ -100,12 +100,12 @@ def write(device: PointDeviceState) -> int:
         for a in range(d):
             effort[d * i + a] = share * command[d * i + a]
     if device.delay > 0:
-        device.slot = delayed(device.line, device.slot, device.delay, effort)
+        device.slot = delay_values(device.line, device.slot, device.delay, effort)
     return 0
 
 
 @kernel
 def stop(device: PointDeviceState) -> int:
     """Leave no effort, and none on its way."""
-    cleared(device.line, device.delay, device.effort)
+    clear_line(device.line, device.delay, device.effort)
     return 0

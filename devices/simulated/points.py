@@ -101,7 +101,7 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         super().__init__(PointPlantState, len(mass), dimensions)
         self._block = PointPlantState(self.state)
         self._mass, self._damping = np.array(mass, dtype=float), np.array(damping, dtype=float)
-        self._made_for: tuple[bytes, bytes, float] | None = None
+        self._matrix_inputs: tuple[bytes, bytes, float] | None = None
 
     @property
     def structure(self) -> Index:
@@ -114,37 +114,37 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         return np.concatenate([counts, groups, members])
 
     def _put(self, position: FloatArray) -> None:
-        """There is nothing else to place."""
+        """Place nothing else: positions and velocities are the whole state."""
 
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:
-        these = K.tobytes(), B.tobytes(), T
-        if these == self._made_for:
+        inputs = K.tobytes(), B.tobytes(), T
+        if inputs == self._matrix_inputs:
             return
         d, block = self.position.shape[1], self._block
         m, b = self._mass, self._damping
         groups, members, matrices = block.groups, block.members.offset, block.matrices.offset
         count = listed = end = 0
-        known: dict[tuple[bytes, ...], int] = {}
+        starts: dict[tuple[bytes, ...], int] = {}
         for axis in range(d):
-            for fingers in _coupled((K[axis] != 0.0) | (B[axis] != 0.0)):
+            for fingers in _coupled_groups((K[axis] != 0.0) | (B[axis] != 0.0)):
                 rows = np.ix_(fingers, fingers)
                 parts = m[fingers], b[fingers], K[axis][rows], B[axis][rows]
                 key = tuple(part.tobytes() for part in parts)
-                if key not in known:
+                if key not in starts:
                     step = _step(*parts, T)
                     self.state[matrices + end : matrices + end + step.size] = step.ravel()
-                    known[key] = end
+                    starts[key] = end
                     end += step.size
                 group = groups[count]
-                group.axis, group.count, group.first, group.matrix = axis, len(fingers), listed, known[key]
+                group.axis, group.count, group.first, group.matrix = axis, len(fingers), listed, starts[key]
                 self.state[members + listed : members + listed + len(fingers)] = fingers
                 count, listed = count + 1, listed + len(fingers)
         block.group_count = count
-        self._made_for = these
+        self._matrix_inputs = inputs
 
 
 def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) -> FloatArray:
-    """M (2 g, 6 g) of `advance`, from the exponential of the system with its inputs, in s = t / T.
+    """Compute M (2 g, 6 g) of `advance` from the exponential of the system with its inputs, in s = t / T.
 
     e = x - r_0, w = T x', rho = r - r_0 = c_1 s + c_2 s^2 + c_3 s^3:
     e' = w, w' = T^2/m (u + K (rho - e)) + T/m (B rho' - (b + B) w).
@@ -164,20 +164,20 @@ def _step(m: FloatArray, b: FloatArray, K: FloatArray, B: FloatArray, T: float) 
     M[:, :, 3] = 6.0 * E[:, :, 4] - 12.0 * E[:, :, 5]
     M[:, :, 4] = T * (E[:, :, 3] - 4.0 * E[:, :, 4] + 6.0 * E[:, :, 5])
     M[:, :, 5] = T * (6.0 * E[:, :, 5] - 2.0 * E[:, :, 4])
-    M[1, :, 1] += T * I  # expm1 leaves the identity out: of x it is the change that is wanted
+    M[1, :, 1] += T * I  # expm1 leaves the identity out: row 0 gives the change of x
     M[1] /= T
     return M.reshape(2 * g, 6 * g)
 
 
-def _coupled(linked: NDArray[np.bool_]) -> list[list[int]]:
-    """Groups of fingers that are linked, directly or through others, each in order."""
+def _coupled_groups(linked: NDArray[np.bool_]) -> list[list[int]]:
+    """List the groups of fingers that are linked, directly or through others, each in order."""
     left = list(range(len(linked)))
     groups = []
     while left:
         group = [left.pop(0)]
         for i in group:
-            found = [j for j in left if linked[i, j] or linked[j, i]]
-            group += found
-            left = [j for j in left if j not in found]
+            neighbours = [j for j in left if linked[i, j] or linked[j, i]]
+            group += neighbours
+            left = [j for j in left if j not in neighbours]
         groups.append(sorted(group))
     return groups

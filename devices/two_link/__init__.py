@@ -4,7 +4,7 @@ One device is one arm and moves one finger.
 
 The paper (section IV.1) gives the links, 128 mm, and 5 ms sampling; everything else of the preset is our choice:
 
-| what | preset |
+| quantity | preset |
 |---|---|
 | links | l1 = l2 = 0.128 m |
 | masses, inertias about the centres | 0.060 and 0.050 kg, 8.2e-5 and 7.5e-5 kg m^2 |
@@ -75,7 +75,7 @@ def connect(
     delay: int = 0,
     board: Board | None = None,
 ) -> TwoLink | SimulatedTwoLink:
-    """One arm, one finger: simulated with the preset of this module, or behind `board`.
+    """Connect one arm, which moves one finger: simulated with the preset of this module, or real, behind `board`.
 
     A number stands for both joints alike. The mechanical settings (masses to damping) left out are the preset's for a
     simulated arm and unknown for a real one: its mass and damping are told only when all five are given.
@@ -108,37 +108,37 @@ def connect(
         zero=_pair("zero", zero),
         torque_limit=_pair("torque_limit", torque_limit, positive=True),
     )
-    given = {
+    settings = {
         "link_masses": link_masses,
         "link_inertias": link_inertias,
         "link_centres": link_centres,
         "rotor_inertias": rotor_inertias,
         "joint_damping": joint_damping,
     }
-    known = {name: _pair(name, value, least=0.0) for name, value in given.items() if value is not None}
+    figures = {name: _pair(name, value, least=0.0) for name, value in settings.items() if value is not None}
     window, late = _whole("velocity_window", velocity_window, 1), _whole("delay", delay, 0)
     if board is None:
-        return SimulatedTwoLink(arm, wiring, _mechanics(arm, wiring, PRESET | known), window, late)
+        return SimulatedTwoLink(arm, wiring, _mechanics(arm, wiring, PRESET | figures), window, late)
     if late:
-        raise InputError("delay", delay, "0 with a board", "only a simulated arm can be given a delay")
-    mechanics = _mechanics(arm, wiring, known) if len(known) == len(PRESET) else None
+        raise InputError("delay", delay, "0 with a board", "only a simulated arm has a delay of its own")
+    mechanics = _mechanics(arm, wiring, figures) if len(figures) == len(PRESET) else None
     return TwoLink(arm, wiring, board, mechanics=mechanics, velocity_window=window)
 
 
-def _mechanics(arm: Arm, wiring: Wiring, known: dict[str, Pair]) -> Mechanics:
-    gear, rotors = wiring.gear, known["rotor_inertias"]
+def _mechanics(arm: Arm, wiring: Wiring, figures: dict[str, Pair]) -> Mechanics:
+    gear, rotors = wiring.gear, figures["rotor_inertias"]
     return Mechanics(
         arm,
-        masses=known["link_masses"],
-        inertias=known["link_inertias"],
-        centres=known["link_centres"],
+        masses=figures["link_masses"],
+        inertias=figures["link_inertias"],
+        centres=figures["link_centres"],
         reflected=(rotors[0] * gear[0] ** 2, rotors[1] * gear[1] ** 2),
-        damping=known["joint_damping"],
+        damping=figures["joint_damping"],
     )
 
 
 def _pair(name: str, value: object, *, least: float = -math.inf, positive: bool = False) -> Pair:
-    """Two finite numbers, from one for both or a sequence of two."""
+    """Convert one number for both, or a sequence of two, to a pair of finite numbers."""
     bound = " above zero" if positive else " of zero or more" if least == 0.0 else ""
     expected = f"two finite numbers{bound}"
     both = finite(name, value, expected)

@@ -1,4 +1,4 @@
-"""The two-link arm of a finger: kinematics, reach, and what its masses amount to at the tip."""
+"""The two-link arm of a finger: kinematics, reach, and its effective mass and friction at the tip."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def links_at(lengths: Both, a1: float, a2: float) -> Links:
 class Arm:
     """p = base + l1 (cos a1, sin a1) + l2 (cos a2, sin a2), with a1, a2 the directions of the links.
 
-    Both angles are taken from the x axis, counterclockwise [rad]. What the joints turn by is q = (a1, a2) when both
+    Both angles are taken from the x axis, counterclockwise [rad]. The joints turn by q = (a1, a2) when both
     motors stand at the base (`drive="base"`: a belt or a parallelogram takes the second one's motion to link 2), and
     q = (a1, a2 - a1) when the second motor sits at the elbow (`drive="elbow"`). The elbow is to the left or to the
     right of the line from the base to the finger.
@@ -118,17 +118,17 @@ class Arm:
         return -1.0 if self.elbow == "left" else 1.0
 
     def tip(self, a1: float, a2: float) -> Pair:
-        """Position of the finger [m] at link directions a1, a2 [rad]."""
+        """Give the position of the finger [m] at link directions a1, a2 [rad]."""
         links = links_at(Both(*self.links), a1, a2)
         return self.base[0] + links.x1 + links.x2, self.base[1] + links.y1 + links.y2
 
     def jacobian(self, a1: float, a2: float) -> FloatArray:
-        """J = dp/da, (2, 2) [m], by the directions of the links."""
+        """Compute J = dp/da, (2, 2) [m], by the directions of the links."""
         links = links_at(Both(*self.links), a1, a2)
         return np.array([[-links.y1, -links.y2], [links.x1, links.x2]])
 
     def angles(self, x: float, y: float) -> Pair:
-        """a1, a2 [rad] that put the finger at x, y [m], with the elbow on its side; DeviceError out of reach."""
+        """Compute a1, a2 [rad] with the finger at x, y [m] and the elbow on its side; DeviceError out of reach."""
         dx, dy = x - self.base[0], y - self.base[1]
         self.check_reach(dx, dy)
         l1, l2 = self.links
@@ -138,13 +138,13 @@ class Arm:
         return a1, a1 + bend
 
     def check_reach(self, dx: float, dy: float) -> None:
-        """DeviceError if a finger at dx, dy from the base [m] is out of reach, with the figures."""
+        """Raise DeviceError, with the figures, if a finger at dx, dy from the base [m] is out of reach."""
         low, high = self.reach
         if not low <= math.hypot(dx, dy) <= high:
             raise DeviceError(self.reach_fault(dx, dy))
 
     def reach_fault(self, dx: float, dy: float) -> str:
-        """That a finger at dx, dy from the base [m] is out of reach, with the figures."""
+        """Explain, with the figures, that a finger at dx, dy from the base [m] is out of reach."""
         low, high = self.reach
         r = math.hypot(dx, dy)
         posture, way = ("stretched", "closer to") if r > high else ("folded", "away from")
@@ -157,7 +157,7 @@ class Arm:
 
     @property
     def elbow_fault(self) -> str:
-        """That the elbow is on the other side."""
+        """Message that the elbow is on the other side."""
         side = "right" if self.elbow == "left" else "left"
         return (
             f"the elbow of the arm at ({self.base[0]:.4f}, {self.base[1]:.4f}) m is on the {side}, expected on the "
@@ -201,7 +201,7 @@ class Mechanics:
 
     @property
     def constants(self) -> tuple[float, float, float, float, float, float, float]:
-        """I1, I2, m, r [kg m^2], d1, d, d2 [N m s/rad]."""
+        """Constants I1, I2, m, r [kg m^2], d1, d, d2 [N m s/rad]."""
         l1 = self.arm.links[0]
         i1 = self.inertias[0] + self.masses[0] * self.centres[0] ** 2 + self.masses[1] * l1**2
         i2 = self.inertias[1] + self.masses[1] * self.centres[1] ** 2
@@ -209,28 +209,28 @@ class Mechanics:
         return (i1 + r1, i2 + r2, self.masses[1] * l1 * self.centres[1], r, *self._by_direction(self.damping))
 
     def _by_direction(self, joint: Pair) -> tuple[float, float, float]:
-        """A'diag(joint) A with q = A a: entries 11, 12, 22."""
+        """Compute A'diag(joint) A with q = A a: entries 11, 12, 22."""
         if self.arm.drive == "base":
             return joint[0], 0.0, joint[1]
         return joint[0] + joint[1], -joint[1], joint[1]
 
     def mass_matrix(self, a1: float, a2: float) -> FloatArray:
-        """M(a), (2, 2) [kg m^2]."""
+        """Compute M(a), (2, 2) [kg m^2]."""
         i1, i2, m, r, *_ = self.constants
         mixed = m * math.cos(a2 - a1) + r
         return np.array([[i1, mixed], [mixed, i2]])
 
     def damping_matrix(self) -> FloatArray:
-        """D, (2, 2) [N m s/rad]."""
+        """Compute D, (2, 2) [N m s/rad]."""
         *_, d1, d, d2 = self.constants
         return np.array([[d1, d], [d, d2]])
 
     def effective_mass(self, a1: float, a2: float) -> FloatArray:
-        """Lambda = (J M^-1 J')^-1, (2, 2) [kg]: what the finger feels of the arm (Khatib 1987)."""
+        """Compute Lambda = (J M^-1 J')^-1, (2, 2) [kg], the mass of the arm at the finger (Khatib 1987)."""
         return self._at_tip(self.mass_matrix(a1, a2), a1, a2)
 
     def effective_friction(self, a1: float, a2: float) -> FloatArray:
-        """J^-T D J^-1, (2, 2) [N s/m]."""
+        """Compute J^-T D J^-1, (2, 2) [N s/m]."""
         return self._at_tip(self.damping_matrix(), a1, a2)
 
     def _at_tip(self, A: FloatArray, a1: float, a2: float) -> FloatArray:

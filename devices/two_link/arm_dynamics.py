@@ -93,7 +93,7 @@ class ArmStages(Record):
 
 
 class ArmConstants(Record):
-    """One arm's constants, and what is worked out for it; M and D as in `Mechanics`."""
+    """One arm's constants, and the terms of its present sample; M and D as in `Mechanics`."""
 
     base: Point  # [m]
     lengths: Both  # of the links [m]
@@ -124,7 +124,7 @@ class ArmPlantState(MiddlePlantState):  # type: ignore[misc] # mypy does not see
 STEP = 0.12  # largest (fastest rate of arm and hand) x (substep)
 MOST = 1000  # substeps
 
-TOO_FAST = 2  # what `advance` gives besides NOT_FINITE, 1
+TOO_FAST = 2  # code of `advance`, beside NOT_FINITE, 1
 
 
 @kernel
@@ -279,7 +279,7 @@ def plan(plant: ArmPlantState) -> None:
 def advance(plant: ArmPlantState) -> int:
     """Move the plant by one sample; then the targets' end becomes their beginning.
 
-    0; NOT_FINITE or TOO_FAST if it stays where it is.
+    Returns 0, or NOT_FINITE or TOO_FAST if the plant stays where it is.
     """
     n, T = plant.fingers, plant.period
     code: int = unfit(plant.effort, 7, 2 * n)  # the targets follow the efforts
@@ -333,11 +333,11 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
         return np.array([*counts, *(arm.offset + elbow for arm in self._block.arms)])
 
     def sensed(self, i: int) -> Index:
-        """Entries of the block where a1 and a2 of arm i stand."""
+        """Give the entries of the block where a1 and a2 of arm i stand."""
         return self._block.stages[i].now.offset + np.arange(2)
 
     def angles(self, i: int) -> memoryview:
-        """a1, a2, a1', a2' of arm i, seen by its encoders; the same memory for the plant's life."""
+        """Give a view of a1, a2, a1', a2' of arm i, for its encoders; the same memory for the plant's life."""
         view: memoryview = self._angles[i]
         return view
 
@@ -352,8 +352,8 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
         )
 
     def _put(self, position: FloatArray) -> None:
-        found = [arm.angles(x, y) for arm, (x, y) in zip(self._geometry, position.tolist(), strict=True)]
-        for i, (a1, a2) in enumerate(found):
+        postures = [arm.angles(x, y) for arm, (x, y) in zip(self._geometry, position.tolist(), strict=True)]
+        for i, (a1, a2) in enumerate(postures):
             self._turn(i, a1, a2)
 
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:

@@ -6,13 +6,13 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Many, Record, Table, floats, many, start_of, table
-from graspfx.devices._late import cleared, delayed
+from graspfx.devices._late import clear_line, delay_values
 from graspfx.devices.two_link.arm import Both, Links, Point, joint_angles, link_directions, links_at
 from graspfx.loop.velocity import VelocityEstimate, estimate
 
 
 class ArmState(Record):
-    """An arm as a device: what it is, what its encoders tell, what its motors are given."""
+    """An arm as a device: its geometry, its encoders' readings and its motors' torques."""
 
     base: Point  # [m]
     lengths: Both  # of the links [m]
@@ -27,7 +27,7 @@ class ArmState(Record):
     delay: int  # [samples]
     estimate_size: int  # entries of a velocity estimate
     slot: int  # row of the delay line that is filled next
-    angles: Both  # directions of the links, what the encoders of a simulated arm see [rad]
+    angles: Both  # directions of the links, read by the encoders of a simulated arm [rad]
     counts: Both
     links: Links  # [m]
     position: Point  # of the finger [m]
@@ -120,7 +120,7 @@ def count(x: float) -> float:
 
 @kernel
 def read(arm: ArmState) -> int:
-    """Count the directions of a simulated arm that are sensed; then as `follow`."""
+    """Convert the sensed directions of a simulated arm to counts; then as `follow`."""
     q1, q2 = joint_angles(arm.elbow, arm.angles.first, arm.angles.second)
     zero, step = arm.zero, arm.step
     arm.counts = Both(count((q1 - zero.first) / step.first), count((q2 - zero.second) / step.second))
@@ -129,14 +129,14 @@ def read(arm: ArmState) -> int:
 
 @kernel
 def write(arm: ArmState) -> int:
-    """Do as `drive` in a simulated arm, then go through the delay line and the gears to the joints; or stop it."""
+    """Drive a simulated arm through the delay line and the gears to the joints; stop it at a fault."""
     code = drive(arm)
     if code != 0:
         stop(arm)
         return code
     torque, gear = arm.torque, arm.gear
     if arm.delay > 0:
-        arm.slot = delayed(arm.line, arm.slot, arm.delay, torque)
+        arm.slot = delay_values(arm.line, arm.slot, arm.delay, torque)
     arm.effort[0] = torque[0] * gear.first
     arm.effort[1] = torque[1] * gear.second
     return 0
@@ -144,6 +144,6 @@ def write(arm: ArmState) -> int:
 
 @kernel
 def stop(arm: ArmState) -> int:
-    """Leave no torque of a simulated arm, and none on its way."""
-    cleared(arm.line, arm.delay, arm.effort)
+    """Set the torques of a simulated arm to zero, those in the delay line too."""
+    clear_line(arm.line, arm.delay, arm.effort)
     return 0

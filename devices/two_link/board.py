@@ -20,11 +20,11 @@ class Board(Protocol):
         """Make ready for one `counts` and one `torque` every `period` seconds, and enable the motors at zero torque."""
 
     def counts(self) -> tuple[int, int]:
-        """What the two encoders have counted since they stood at the arm's `zero`; never rolled over."""
+        """Read the counts of the two encoders since they stood at the arm's `zero`; they never roll over."""
         ...
 
     def torque(self, first: float, second: float) -> None:
-        """Torques of the two motors [N m], held until the next call."""
+        """Set the torques of the two motors [N m], which hold them until the next call."""
 
     def close(self) -> None:
         """Disable the motors and let go of the hardware."""
@@ -32,7 +32,7 @@ class Board(Protocol):
 
 @dataclass(frozen=True)
 class Wiring:
-    """What stands between the joints and the board, for each of the two.
+    """Encoders, gears and motors between the two joints and the board.
 
     Args:
         counts: of the encoder for a revolution of its motor.
@@ -52,5 +52,5 @@ class Wiring:
 
     @property
     def step(self) -> Pair:
-        """What a joint turns by for one count [rad]."""
+        """Angle by which each joint turns for one count [rad]."""
         return math.tau / (self.counts[0] * self.gear[0]), math.tau / (self.counts[1] * self.gear[1])

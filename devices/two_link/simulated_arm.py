@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see the shelf from inside the package
     """An arm before a board that is simulated with it: counts rounded, torques `delay` samples late.
 
-    What is done each sample are the kernels `reading` and `writing`, on the block `state`.
+    The kernels `reading` and `writing` run once a sample, on the block `state`.
     """
 
     reading = staticmethod(sample.read)
@@ -53,11 +53,11 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> ArmPlant:
-        """The arms of these devices, moved together with the hand at their tips."""
+        """Make the plant that moves the arms of these devices together with the hand at their tips."""
         arms = [device for device in devices if isinstance(device, SimulatedTwoLink)]
         if not arms or len(arms) < len(devices):
-            given = [type(device).__name__ for device in devices]
-            raise InputError("devices", given, "one or more simulated two-link arms")
+            kinds = [type(device).__name__ for device in devices]
+            raise InputError("devices", kinds, "one or more simulated two-link arms")
         plant = ArmPlant([device._known() for device in arms])
         for i, device in enumerate(arms):
             device._wire(plant, i)
@@ -69,7 +69,7 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
         self.stop()
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Position (1, 2) [m], velocity (1, 2) [m/s], time [s]; within one tick of the plant always the same."""
+        """Give position (1, 2) [m], velocity (1, 2) [m/s] and time [s], the same all through a tick of the plant."""
         estimator, plant = self._opened(), self._plant
         now = plant.placed, plant.time
         if now != self._seen:

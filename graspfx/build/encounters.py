@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx.build import bodies
 from graspfx.build.stock import Stock
-from graspfx.objects.surroundings import Obstacle, placed
+from graspfx.objects.surroundings import Obstacle, place_obstacle
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.part_tables import Object
@@ -51,7 +51,7 @@ def obstacles(scene: SceneTable, stock: Stock) -> list[Obstacle]:
     """Put the scene's obstacles in their places."""
     solids = [stock.solid(("obstacle", i), table) for i, table in enumerate(scene.obstacle)]
     return [
-        placed(table.name, solid.shape, scene.dimensions, *bodies.place(table, solid))
+        place_obstacle(table.name, solid.shape, scene.dimensions, *bodies.place(table, solid))
         for table, solid in zip(scene.obstacle, solids, strict=True)
     ]
 

@@ -1,1 +1,1 @@
-"""Rigid bodies and how they move: freely, on fixed planes, in PyBullet's world, or by other software."""
+"""Rigid bodies that move freely, on fixed planes, in PyBullet's world, or by other software."""

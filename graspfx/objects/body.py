@@ -1,4 +1,4 @@
-"""Native rigid bodies, with four integrators: what a body is to the loop, and how its block is filled."""
+"""Native rigid bodies with four integrators: the protocol of a body, and the filling of its block."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ VISCOUS_LIMIT = 2.0  # b T/m below which explicit viscosity decays
 
 
 class Body(Protocol):
-    """What moves an object: its parameters, its state and the wrench of the sample stand in one block."""
+    """A body that moves an object: parameters, state and the wrench of the sample stand in one block."""
 
     @property
     def state(self) -> FloatArray:
-        """The block, (SIZE,), offsets as in `objects.integrators`."""
+        """Block of the body, (SIZE,), offsets as in `objects.integrators`."""
         ...
 
     def step(self, T: float) -> None:
-        """Advance by T [s] under the wrench in the block, held."""
+        """Advance by T [s] under the wrench in the block, constant over the sample."""
 
     def free_motion(self, T: float) -> None:
         """Fill the NEXT and COMPLIANCE entries: the implicit integrator's motion over T [s] without a wrench."""
@@ -62,14 +62,14 @@ class BlockBody:
 
     @property
     def orientation(self) -> float | FloatArray | None:
-        """None on a line, the unwrapped angle [rad] in the plane, the quaternion x y z w in space."""
+        """Orientation: None on a line, the unwrapped angle [rad] in the plane, the quaternion x y z w in space."""
         if self.dimensions == 3:
             return self._quaternion
         return self._body.motion.angle if self.dimensions == 2 else None
 
     @property
     def angular_velocity(self) -> float | FloatArray | None:
-        """None on a line, about z in the plane, (3,) in world axes in space [rad/s]."""
+        """Angular velocity [rad/s]: None on a line, about z in the plane, (3,) in world axes in space."""
         if self.dimensions == 3:
             return self._angular_velocity
         return float(self._angular_velocity[2]) if self.dimensions == 2 else None
@@ -77,7 +77,7 @@ class BlockBody:
 
 @kernel
 def advance(body: BodyState, beside: Record, T: float) -> int:
-    """Move a body that nothing is in the way of; what stands beside its block is not used."""
+    """Move a body that meets nothing; the record beside its block is not used."""
     at.step(body, T)
     return 0
 
@@ -92,10 +92,10 @@ class NativeBody(BlockBody):
     """A rigid body moved by the integrator that its block names.
 
     A run may move it by its kernels: `stepping(S, o, F, f, T)`, 0 or a code, and `predicting(S, o, F, f, T)`, for the
-    body whose block starts at S[o] and what stands beside it at F[f], its `buffer`; S again where that is None.
+    body whose block starts at S[o] and its `buffer` at F[f]; S again where `buffer` is None.
 
     Args:
-        state: (SIZE,) the block, filled by `fill_body`; kept and written in place.
+        state: (SIZE,) the block, filled by `fill_body`; owned and written in place.
     """
 
     stepping: Callable[..., int] = staticmethod(advance)
@@ -104,11 +104,11 @@ class NativeBody(BlockBody):
     structure: tuple[int, ...] = ()  # entries of the buffer that never change and pick what the kernels do
 
     def fault_text(self, code: int) -> str:
-        """Why `stepping` gave this number instead of 0."""
+        """Explain a code of `stepping` other than 0."""
         raise InputError("code", code, "0: a body that meets nothing always moves on")
 
     def step(self, T: float) -> None:
-        """Advance by T [s] under the wrench in the block, held."""
+        """Advance by T [s] under the wrench in the block, constant over the sample."""
         at.step(self._body, T)
 
     def free_motion(self, T: float) -> None:
@@ -124,7 +124,7 @@ class NativeBody(BlockBody):
 
 
 def create(state: FloatArray) -> NativeBody:
-    """The body that `dynamics = "native"` names."""
+    """Make the body for `dynamics = "native"`."""
     return NativeBody(state)
 
 
@@ -144,7 +144,7 @@ def fill_body(
     velocity: ArrayLike | None = None,
     angular_velocity: float | ArrayLike | None = None,
 ) -> None:
-    """Writes a body's parameters and its state at time zero into its block.
+    """Write a body's parameters and its state at time zero into its block.
 
     Args:
         state: (SIZE,) overwritten whole.
@@ -154,7 +154,7 @@ def fill_body(
             axes (in the plane, too, then the third counts). Needed where a rotation is free.
         viscosity: b [N s/m]; rotational_viscosity: b_w [N m s/rad].
         integrator: "explicit", "semi-implicit", "exact" or "implicit".
-        free: which of the w = 1, 3, 6 freedoms move, in the order of G's rows; all of them if not given.
+        free: which of the w = 1, 3, 6 freedoms move, in the order of G's rows; by default all of them.
         gravity: (d,) [m/s^2].
         position: (d,) [m]; orientation: an angle [rad], or a unit quaternion x y z w.
         velocity: (d,) [m/s]; angular_velocity: a number, or (3,) in world axes [rad/s].
@@ -189,9 +189,9 @@ def fill_body(
     motion.array(Motion.velocity)[:d] = _vector("velocity", velocity, d)
     motion.quaternion = Quaternion(0.0, 0.0, 0.0, 1.0)
     if d == 1:
-        for name, given in (("orientation", orientation), ("angular_velocity", angular_velocity)):
-            if given is not None:
-                raise InputError(name, given, "none on a line")
+        for name, argument in (("orientation", orientation), ("angular_velocity", angular_velocity)):
+            if argument is not None:
+                raise InputError(name, argument, "none on a line")
     if d == 2:
         motion.angle = float(_vector("orientation", orientation, 0))
         motion.angular_velocity = Vector(0.0, 0.0, float(_vector("angular_velocity", angular_velocity, 0)))
@@ -204,45 +204,45 @@ def fill_body(
                 raise InputError("orientation", f"a quaternion of norm {norm:.6g}", "x y z w of norm 1")
             motion.quaternion = Quaternion(*(quaternion / norm))
     locked = movable == 0.0
-    for name, field, given, still in (
+    for name, field, argument, still in (
         ("velocity", Motion.velocity, velocity, locked[:3]),
         ("angular_velocity", Motion.angular_velocity, angular_velocity, locked[3:]),
     ):
         if motion.array(field)[still].any():
-            raise InputError(name, given, "zero where `free` is false")
+            raise InputError(name, argument, "zero where `free` is false")
     at.orient(body)
 
 
-def _vector(name: str, given: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
-    """Zeros for None; length 0 stands for one bare number."""
+def _vector(name: str, argument: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:
+    """Convert an argument to an array, None to zeros; length 0 stands for one bare number."""
     shape = (length,) if length else ()
-    if given is None:
+    if argument is None:
         return np.zeros(shape)
     expected = expected or (f"{length} finite numbers" if length else "a finite number")
-    value = finite(name, given, expected)
+    value = finite(name, argument, expected)
     if value.shape != shape:
-        raise InputError(name, given, expected)
+        raise InputError(name, argument, expected)
     return value
 
 
-def _moments(given: float | ArrayLike | None, d: int, needed: bool) -> FloatArray:
-    """Principal moments (3,) as the block has them."""
-    if given is None:
+def _moments(inertia: float | ArrayLike | None, d: int, needed: bool) -> FloatArray:
+    """Convert an inertia to the principal moments (3,) of the block."""
+    if inertia is None:
         if needed:
             raise InputError(
                 "inertia", None, "a moment of inertia [kg m^2]", "a rotation is free; give it, or lock that"
             )
         return np.zeros(3)
     expected = "a number above zero, or three principal moments [kg m^2]"
-    moments = finite("inertia", given, expected)
+    moments = finite("inertia", inertia, expected)
     if moments.shape not in ((), (3,)):
-        raise InputError("inertia", given, expected)
+        raise InputError("inertia", inertia, expected)
     values = np.full(3, moments)
     if d == 2:
         values[:2] = 0.0
     counted = values[2:] if d == 2 else values
     if needed and not (counted >= SMALLEST).all():
-        raise InputError("inertia", given, expected)
+        raise InputError("inertia", inertia, expected)
     if d == 3 and 2.0 * values.max() > values.sum() * (1.0 + 1e-9):
-        raise InputError("inertia", given, "moments of which none exceeds the sum of the others", "check their units")
+        raise InputError("inertia", inertia, "moments of which none exceeds the sum of the others", "check their units")
     return values

@@ -41,7 +41,7 @@ def decay_integrals(z: float) -> tuple[float, float, float, float]:
 
 @kernel
 def update_decay(decay: Decay, z: float) -> None:
-    """Compute the integrals for z where another z stands there, or nothing yet."""
+    """Compute the integrals for z unless they stand there for the same z."""
     if decay.z != z or decay.exponential == 0.0:
         decay.z = z
         decay.exponential, decay.first, decay.second, decay.turn = decay_integrals(z)
@@ -70,7 +70,7 @@ def exact_coefficients(T: float, E: float, one: float, two: float) -> Coefficien
 
 @kernel
 def step_coefficients(decay: Decay, kind: int, a: float, T: float) -> Coefficients:
-    """Compute the coefficients, those of the exact integrator from the integrals that stand in the block."""
+    """Compute the coefficients, those of the exact integrator from the integrals in the block."""
     if kind != EXACT:
         return coefficients(kind, a, T)
     update_decay(decay, a * T)

@@ -1,4 +1,4 @@
-"""The energy of a rigid body over one sample: what was done on it, what viscosity took, what its integrator made up.
+"""The energy of a rigid body over one sample: work, viscous loss and the defect of its integrator.
 
 With the held force F, gravity g, the planes' force C and the motion dx of the sample
 
@@ -11,7 +11,7 @@ With the held force F, gravity g, the planes' force C and the motion dx of the s
 | implicit | T b v+^2 | -1/2 m (v+ - v)^2 |
 | exact | integral of b v^2 | 0 |
 
-Rotations likewise with moments and the rotation vector. In space what the turn of the inertia adds is a defect, too:
+Rotations likewise with moments and the rotation vector. In space the turn of the inertia adds a defect, too:
 1/2 w+'(I+ - I) w+, and -T w+'(w x I w) where the body is moved by w+.
 """
 
@@ -24,7 +24,7 @@ from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Record
 from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
 from graspfx.objects.decay import decay_integrals
-from graspfx.objects.rotation import momentum, scaled
+from graspfx.objects.rotation import momentum, multiply
 from graspfx.spatial import ZERO, Quaternion, Vector, cross, dot, total
 
 SERIES = 0.5  # of b T/m: below, differences of exponentials would cancel
@@ -94,7 +94,7 @@ def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
             fallen += m * g * dx
             v, after = before.velocity[a], motion.velocity[a]
             loss += viscous(kind, m, b, T, v, after, (F + C) / m + g)
-            defect += made_up(kind, m, v, after)
+            defect += velocity_defect(kind, m, v, after)
     if d == 2 and body.free_rotation.z != 0.0:
         J, turn = body.inertia.z, motion.angle - before.angle
         start.turn[2] = turn
@@ -103,7 +103,7 @@ def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
         met += C * turn
         w, after = before.angular_velocity.z, motion.angular_velocity.z
         turning_loss = viscous(kind, J, body.rotational_viscosity, T, w, after, (M + C) / J)
-        turning_defect = made_up(kind, J, w, after)
+        turning_defect = velocity_defect(kind, J, w, after)
     if d == 3 and total(body.free_rotation) > 0.0:
         start.turn = rotation_vector(body, before.quaternion)
         done = 0.0
@@ -116,17 +116,17 @@ def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
 
 
 def viscous(kind: int, m: float, b: float, T: float, v: float, after: float, u: float) -> float:
-    """Compute what viscosity takes over a sample [J]; u = force/m."""
+    """Compute the energy that viscosity takes over a sample [J]; u = force/m."""
     if kind != EXACT:
         if kind == EXPLICIT:
             return T * b * v * v
         return T * b * after * (v if kind < EXACT else after)
     z = b * T / m
     rise = T * (u - b / m * v)  # v(t) = v + rise (1 - exp(-z t/T))/z
-    return T * b * (v * v + 2.0 * v * rise * decay_integrals(z)[2] + rise * rise * squared(z))
+    return T * b * (v * v + 2.0 * v * rise * decay_integrals(z)[2] + rise * rise * decay_square(z))
 
 
-def squared(z: float) -> float:
+def decay_square(z: float) -> float:
     """Integrate ((1 - exp(-z s))/z)^2 over s from 0 to 1: (z - 2 (1 - E) + (1 - E^2)/2)/z^3, 1/3 at zero."""
     if z > SERIES:
         E = math.exp(-z)
@@ -140,8 +140,8 @@ def squared(z: float) -> float:
     return total
 
 
-def made_up(kind: int, m: float, before: float, after: float) -> float:
-    """Compute m (v+ - v) times the mean velocity less that which moved the body [J]."""
+def velocity_defect(kind: int, m: float, before: float, after: float) -> float:
+    """Compute m (v+ - v) times the mean velocity less the velocity of the step [J]."""
     if kind == EXACT:
         return 0.0
     return (0.5 if kind == EXPLICIT else -0.5) * m * (after - before) * (after - before)
@@ -170,7 +170,7 @@ def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
         cosine, scale = -cosine, -2.0
     if sine > 0.0:
         scale *= math.atan2(sine, cosine) / sine
-    return scaled(body.free_rotation * scale, u)
+    return multiply(body.free_rotation * scale, u)
 
 
 @kernel
@@ -178,7 +178,7 @@ def settle_rotation(body: BodyState, start: SampleStart, T: float, done: float) 
     """Compute viscous loss and defect of rotation in space [J]; `done` is the work of all moments.
 
     Exact about one axis, and of a body with equal moments. Where exact is of fourth order, the loss is that of the mean
-    square velocity and the defect what energy the step has beyond the work.
+    square velocity and the defect the energy of the step beyond the work.
     """
     kind, b = body.integrator, body.rotational_viscosity
     q, v, u = start.motion.quaternion, start.motion.angular_velocity, body.motion.angular_velocity

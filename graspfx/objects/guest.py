@@ -1,4 +1,4 @@
-"""Bodies that other software moves: what is handed to it and what it tells, and the protocol of such a body."""
+"""Bodies that other software moves: the exchange of wrench and motion, and the protocol of such a body."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from graspfx.compile.records import Record, size_of, start_of
 from graspfx.objects.body import FloatArray
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
-from graspfx.objects.rotation import scaled
+from graspfx.objects.rotation import multiply
 from graspfx.spatial import Quaternion, Vector, exponential, rotate
 
 
 class GuestState(Record):
-    """A body's part of the buffer: what it is like, what is handed over, what is told; world axes."""
+    """A body's part of the buffer: its properties, the wrench sent and the motion received; world axes."""
 
     by_spin: bool  # it is handed the angular velocity after the step, else a moment
     free_translation: Vector  # 1.0 or 0.0
     free_rotation: Vector
     turns: int  # how many rotations are free
     axis: int  # the first of them
-    share: float  # (1 - E)/(b T/m), E = exp(-b T/m): of a constant force, so that it does what viscosity leaves of it
+    share: float  # (1 - E)/(b T/m), E = exp(-b T/m): of a constant force, the share that viscosity leaves
     shares: Vector  # the same about the principal axes
-    moments: Vector  # of inertia, that the software has been given [kg m^2]
+    moments: Vector  # of inertia, as the software has them [kg m^2]
     start: Quaternion  # from which one free rotation is counted
     start_angle: float  # that the plane's began with [rad]
     angle: float  # of one free rotation since then, unwrapped [rad]
     push: Vector  # handed over [N]
     twist: Vector  # [N m], or [rad/s]
-    waiting: bool  # something was handed over whose outcome has not been taken yet
-    velocity: Vector  # told [m/s]
+    waiting: bool  # a wrench was sent whose motion has not been taken yet
+    velocity: Vector  # received [m/s]
     place: Vector  # [m], of a body with a free rotation; of others it is x + T v
     turn: Quaternion  # since the start, or all of it if more than one rotation is free
     spin: Vector  # [rad/s]
 
 
 SIZE = size_of(GuestState)
-STRUCTURE = start_of(GuestState, "share")  # what is before never changes
+STRUCTURE = start_of(GuestState, "share")  # the entries before it never change
 
 TURN_LIMIT = 0.25 * math.pi  # PyBullet turns a body no further than this in one step, whatever its angular velocity
 TOO_FAST = 1
@@ -49,24 +49,24 @@ TOO_FAST = 1
 class Guest(Protocol):
     """A body, or a world of bodies, that other software moves by one call between two ticks.
 
-    A run computes what that software is handed at the end of a tick, `handing(S, o, F, f, T)` for each body whose block
-    starts at S[o] and whose part of the buffer at F[f]; calls `exchange`; and takes what it was told at the beginning
+    A run computes the wrenches for that software at the end of a tick, `handing(S, o, F, f, T)` for each body whose
+    block starts at S[o] and whose part of the buffer at F[f]; calls `exchange`; and takes the motion at the beginning
     of the next tick, `taking(S, o, F, f, T)`: 0, or a code if the body cannot go on.
     """
 
     @property
     def buffer(self) -> FloatArray:
-        """What is handed over and told, the same array for its life."""
+        """Buffer of the wrenches sent and the motions received, the same array for the guest's life."""
         ...
 
     @property
     def structure(self) -> Sequence[int]:
-        """Entries of the buffer that never change and pick what the kernels do."""
+        """Entries of the buffer that never change and select the kernels' work."""
         ...
 
     @property
     def places(self) -> Sequence[int]:
-        """Where the part of each body starts; -1 for one that never moves."""
+        """Starts of the bodies' parts; -1 for one that never moves."""
         ...
 
     @property
@@ -76,17 +76,17 @@ class Guest(Protocol):
     def taking(self) -> Any: ...
 
     def hold(self, T: float) -> None:
-        """From here on every sample takes T [s]."""
+        """Set the period of every sample from here on to T [s]."""
 
     def exchange(self) -> None:
-        """Hand over, step, be told: the only call of a tick that is no kernel."""
+        """Send the wrenches, let the software step, and receive the motions: the one Python call of a tick."""
 
     def take(self) -> int:
-        """What was told last, if it has not been taken yet; 0, or the code of the first body that cannot go on."""
+        """Take the last motions once; give 0, or the code of the first body that cannot go on."""
         ...
 
     def fault_text(self, code: int) -> str:
-        """Why a body cannot go on."""
+        """Explain why a body cannot go on."""
         ...
 
 
@@ -110,11 +110,11 @@ def hand_over(body: BodyState, guest: GuestState, T: float) -> None:
 def viscous_moment(body: BodyState, guest: GuestState) -> Vector:
     """Compute the moment with exact viscosity, world axes [N m]."""
     motion, shares = body.motion, guest.shares
-    moment = scaled(body.free_rotation, body.moment - body.rotational_viscosity * motion.angular_velocity)
+    moment = multiply(body.free_rotation, body.moment - body.rotational_viscosity * motion.angular_velocity)
     if shares.x == shares.y == shares.z:
         return shares.x * moment
     q = motion.quaternion
-    return rotate(q, scaled(shares, rotate(q.conjugate, moment)))
+    return rotate(q, multiply(shares, rotate(q.conjugate, moment)))
 
 
 @kernel
@@ -127,7 +127,7 @@ def spin_after(body: BodyState, guest: GuestState, T: float, moment: Vector) -> 
 
 @kernel
 def take_over(body: BodyState, guest: GuestState, T: float) -> int:
-    """Take the motion told after a step of T [s] into the block; TOO_FAST for a turn that was cut short."""
+    """Write the motion received after a step of T [s] to the block; TOO_FAST for a turn that was cut short."""
     if not guest.waiting:
         return 0
     guest.waiting = False
@@ -168,11 +168,11 @@ def take_over(body: BodyState, guest: GuestState, T: float) -> int:
 
 @kernel
 def unwrapped_angle(guest: GuestState, T: float) -> float:
-    """Compute the angle of the one free rotation [rad], of all that the quaternion may mean the nearest."""
+    """Compute the angle of the one free rotation [rad], the nearest to the expected one of those of the quaternion."""
     axis, q = guest.axis, guest.turn
     sine = q.x if axis == 0 else (q.y if axis == 1 else q.z)
     angle = 2.0 * math.atan2(sine, q.w)
-    ahead = guest.angle + T * guest.spin[axis]
-    angle += 2.0 * math.pi * math.floor((ahead - angle) / (2.0 * math.pi) + 0.5)
+    expected = guest.angle + T * guest.spin[axis]
+    angle += 2.0 * math.pi * math.floor((expected - angle) / (2.0 * math.pi) + 0.5)
     guest.angle = angle
     return angle

@@ -1,7 +1,7 @@
-"""How a rigid body moves during one sample: the body's block, and its integrators.
+"""The motion of a rigid body during one sample: the body's block, and its integrators.
 
 The wrench and gravity are held over the sample; viscosity is linear, m v' + b v = f + m g and
-(I w)' + b_w w = tau. Free directions are world axes: a locked one carries whatever force holds it still.
+(I w)' + b_w w = tau. Free directions are world axes: a locked one bears any force without motion.
 
 | integrator | translation, plane rotation | rotation in space |
 |---|---|---|
@@ -50,11 +50,10 @@ NEXT_ANGULAR_VELOCITY = _NEXT + start_of(Motion, "angular_velocity")
 NEXT_ROTATION = _NEXT + start_of(Motion, "rotation")
 COMPLIANCE = start_of(BodyState, "compliance")
 ROTATIONAL_COMPLIANCE = start_of(BodyState, "rotational_compliance")
-HELD = start_of(BodyState, "translation_decay")
-HELD_TURN = start_of(BodyState, "rotation_decay")
+DECAY = start_of(BodyState, "translation_decay")
 SIZE = size_of(BodyState)
 
-LOCKED = Matrix(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # no rotation whatever the moment
+LOCKED = Matrix(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # no rotation under any moment
 
 
 @kernel
@@ -93,34 +92,34 @@ def step(body: BodyState, T: float) -> None:
 
 @kernel
 def predict(body: BodyState, T: float) -> None:
-    """Compute where the body will be after T [s] if nothing pushes it, and how far a wrench moves it from there.
+    """Compute where the body will be after T [s] without a wrench, and its compliance to one.
 
     Under the implicit integrator, x+ = x_next + C f to the last bit with the compliance C, and in the plane
     angle+ = angle_next + C_r moment; in space R+ = exp(C_r moment) R_next up to terms of T |w| times that rotation.
     """
-    d, motion, ahead = body.dimensions, body.motion, body.next_motion
+    d, motion, next_motion = body.dimensions, body.motion, body.next_motion
     c = coefficients(IMPLICIT, body.viscosity / body.mass, T)
     body.compliance = c.q / body.mass
     for a in range(3):
         x, v = motion.position[a], motion.velocity[a]
         if body.free_translation[a] != 0.0:
             x, v = x + c.p * v + c.q * body.gravity[a], c.r * v + c.s * body.gravity[a]
-        ahead.position[a] = x
-        ahead.velocity[a] = v
-    ahead.angular_velocity = motion.angular_velocity
-    ahead.rotation = motion.rotation
+        next_motion.position[a] = x
+        next_motion.velocity[a] = v
+    next_motion.angular_velocity = motion.angular_velocity
+    next_motion.rotation = motion.rotation
     body.rotational_compliance = LOCKED
     if d == 2 and body.free_rotation.z != 0.0:
         J, w = body.inertia.z, motion.angular_velocity.z
         c = coefficients(IMPLICIT, body.rotational_viscosity / J, T)
-        ahead.rotation = angle_matrix(motion.angle + c.p * w)
-        ahead.angular_velocity[2] = c.r * w
+        next_motion.rotation = angle_matrix(motion.angle + c.p * w)
+        next_motion.angular_velocity[2] = c.r * w
         body.rotational_compliance[8] = c.q / J
     if d == 3 and total(body.free_rotation) > 0.0:
         q, extra = motion.quaternion, T * body.rotational_viscosity
         spin = new_spin(body, T, IMPLICIT, ZERO)
-        ahead.angular_velocity = spin
-        ahead.rotation = quaternion_matrix(normalise(exponential(T * spin) @ q))
+        next_motion.angular_velocity = spin
+        next_motion.rotation = quaternion_matrix(normalise(exponential(T * spin) @ q))
         x_column = spin_of(body, q, extra, Vector(1.0, 0.0, 0.0))
         y_column = spin_of(body, q, extra, Vector(0.0, 1.0, 0.0))
         z_column = spin_of(body, q, extra, Vector(0.0, 0.0, 1.0))

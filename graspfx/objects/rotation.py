@@ -14,7 +14,7 @@ STRIDES = 10_000  # at most, so that a run that has diverged still ends
 
 
 @inline
-def scaled(a: Vector, b: Vector) -> Vector:
+def multiply(a: Vector, b: Vector) -> Vector:
     """Multiply two vectors component by component."""
     return Vector(a.x * b.x, a.y * b.y, a.z * b.z)
 
@@ -22,7 +22,7 @@ def scaled(a: Vector, b: Vector) -> Vector:
 @inline
 def momentum(body: BodyState, q: Quaternion, w: Vector) -> Vector:
     """Compute I w in world axes, for the orientation q."""
-    return rotate(q, scaled(body.inertia, rotate(q.conjugate, w)))
+    return rotate(q, multiply(body.inertia, rotate(q.conjugate, w)))
 
 
 @kernel
@@ -61,9 +61,9 @@ def spin_of(body: BodyState, q: Quaternion, extra: float, L: Vector) -> Vector:
         u = rotate(q.conjugate, L)
         return rotate(q, Vector(u.x / I.x, u.y / I.y, u.z / I.z))
     # columns of I + extra in world axes, then elimination with unit rows for the locked axes
-    x = rotate(q, scaled(I, rotate(q.conjugate, Vector(1.0, 0.0, 0.0))))
-    y = rotate(q, scaled(I, rotate(q.conjugate, Vector(0.0, 1.0, 0.0))))
-    z = rotate(q, scaled(I, rotate(q.conjugate, Vector(0.0, 0.0, 1.0))))
+    x = rotate(q, multiply(I, rotate(q.conjugate, Vector(1.0, 0.0, 0.0))))
+    y = rotate(q, multiply(I, rotate(q.conjugate, Vector(0.0, 1.0, 0.0))))
+    z = rotate(q, multiply(I, rotate(q.conjugate, Vector(0.0, 0.0, 1.0))))
     xx, xy, xz, yy, yz, zz = x.x, x.y, x.z, y.y, y.z, z.z
     Lx, Ly, Lz = L.x, L.y, L.z
     if free.x == 0.0:
@@ -82,7 +82,7 @@ def spin_of(body: BodyState, q: Quaternion, extra: float, L: Vector) -> Vector:
 
 @kernel
 def turn_exactly(body: BodyState, T: float) -> None:
-    """Rotate by the best that there is: exact velocity where one exists, fourth order in any case."""
+    """Rotate by the most exact step: exact velocity where one exists, fourth order in any case."""
     I, free = body.inertia, body.free_rotation  # noqa: E741 (the inertia's letter)
     if I.x == I.y == I.z:
         turn_steadily(body, T, I.x)
@@ -111,7 +111,7 @@ def turn_steadily(body: BodyState, T: float, J: float) -> None:
     update_decay(decay, body.rotational_viscosity / J * T)
     one, two = decay.first, decay.second
     w = motion.angular_velocity
-    a = scaled(body.free_rotation, body.moment) / J
+    a = multiply(body.free_rotation, body.moment) / J
     g = -T * T * T * decay.turn
     turn_by(motion, T * (one * w + T * two * a) + g * cross(w, a))
     motion.angular_velocity = decay.exponential * w + T * one * a
@@ -145,7 +145,7 @@ def turn_freely(body: BodyState, h: float) -> None:
     k, g = h / 6.0, h * h / 12.0
     q = normalise(q @ exponential(k * (a + 2.0 * (b + c) + d) + g * cross(a, d)))
     motion.quaternion = q
-    motion.angular_velocity = scaled(body.free_rotation, rotate(q, a + k * (slopes + f)))
+    motion.angular_velocity = multiply(body.free_rotation, rotate(q, a + k * (slopes + f)))
 
 
 @kernel

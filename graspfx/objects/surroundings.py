@@ -1,4 +1,4 @@
-"""What bodies meet: the members of a world, the obstacles in it, and the law of contact among them."""
+"""Members of a world, the obstacles in it, and the law of contact among them."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ class Meeting:
     collide: bool = True
 
 
-def placed(
+def place_obstacle(
     name: str, shape: Any, d: int, position: Any = None, orientation: float | tuple[float, ...] | None = None
 ) -> Obstacle:
-    """An obstacle in d dimensions from a position (d,) and an angle [rad] or a quaternion x, y, z, w."""
+    """Place an obstacle in d dimensions at a position (d,) and an angle [rad] or a quaternion x, y, z, w."""
     x = np.zeros(3)
     if position is not None:
         x[:d] = position

@@ -21,7 +21,7 @@ from graspfx.objects.floor import floor, rest
 from graspfx.objects.floor.floor import FloorBody
 from graspfx.objects.floor.planes import FloorState
 from graspfx.objects.guest import GuestState
-from graspfx.objects.surroundings import Meeting, Member, placed
+from graspfx.objects.surroundings import Meeting, Member, place_obstacle
 from graspfx.spatial import Quaternion, Vector
 from graspfx.surfaces.closed_form.shape import Box, Cylinder, Ellipsoid, HalfSpace, Sphere
 
@@ -114,7 +114,7 @@ def test_bodies_on_planes(shape: Any, integrator: str) -> None:
     motion = BodyState(state).motion
     motion.position, motion.velocity = Vector(0.03, 0.0, 0.03), Vector(-0.5, 0.2, -0.5)
     BodyState(state).gravity, BodyState(state).force = Vector(0.0, 0.0, -9.81), Vector(-0.2, 0.0, 0.0)
-    planes = [placed("floor", HalfSpace((0, 0, 1)), 3), placed("wall", HalfSpace((1, 0, 0)), 3)]
+    planes = [place_obstacle("floor", HalfSpace((0, 0, 1)), 3), place_obstacle("wall", HalfSpace((1, 0, 0)), 3)]
     body = FloorBody(Member(state, shape), planes, Meeting(0.4, 0.0, 2e4))
     touched = 0
     for _ in range(25):
@@ -149,7 +149,7 @@ def test_guests(d: int, turns: int, by_spin: bool) -> None:
 
 def test_a_prediction_on_planes_turns_what_the_floor_turns() -> None:
     state = random_body(3, "implicit", [True] * 6, [4e-5, 5e-5, 6e-5], np.random.default_rng(2))
-    body = FloorBody(Member(state, Sphere(0.02)), [placed("floor", HalfSpace((0, 0, 1)), 3)], Meeting())
+    body = FloorBody(Member(state, Sphere(0.02)), [place_obstacle("floor", HalfSpace((0, 0, 1)), 3)], Meeting())
     block = FloorState(body.buffer)
     block.force, block.moment = Vector(0.1, -0.2, 1.0), Vector(1e-3, 2e-3, -1e-3)
     before = BodyState(state).next_motion.array(Motion.rotation).copy()

@@ -8,7 +8,7 @@ from math import acos, cos, cosh, exp, expm1, inf, sin, sinh, sqrt
 WALL_WIDTH = 4  # numbers per point: m, b, T, k_s
 EXTERNAL_WIDTH = 6  # m, b, T, k_s, m_v/n, b_v/n
 
-TERMS = 20  # at most, of the series of `held`
+TERMS = 20  # at most, of the series of `force_response`
 DONE = 1e-18  # of the sum 1/2: terms of the series below it are nothing
 WIDE = 0.5  # as in `discrete`
 STIFF = 0.5
@@ -22,17 +22,17 @@ HALF_ROOT_3 = sqrt(0.75)
 
 
 def wall_limits(points: Sequence[float], limits: list[float], start: int, stop: int) -> None:
-    """limits[i] of points[4 i : 4 i + 4] = m, b, T, k_s for start <= i < stop; buffers of float64."""
+    """Write limits[i] of points[4 i : 4 i + 4] = m, b, T, k_s for start <= i < stop; buffers of float64."""
     for i in range(start, stop):
         j = 4 * i
         limits[i] = wall_limit(points[j], points[j + 1], points[j + 2], points[j + 3])
 
 
 def external_limits(points: Sequence[float], limits: list[float], start: int, stop: int, integrator: int) -> None:
-    """limits[i] of points[6 i : 6 i + 6] = m, b, T, k_s, m_v/n, b_v/n; the integrator by its place in `INTEGRATORS`."""
+    """Write limits[i] of points[6 i : 6 i + 6] = m, b, T, k_s, m_v/n, b_v/n; `integrator` counts `INTEGRATORS`."""
     m, b, T, k_s, rate = 0.0, 0.0, 0.0, 0.0, 0.0
     d0, d1, n0, n1 = 0.0, 0.0, 0.0, 0.0
-    by_v, by_u, decay, gained = 0.0, 0.0, 0.0, 0.0
+    by_v, by_u, decay, response = 0.0, 0.0, 0.0, 0.0
     for i in range(start, stop):
         j = 6 * i
         M = points[j + 4]
@@ -43,8 +43,8 @@ def external_limits(points: Sequence[float], limits: list[float], start: int, st
             d0, d1, n0, n1 = device(m, b, T, k_s)
         if other_period or points[j + 5] / M != rate:
             rate = points[j + 5] / M
-            by_v, by_u, decay, gained = object_step(integrator, rate, T)
-        at, above = (by_u * decay + by_v * gained) / M, by_u / M
+            by_v, by_u, decay, response = object_step(integrator, rate, T)
+        at, above = (by_u * decay + by_v * response) / M, by_u / M
         is_exact = integrator == 3
         limits[i] = external_limit(
             m / (T * T), d0, d1, n0, n1, decay, at, at + above if is_exact else above, above if is_exact else 0.0
@@ -52,7 +52,7 @@ def external_limits(points: Sequence[float], limits: list[float], start: int, st
 
 
 def wall_limit(m: float, b: float, T: float, k_s: float) -> float:
-    """The end of the stable k that begin at zero, D + k N of degree 2 in s = z - 1 (`characteristic.wall`)."""
+    """Find the end of the stable k from zero on, D + k N of degree 2 in s = z - 1 (`characteristic.wall`)."""
     D0, D1, N0, N1 = device(m, b, T, k_s)
     a0, a1, a2 = D0, 2.0 * (D1 - D0), D0 - 2.0 * D1 + 4.0
     b0, b1, b2 = N0, 2.0 * (N1 - N0), N0 - 2.0 * N1
@@ -82,7 +82,7 @@ def wall_limit(m: float, b: float, T: float, k_s: float) -> float:
 def external_limit(
     unit: float, d0: float, d1: float, n0: float, n1: float, decay: float, x0: float, x1: float, x2: float
 ) -> float:
-    """The same for a device (n0 + n1 s)/(d0 + d1 s + s^2) and its share of the object, of degree 4.
+    """Find that end for a device (n0 + n1 s)/(d0 + d1 s + s^2) and its share of the object, of degree 4.
 
     The object's position per force is (x0 + x1 s + x2 s^2)/(decay s + s^2) (`characteristic.external`).
     """
@@ -126,15 +126,15 @@ def external_limit(
 
 
 def device(m: float, b: float, T: float, k_s: float) -> tuple[float, float, float, float]:
-    """Denominator (d0, d1, 1) and numerator (n0, n1), as `discrete.device`."""
+    """Compute the denominator (d0, d1, 1) and the numerator (n0, n1), as `discrete.device`."""
     p, kappa = b / m, k_s / m
-    R, Q = held(p, kappa, T)
+    R, Q = force_response(p, kappa, T)
     low = Q * (kappa * Q + p * R) + R * R
     return kappa * low, 2.0 * kappa * Q + p * R, low / m, Q / m
 
 
-def held(p: float, kappa: float, T: float) -> tuple[float, float]:
-    """R and Q of x'' + p x' + kappa x = u, as `discrete.held`."""
+def force_response(p: float, kappa: float, T: float) -> tuple[float, float]:
+    """Compute R and Q of x'' + p x' + kappa x = u, as `discrete.force_response`."""
     alpha = 0.5 * p
     discriminant = alpha * alpha - kappa
     root = sqrt(abs(discriminant))
@@ -167,12 +167,12 @@ def held(p: float, kappa: float, T: float) -> tuple[float, float]:
 
 
 def mean_exponential(x: float) -> float:
-    """(exp(x) - 1)/x."""
+    """Compute (exp(x) - 1)/x."""
     return expm1(x) / x if x != 0.0 else 1.0
 
 
 def object_step(integrator: int, rate: float, T: float) -> tuple[float, float, float, float]:
-    """(p, q, 1 - r, s) of an object's step, as `discrete.object_step`."""
+    """Compute (p, q, 1 - r, s) of an object's step, as `discrete.object_step`."""
     if integrator == 0:
         return T, 0.0, T * rate, T
     if integrator == 1:
@@ -180,14 +180,14 @@ def object_step(integrator: int, rate: float, T: float) -> tuple[float, float, f
     if integrator == 3:
         r = 1.0 / (1.0 + T * rate)
         return T * r, T * T * r, T * rate * r, T * r
-    R, Q = held(rate, 0.0, T)
+    R, Q = force_response(rate, 0.0, T)
     if integrator == 4:
         return T * (1.0 - rate * R), T * R, rate * R, R
     return R, Q, rate * R, R
 
 
 def gain(above: float, below: float) -> float:
-    """above/below, infinite for none."""
+    """Compute above/below, infinite where below is zero."""
     return above / below if below != 0.0 else inf
 
 
@@ -204,7 +204,7 @@ def gain_at(
     b3: float,
     b4: float,
 ) -> float:
-    """The gain whose root stands on the circle at tan^2(theta/2) = y, infinite where y is none."""
+    """Compute the gain whose root is on the circle at tan^2(theta/2) = y, infinite unless y is positive."""
     if not y > 0.0:
         return inf
     A, C = a0 + y * (y * a4 - a2), b0 + y * (y * b4 - b2)
@@ -213,7 +213,7 @@ def gain_at(
 
 
 def is_hurwitz(c0: float, c1: float, c2: float, c3: float, c4: float) -> bool:
-    """Routh's array of a quartic."""
+    """Test a quartic by Routh's array."""
     if c4 < 0.0:
         c0, c1, c2, c3, c4 = -c0, -c1, -c2, -c3, -c4
     if not (c0 > 0.0 and c1 > 0.0 and c2 > 0.0 and c3 > 0.0 and c4 > 0.0):
@@ -223,28 +223,28 @@ def is_hurwitz(c0: float, c1: float, c2: float, c3: float, c4: float) -> bool:
 
 
 def positive_roots(h0: float, h1: float, h2: float, h3: float) -> tuple[float, float, float]:
-    """Positive real roots of a cubic with ascending coefficients, -1 for the others; as `critical.positive_roots`."""
+    """Find the positive real roots of a cubic, ascending coefficients, -1 for others; as `critical.positive_roots`."""
     least = TRIM * max(abs(h0), abs(h1), abs(h2), abs(h3))
     if abs(h3) > least:
         c, b, a = h0 / h3, h1 / h3, h2 / h3
         y_1, y_2, y_3 = cubic_roots(c, b, a)
-        return polished(y_1, c, b, a, 1.0), polished(y_2, c, b, a, 1.0), polished(y_3, c, b, a, 1.0)
+        return polish_root(y_1, c, b, a, 1.0), polish_root(y_2, c, b, a, 1.0), polish_root(y_3, c, b, a, 1.0)
     if abs(h2) > least:
         c, b = h0 / h2, h1 / h2
         D = 0.25 * b * b - c
         if D < 0.0:
             y = -0.5 * b if REAL * REAL * c + D >= 0.0 else -1.0
-            return polished(y, c, b, 1.0, 0.0), -1.0, -1.0
+            return polish_root(y, c, b, 1.0, 0.0), -1.0, -1.0
         q = -0.5 * b - sqrt(D) if b > 0.0 else -0.5 * b + sqrt(D)
         other = c / q if q != 0.0 else 0.0
-        return polished(q, c, b, 1.0, 0.0), polished(other, c, b, 1.0, 0.0), -1.0
+        return polish_root(q, c, b, 1.0, 0.0), polish_root(other, c, b, 1.0, 0.0), -1.0
     if abs(h1) > least:
         return -h0 / h1, -1.0, -1.0
     return -1.0, -1.0, -1.0
 
 
 def cubic_roots(c: float, b: float, a: float) -> tuple[float, float, float]:
-    """First guesses by Cardano's formula, -1 where a root is complex."""
+    """Estimate the roots by Cardano's formula, -1 where a root is complex."""
     shift = a / 3.0
     p, q = b / 3.0 - shift * shift, shift * shift * shift + 0.5 * (c - shift * b)
     D = q * q + p * p * p
@@ -264,8 +264,8 @@ def cubic_roots(c: float, b: float, a: float) -> tuple[float, float, float]:
     return u + v - shift, -1.0, -1.0
 
 
-def polished(y: float, h0: float, h1: float, h2: float, h3: float) -> float:
-    """Newton's steps on a positive root, kept where they lower |h|."""
+def polish_root(y: float, h0: float, h1: float, h2: float, h3: float) -> float:
+    """Improve a positive root by Newton's steps as long as they lower |h|."""
     if not y > 0.0:
         return -1.0
     value = h0 + y * (h1 + y * (h2 + y * h3))

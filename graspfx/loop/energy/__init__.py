@@ -1,1 +1,1 @@
-"""Where the energy of a grasp goes, and the damping that takes what leaks."""
+"""Energy of a grasp: its ledger, and the damping that dissipates leaks."""

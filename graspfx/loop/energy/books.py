@@ -1,4 +1,4 @@
-"""The books of one object's energy as they stand in a block: accounts, what fingers hold, what is recorded."""
+"""The ledger of one object's energy in a block: accounts, the fingers' forces and the report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ForceByMode(Record):
 
 
 class FingerBooks(Contact):
-    """A finger: what it holds over the sample, and how far it goes; in the object's axes where no others are named."""
+    """A finger: its forces over the sample and its steps, in the object's axes unless stated."""
 
     place: Vector  # of the fingertip, world [m]
     arm: Vector  # from the object's centre to where its force acts, world [m]
@@ -34,14 +34,14 @@ class FingerBooks(Contact):
     brake: Vector4  # fb now [N]
     held_stretch: Vector4  # h [m]
     stretch: Vector4  # h+ [m]
-    held: ForceByMode  # f
+    held_force: ForceByMode  # f
     held_elastic: ForceByMode  # fe
     held_brake: ForceByMode  # fb
     elastic: ForceByMode  # fe now
 
 
 class ModeLosses(Record):
-    """Where the work of one mode went [J]."""
+    """Losses of one mode by their causes [J]."""
 
     damped: Sum
     braked: Sum
@@ -51,7 +51,7 @@ class ModeLosses(Record):
 
 
 class EnergyReport(Record):
-    """What is recorded [J]: by mode (internal, translation, rotation), then of the object."""
+    """Energies for a recording [J]: by mode (internal, translation, rotation), then of the object."""
 
     work: Vector
     stored: Vector
@@ -78,7 +78,7 @@ class LedgerState(Record):
     count: int  # n
     components: int  # of the forces where gains are matrices with cones: then h = K^-1 fe; else 0
     control: bool  # modes that leak are braked (`watch`)
-    foreign: bool  # not our integrator: what the body met is what is left over
+    foreign: bool  # not our integrator: the work of obstacles is the remainder
     drag: float  # least friction b_i/w_i of the devices [N s/m]
     mobility: float  # largest w_i/m_i of the devices [1/kg]
     split: Ref[ModeSplit]
@@ -93,11 +93,11 @@ class LedgerState(Record):
     contact_work: Sum
     viscous_loss: Sum
     defect: Sum  # of the integrator
-    start: SampleStart  # what is kept of the body
+    start: SampleStart  # of the body
     frame: Matrix  # axes that the held forces are in
     first_energy: float  # kinetic, at the start of the run [J]
     report: EnergyReport
     fingers: Many[FingerBooks] = many("count")
-    square: Table = table("components", "components")  # K, while h is found from it
+    square: Table = table("components", "components")  # K, while h is solved for
     vector: Floats = floats("components")  # fe, then h
     split_room: Floats = floats("split_entries")

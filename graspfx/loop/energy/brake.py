@@ -1,4 +1,4 @@
-"""Damping where a grasp leaks energy: the least, in the mode that leaks, within what a finger may exert."""
+"""Damping where a grasp leaks energy: the least, in the mode that leaks, within the limits of each finger."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROUNDING = 1e-12  # of the largest energy so far: a smaller debt is none
 
 @kernel
 def control(grasp: GraspState, ledger: LedgerState, T: float) -> bool:
-    """Add to the forces of this sample what pays the debt of each mode in one more step like the last.
+    """Add to the forces of this sample the damping that pays the debt of each mode in one more step like the last.
 
     Damping a W Q_j d/T (`leak.add_damping`) with a at most m/(2 T), m the least mass that a step of any mode
     moves: held for a sample, damping of that size takes the most energy that it can, and of twice that size none.
@@ -64,7 +64,7 @@ def bound(grasp: GraspState, T: float, mobility: float) -> float:
 
 @kernel
 def push(grasp: GraspState, finger: FingerState, books: FingerBooks) -> None:
-    """Add the brake of a finger to its force, inside its cone; the brake becomes what was added."""
+    """Add the brake of a finger to its force, inside its cone; the brake becomes the force so added."""
     if grasp.attached:
         finger.local = finger.local + books.brake
         return

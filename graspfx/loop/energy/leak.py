@@ -1,4 +1,4 @@
-"""Energy of a grasp told apart while it runs: squeezing, shifting and turning, and the least brake where it leaks.
+"""Energy of a grasp while it runs, split into squeezing, shifting and turning, and the least brake where it leaks.
 
 Vectors of fingers are those of one frame, with torsion in units of the patch length as the fourth entry of soft
 fingers; w_i is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a share
@@ -25,25 +25,25 @@ INTERNAL, TRANSLATION, ROTATION = 0, 1, 2  # the accounts, in this order whereve
 
 
 class ModeSplit(Record):
-    """The rigid modes that tell the accounts apart."""
+    """The rigid modes that split the accounts."""
 
     fingers: int  # n
     width: int  # entries of a finger: 3, or 4 with torsion
     count: int  # modes
-    shifts: int  # of which so many come first that are translations
+    shifts: int  # how many of them, the first ones, are translations
     reach: Floats = floats("6")  # beta_k q_k'W^1/2 D
     modes: Table = table("6", "1 + width * fingers")
 
 
 class Sum(Record):
-    """A sum, and what rounding left out of it."""
+    """A sum, and the rounding error left out of it."""
 
     value: float
     carry: float
 
 
 class Account(Record):
-    """What one part of the motion took and holds [J]."""
+    """The energy that one part of the motion has taken, spent and stored [J]."""
 
     work: Sum  # taken so far
     spent: float  # taken by the friction beside it, at least
@@ -149,7 +149,7 @@ def store(
     accounts: Accounts, split: ModeSplit, contacts: Many[Contact], displacements: Many[Vector4], external: float,
     internal: float,
 ) -> None:  # fmt: skip
-    """Write 1/2 k e'W Q e of each part to the accounts: what springs of eq. (4) with these gains hold at e [J]."""
+    """Write 1/2 k e'W Q e of each part to the accounts: the energy of springs of eq. (4) with these gains at e [J]."""
     square = squares(split, contacts, displacements)
     accounts.parts[INTERNAL].stored = 0.5 * internal * square.x
     accounts.parts[TRANSLATION].stored = 0.5 * external * square.y
@@ -158,7 +158,7 @@ def store(
 
 @kernel
 def open_accounts(accounts: Accounts) -> None:
-    """Begin anew: nothing taken, and what the springs hold now counts as there from the start."""
+    """Start the accounts at zero, the springs' present energy being there from the start."""
     for account in accounts.parts:
         account.work.value = account.work.carry = account.spent = 0.0
         account.opened = account.stored
@@ -185,7 +185,7 @@ def observe(
 
 @kernel
 def spend(accounts: Accounts, drag: float, square: Vector) -> None:
-    """Add what friction of `drag` [N/m] takes on a step of these squares [m^2]."""
+    """Add the energy that friction of `drag` [N/m] takes on a step of these squares [m^2]."""
     accounts.parts[INTERNAL].spent += drag * square.x
     accounts.parts[TRANSLATION].spent += drag * square.y
     accounts.parts[ROTATION].spent += drag * square.z
@@ -193,7 +193,7 @@ def spend(accounts: Accounts, drag: float, square: Vector) -> None:
 
 @kernel
 def book(account: Sum, energy: float) -> None:
-    """Add to a sum and store what rounding drops (Neumaier 1974), so that long runs close as short ones do."""
+    """Add to a sum and store its rounding error (Neumaier 1974), so that long runs close as short ones do."""
     old = account.value
     new = old + energy
     if abs(old) >= abs(energy):
@@ -205,7 +205,7 @@ def book(account: Sum, energy: float) -> None:
 
 @kernel
 def balance(account: Account) -> float:
-    """Compute taken, and spent by friction, less what the springs gained [J]: below zero it has made energy."""
+    """Compute work and friction's share less the springs' gain [J]: below zero, energy has been generated."""
     work = account.work.value + account.work.carry
     gained = account.stored - account.opened
     return work + account.spent - gained
@@ -213,7 +213,7 @@ def balance(account: Account) -> float:
 
 @kernel
 def gap(accounts: Accounts) -> float:
-    """Compute by how much the three accounts miss the whole [J]: rounding, or the ledger was kept wrong."""
+    """Compute by how much the three accounts miss the whole [J]: rounding, or an error of the ledger."""
     total = -(accounts.whole.value + accounts.whole.carry)
     for account in accounts.parts:
         total += account.work.value + account.work.carry
@@ -225,7 +225,7 @@ def add_damping(
     accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
     T: float, most: float,
 ) -> Vector:  # fmt: skip
-    """Add a W Q_m D/T to the forces of each account m in debt, with the least a that pays in one more such step.
+    """Add a W Q_m D/T to the forces of each account m in debt, with the least a that pays it in one such step.
 
     a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode): a leak of squeezing
     puts no damping on moving the object. What is owed beyond `most` stays in the books. The brake is held over a sample

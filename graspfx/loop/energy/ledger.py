@@ -31,7 +31,7 @@ from graspfx.spatial import NOTHING, Vector4, cross, dot, inner, with_torsion
 
 @kernel
 def observe(grasp: GraspState, ledger: LedgerState, T: float) -> None:
-    """Book the sample that has just ended; what the springs hold now is found from the forces of this sample."""
+    """Book the sample that has just ended; the forces of this sample give the energy in the springs now."""
     started = ledger.started
     if started:
         move(grasp, ledger, T)
@@ -55,7 +55,7 @@ def observe(grasp: GraspState, ledger: LedgerState, T: float) -> None:
 
 @kernel
 def move(grasp: GraspState, ledger: LedgerState, T: float) -> None:
-    """Book the motion of the sample that has ended, and all that was done along it but the springs' share."""
+    """Book the motion of the sample that has ended, and all work along it but the springs' share."""
     start, accounts = ledger.start, ledger.accounts
     sample = settle(grasp.body, start, T)
     met = sample.met
@@ -189,7 +189,7 @@ def book_springs(ledger: LedgerState) -> None:
         for finger in ledger.fingers:
             for a in range(4):
                 d, h, now = finger.step[a], finger.held_stretch[a], finger.stretch[a]
-                f, fe = finger.held.parts[j].force[a], finger.held_elastic.parts[j].force[a]
+                f, fe = finger.held_force.parts[j].force[a], finger.held_elastic.parts[j].force[a]
                 fb, new = finger.held_brake.parts[j].force[a], finger.elastic.parts[j].force[a]
                 work += f * d
                 damped += (f - fe - fb) * d
@@ -210,7 +210,7 @@ def book_springs(ledger: LedgerState) -> None:
 
 @kernel
 def hold(grasp: GraspState, ledger: LedgerState) -> None:
-    """Store what this sample holds until the next: forces by mode, where they act, the object's state."""
+    """Store the state of this sample for the next: forces by mode, where they act, the object's state."""
     motion, split = grasp.motion, ledger.split
     x, R = motion.position, motion.rotation
     braked = False
@@ -226,14 +226,14 @@ def hold(grasp: GraspState, ledger: LedgerState) -> None:
         for j in range(3):
             elastic = finger.elastic.parts[j].force
             finger.held_elastic.parts[j].force = elastic
-            finger.held.parts[j].force = elastic
+            finger.held_force.parts[j].force = elastic
             finger.held_brake.parts[j].force = NOTHING
         where = now.contact_world if grasp.at_contact else now.position
         finger.place, finger.push, finger.arm = now.position, now.force, where - x
         finger.twist = now.patch * (R @ now.twist_axis)
     fingers = ledger.fingers
     if not same:
-        split_force(split, fingers, fingers.part(FingerBooks.force), fingers.part(FingerBooks.held))
+        split_force(split, fingers, fingers.part(FingerBooks.force), fingers.part(FingerBooks.held_force))
     if braked:
         split_force(split, fingers, fingers.part(FingerBooks.brake), fingers.part(FingerBooks.held_brake))
     keep(grasp.body, ledger.start)
@@ -242,13 +242,13 @@ def hold(grasp: GraspState, ledger: LedgerState) -> None:
 
 @kernel
 def total_of(account: Sum) -> float:
-    """Give a sum with what rounding left out of it."""
+    """Give a sum with its rounding error added."""
     return account.value + account.carry
 
 
 @kernel
 def report(grasp: GraspState, ledger: LedgerState) -> None:
-    """Write what is recorded: nine quantities by mode, and eight of the object."""
+    """Write the report: nine quantities by mode, and eight of the object."""
     out = ledger.report
     moving = kinetic(grasp.body)
     fingers = total_of(ledger.finger_work)

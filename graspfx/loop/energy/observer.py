@@ -1,4 +1,4 @@
-"""What an object's grasp does with energy, watched while it runs, and braked where it makes some."""
+"""The observer of an object's energy, which books each sample and damps the modes that leak."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Observer:
 
     Args:
         grasped: the object and its coupling; from here on it tells elastic forces from damping.
-        body: what moves it. Of a native one the work of obstacles is computed, of others it is what is left over.
+        body: its body. Of a native one the work of obstacles is computed, of others it is the remainder.
         period: T [s].
         control: whether the forces of modes that leak are damped.
         friction: of each finger's device, (n,) [N s/m]; zero where it is not known.
@@ -38,9 +38,9 @@ class Observer:
 
     Attributes:
         buffer: beside the object's block; `watch` works on the two.
-        met: of a body on planes what they did to it in the sample that has ended, (6,), to be copied to
+        met: of a body on planes, their wrench in the sample that has ended, (6,), to be copied to
             `buffer[MET : MET + 6]` before `watch`; else None.
-        where: which entries of the buffer hold what a recording asks for.
+        where: entries of the buffer by the names of a recording.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Observer:
 
     @property
     def structure(self) -> Index:
-        """Entries of `buffer` that never change and choose what is computed."""
+        """Entries of `buffer` that never change and select the computation."""
         fixed = ["count", "components", "control", "foreign", "split"]
         if not self._ledger.drag:
             fixed.append("drag")
@@ -87,7 +87,7 @@ class Observer:
         return np.array([*(start_of(LedgerState, name) for name in fixed), *split], dtype=np.intp)
 
     def sample(self) -> None:
-        """Books the sample that has ended, brakes if asked to, and keeps what the next one holds."""
+        """Book the sample that has ended, brake under control, and store the forces of the next one."""
         if self.met is not None:
             self.buffer[MET : MET + 6] = self.met
         watch(self._grasp, self._ledger, self._T)

@@ -1,4 +1,4 @@
-"""All that an observer does in a sample, as one function of the object's block and its own."""
+"""An observer's work in a sample, as one function of the object's block and its own."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from graspfx.loop.energy.ledger import hold, observe, report
 
 @kernel
 def watch(grasp: GraspState, ledger: LedgerState, T: float) -> int:
-    """Book the sample that has ended, brake if asked to, store what the next one holds, and report; give 0.
+    """Book the sample that has ended, brake under control, store the forces of the next one, and report; give 0.
 
-    What obstacles did to the body in that sample has to stand in the ledger before (`Observer.met`).
+    The obstacles' wrench on the body in that sample has to stand in the ledger before (`Observer.met`).
     """
     observe(grasp, ledger, T)
     if ledger.control:

@@ -31,7 +31,7 @@ Call = Callable[[], None]
 NO_LIMIT = 1e12  # PyBullet clamps speeds at 100 m/s unless told otherwise
 
 
-class Carried(BlockBody):
+class CarriedBody(BlockBody):
     """A block's body in a PyBullet world, without PyBullet's damping: pushed before the world's step, read after it.
 
     Viscosity b is the force (f + m g - b v) (1 - E)/(b T/m), E = exp(-b T/m), held over the sample: the velocity is
@@ -41,12 +41,12 @@ class Carried(BlockBody):
     only is given the moment about that axis all around, which is the same motion; with two free rotations the
     inertia has to be isotropic.
 
-    `push()` hands PyBullet what `guest.hand_over` left in the body's part, for its next step; `read()` writes what it
-    tells after that step there, for `guest.take_over`.
+    `push()` gives PyBullet the wrench that `guest.hand_over` left in the body's part, for its next step; `read()`
+    writes the motion after that step there, for `guest.take_over`.
 
     Args:
         state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
-        part: (guest.SIZE,) where it is handed over and told, overwritten whole.
+        part: (guest.SIZE,) of the buffer, for the wrench and the motion; overwritten whole.
         client: PyBullet's number of the world.
         collision: its number of the body's shape; -1 for a body that meets nothing.
 
@@ -94,37 +94,37 @@ class Carried(BlockBody):
             physicsClientId=client,
         )
         part[:] = 0.0
-        told = self._guest = GuestState(memoryview(part))
-        told.by_spin = shaped  # the friction of PyBullet's contacts does not see a torque, but a velocity
-        told.array(GuestState.free_translation)[:d] = free[:d]
-        told.free_rotation = Vector(*free[3:])
-        told.turns, told.axis = len(self._turns), self._turns[0] if self._turns else 0
-        told.moments, told.start = Vector(*moments), Quaternion(*self._start)
-        told.start_angle = self._body.motion.angle
-        self.push, self.read = _calls(told, client, self.body, where)
+        guest_state = self._guest = GuestState(memoryview(part))
+        guest_state.by_spin = shaped  # the friction of PyBullet's contacts does not see a torque, but a velocity
+        guest_state.array(GuestState.free_translation)[:d] = free[:d]
+        guest_state.free_rotation = Vector(*free[3:])
+        guest_state.turns, guest_state.axis = len(self._turns), self._turns[0] if self._turns else 0
+        guest_state.moments, guest_state.start = Vector(*moments), Quaternion(*self._start)
+        guest_state.start_angle = self._body.motion.angle
+        self.push, self.read = _bind_calls(guest_state, client, self.body, where)
 
     def hold(self, T: float) -> None:
-        """Viscosity's shares over samples of T [s]."""
-        body, told = self._body, self._guest
-        told.share = decay_integrals(body.viscosity * T / body.mass)[1]
-        b, J = body.rotational_viscosity, told.moments
-        told.shares = Vector(*(decay_integrals(b * T / moment)[1] for moment in (J.x, J.y, J.z)))
+        """Compute the shares of viscosity over samples of T [s]."""
+        body, guest_state = self._body, self._guest
+        guest_state.share = decay_integrals(body.viscosity * T / body.mass)[1]
+        b, J = body.rotational_viscosity, guest_state.moments
+        guest_state.shares = Vector(*(decay_integrals(b * T / moment)[1] for moment in (J.x, J.y, J.z)))
 
     def hand_over(self, T: float) -> None:
-        """The wrench in the block, with gravity and viscosity, to be pushed with over T [s]."""
+        """Hand over the wrench in the block, with gravity and viscosity, for a push over T [s]."""
         guest.hand_over(self._body, self._guest, T)
 
     def take_over(self, T: float) -> int:
-        """The motion that was read after a step of T [s], into the block; 0, or a code if the body cannot go on."""
+        """Write the motion after a step of T [s] to the block; give 0, or a code if the body cannot go on."""
         return guest.take_over(self._body, self._guest, T)
 
     @property
     def speed(self) -> float:
-        """Of rotation, as it was read last [rad/s]."""
+        """Speed of rotation at the last reading [rad/s]."""
         return float(np.linalg.norm(self._guest.array(GuestState.spin)))
 
     def _seen_moments(self) -> tuple[float, ...]:
-        """The moments that PyBullet is given, so that the free rotations move as they should."""
+        """Compute the moments of inertia for PyBullet with which the free rotations move as they should."""
         moments = _numbers(self._body, BodyState.inertia)
         if len(self._turns) == 3 or moments[0] == moments[1] == moments[2] > 0.0:
             return moments
@@ -145,8 +145,8 @@ class Carried(BlockBody):
         return J, J, J
 
 
-def _calls(told: GuestState, client: int, body: int, where: Sequence[float]) -> tuple[Call, Call]:
-    """What hands a body's push to PyBullet, and what reads its motion: little more than PyBullet's own calls.
+def _bind_calls(guest_state: GuestState, client: int, body: int, where: Sequence[float]) -> tuple[Call, Call]:
+    """Make the call that pushes a body in PyBullet and the one that reads its motion.
 
     Names are bound once and arguments are positional, which saves 0.2 us a call.
     """
@@ -154,7 +154,7 @@ def _calls(told: GuestState, client: int, body: int, where: Sequence[float]) -> 
     force, torque, spin = bullet.applyExternalForce, bullet.applyExternalTorque, bullet.resetBaseVelocity
     place, motion, frame = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.WORLD_FRAME
     three = struct.Struct("3d").unpack_from
-    F = told.buffer
+    F = guest_state.buffer
     push_at, twist_at, told_at = (8 * start_of(GuestState, name) for name in ("push", "twist", "velocity"))
     all_of_it, velocity_alone = struct.Struct("13d").pack_into, struct.Struct("3d").pack_into
     centre, own_frame = (0.0, 0.0, 0.0), bullet.LINK_FRAME
@@ -180,9 +180,9 @@ def _calls(told: GuestState, client: int, body: int, where: Sequence[float]) -> 
         velocity, spin = motion(body, client)
         all_of_it(F, told_at, *velocity, *where, *turn, *spin)
 
-    if told.turns == 0:  # its frame is never turned, and PyBullet's x+ = x + T v+ is ours to the last bit
+    if guest_state.turns == 0:  # its frame is never turned, and PyBullet's x+ = x + T v+ is ours to the last bit
         return push, read_velocity
-    return push_and_spin if told.by_spin else push_and_twist, read
+    return push_and_spin if guest_state.by_spin else push_and_twist, read
 
 
 class Carrier:
@@ -198,7 +198,7 @@ class Carrier:
     handing = staticmethod(guest.hand_over)
     taking = staticmethod(guest.take_over)
 
-    def __init__(self, buffer: FloatArray, carried: Sequence[Carried], client: int) -> None:
+    def __init__(self, buffer: FloatArray, carried: Sequence[CarriedBody], client: int) -> None:
         self.buffer, self.carried = buffer, carried
         moves = [not one.fixed for one in carried]
         self.places = tuple(i * guest.SIZE if m else -1 for i, m in enumerate(moves))
@@ -209,7 +209,7 @@ class Carrier:
         self._advance = pybullet().stepSimulation
 
     def hold(self, T: float) -> None:
-        """From here on every sample takes T [s].
+        """Set the period of every sample from here on to T [s].
 
         Raises:
             InputError: T is no finite time above zero.
@@ -231,15 +231,15 @@ class Carrier:
             read()
 
     def take(self) -> int:
-        """What was read last, into the blocks; 0, or the code of the first body that cannot go on."""
+        """Write the last reading to the blocks; give 0, or the code of the first body that cannot go on."""
         return next((code for one in self._moving if (code := one.take_over(self._T))), 0)
 
     def fault_text(self, code: int) -> str:
-        """Why a body cannot go on."""
+        """Explain why a body cannot go on."""
         return str(self._too_fast())
 
     def step(self, T: float) -> None:
-        """Advance every body by T [s] under the wrench in its block, held, and what it meets.
+        """Advance every body by T [s] under the wrench in its block, held, and its contacts.
 
         Raises:
             InputError: T is no finite time above zero; a body turns faster than PyBullet follows, 45 degrees a step.
@@ -252,7 +252,7 @@ class Carrier:
             raise self._too_fast()
 
     def free_motion(self, T: float) -> None:
-        """Raises InputError: PyBullet cannot solve for a new state."""
+        """Raise InputError: PyBullet cannot solve for a new state."""
         raise InputError("integrator", "implicit", "another one: PyBullet has one integrator", "use native dynamics")
 
     def close(self) -> None:
@@ -284,16 +284,16 @@ class BulletBody(BlockBody, Carrier):
         client = new_client()
         self._disconnect = weakref.finalize(self, pybullet().disconnect, client)
         buffer = np.zeros(guest.SIZE)
-        Carrier.__init__(self, buffer, [Carried(state, buffer, client)], client)
+        Carrier.__init__(self, buffer, [CarriedBody(state, buffer, client)], client)
 
 
 def create(state: FloatArray) -> BulletBody:
-    """The body that `dynamics = "bullet"` names."""
+    """Make the body for `dynamics = "bullet"`."""
     return BulletBody(state)
 
 
 def new_client() -> int:
-    """PyBullet's number of a new, empty world without gravity.
+    """Open a new, empty world without gravity and give PyBullet's number of it.
 
     Raises:
         MissingPackageError: PyBullet is not installed.
@@ -313,7 +313,7 @@ def _numbers(record: Record, field: Any) -> tuple[float, ...]:
 
 
 def pybullet() -> Any:
-    """The package, imported without its banner."""
+    """Import the package without its banner."""
     if "pybullet" in sys.modules:
         return sys.modules["pybullet"]
     with _without_banner(1), _without_banner(2):
@@ -327,7 +327,7 @@ def pybullet() -> Any:
 
 @contextmanager
 def _without_banner(descriptor: int) -> Iterator[None]:
-    """Holds back what is written to a descriptor, then passes on all but the banner, which C code prints."""
+    """Capture the output to a descriptor, then pass on all but the banner, which C code prints."""
     try:
         saved = os.dup(descriptor)
     except OSError:  # closed: nothing to hold back
@@ -336,15 +336,15 @@ def _without_banner(descriptor: int) -> Iterator[None]:
     flush = ctypes.CDLL(None).fflush if os.name == "posix" else ctypes.cdll.msvcrt.fflush
     sys.stdout.flush()
     flush(None)
-    with TemporaryFile() as held:
-        os.dup2(held.fileno(), descriptor)
+    with TemporaryFile() as capture:
+        os.dup2(capture.fileno(), descriptor)
         try:
             yield
         finally:
             flush(None)
             os.dup2(saved, descriptor)
             os.close(saved)
-            held.seek(0)
-            for line in held:
+            capture.seek(0)
+            for line in capture:
                 if not line.startswith(BANNER):
                     os.write(descriptor, line)

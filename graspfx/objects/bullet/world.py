@@ -15,13 +15,13 @@ from graspfx.errors import InputError
 from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray
-from graspfx.objects.bullet.bullet import Carried, Carrier, new_client, pybullet
+from graspfx.objects.bullet.bullet import CarriedBody, Carrier, new_client, pybullet
 from graspfx.objects.floor.floor import hull_points, plane_of
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
-# What PyBullet's contacts need to rest and to hold; found by measuring, see docs/explanation/worlds.md.
+# Contact parameters with which bodies rest and grasps hold, by measurement: docs/explanation/worlds.md.
 ENGINE = {
     "numSolverIterations": 200,  # with 50 a box creeps by 1e-5 m in ten seconds
     "solverResidualThreshold": 0.0,  # it would stop before friction has settled
@@ -38,7 +38,7 @@ ELLIPSOID_POINTS = 2000  # of its hull, which lies inside by up to 1/1000 of its
 
 
 class BulletWorld(Carrier):
-    """Several bodies in one PyBullet world, with obstacles.
+    """Bodies in one PyBullet world, with obstacles.
 
     Args:
         members: blocks, filled by `fill_body`, and shapes; every freedom of a body is free, or none is.
@@ -61,11 +61,11 @@ class BulletWorld(Carrier):
         buffer = np.zeros(len(members) * guest.SIZE)
         parts = buffer.reshape(-1, guest.SIZE)
         self.carried = [
-            Carried(m.state, part, client, self._collision(m.shape, fixed=False))
+            CarriedBody(m.state, part, client, self._collision(m.shape, fixed=False))
             for m, part in zip(members, parts, strict=True)
         ]
         super().__init__(buffer, self.carried, client)
-        fixed = [body for obstacle in obstacles for body in self._place(obstacle)]
+        fixed = [body for obstacle in obstacles for body in self._place_obstacle(obstacle)]
         for body in [*(carried.body for carried in self.carried), *fixed]:
             bullet.changeDynamics(
                 body,
@@ -84,7 +84,7 @@ class BulletWorld(Carrier):
                     bullet.setCollisionFilterPair(one.body, other.body, -1, -1, 0, physicsClientId=client)
 
     def contact_wrench(self, number: int) -> FloatArray:
-        """Force and moment on a member from all that it met in the last step, about its centre, (6,) [N, N m]."""
+        """Sum force and moment of a member's contacts in the last step, about its centre, (6,) [N, N m]."""
         total = np.zeros(6)
         body = self.carried[number].body
         centre = self._members[number].state[at.POSITION : at.POSITION + 3]
@@ -99,8 +99,8 @@ class BulletWorld(Carrier):
             total[3:] += np.cross(np.array(place) - centre, force)
         return total
 
-    def _place(self, obstacle: Obstacle) -> Iterator[int]:
-        """The fixed bodies of an obstacle: of a plane one for each side where a member is, and twice if that is a box.
+    def _place_obstacle(self, obstacle: Obstacle) -> Iterator[int]:
+        """Create the fixed bodies of an obstacle: of a plane one for each side with members, another for boxes.
 
         A box meets a floor that is a box with all its corners at once; on PyBullet's plane it gets them one by one, a
         step each, is turned by that, and slides up to 20 degrees askew. All else rests better on the plane.
@@ -115,9 +115,9 @@ class BulletWorld(Carrier):
         for normal, is_box in {(*n.tolist(), box): (n, box) for n, box in zip(normals, boxes, strict=True)}.values():
             frame = contact_frame(Vector(*normal.tolist()), 3)
             n, first, second = np.reshape(list(numbers(frame)), (3, 3))
-            face, place = self._made("GEOM_PLANE", planeNormal=[0.0, 0.0, 1.0]), obstacle.position
+            face, place = self._create_shape("GEOM_PLANE", planeNormal=[0.0, 0.0, 1.0]), obstacle.position
             if is_box:
-                face, place = self._made("GEOM_BOX", halfExtents=[0.5 * SLAB] * 3), place - 0.5 * SLAB * n
+                face, place = self._create_shape("GEOM_BOX", halfExtents=[0.5 * SLAB] * 3), place - 0.5 * SLAB * n
             body = self._fixed(face, place, np.stack([first, second, n], axis=1))
             for carried, own, box in zip(self.carried, normals, boxes, strict=True):
                 if box != is_box or own @ normal < 0.0:
@@ -135,14 +135,14 @@ class BulletWorld(Carrier):
         )
         return body
 
-    def _made(self, geometry: str, **sizes: Any) -> int:
+    def _create_shape(self, geometry: str, **sizes: Any) -> int:
         number: int = self._bullet.createCollisionShape(
             getattr(self._bullet, geometry), **sizes, physicsClientId=self.client
         )
         return number
 
     def _collision(self, shape: Any, *, fixed: bool) -> int:
-        """PyBullet's number of a shape; -1 for none. Points and triangles are handed over, never files: it keeps those.
+        """Create a shape and give PyBullet's number of it; -1 for None. Meshes go as points: PyBullet caches files.
 
         Raises:
             InputError: a plane or half-space that is not an obstacle.
@@ -151,29 +151,29 @@ class BulletWorld(Carrier):
             return -1
         if hasattr(shape, "vertices"):
             if fixed:
-                return self._made(
+                return self._create_shape(
                     "GEOM_MESH",
                     vertices=shape.vertices.tolist(),
                     indices=shape.faces.ravel().tolist(),
                     flags=self._bullet.GEOM_FORCE_CONCAVE_TRIMESH,
                 )
-            return self._made("GEOM_MESH", vertices=hull_points(shape.vertices).tolist())
+            return self._create_shape("GEOM_MESH", vertices=hull_points(shape.vertices).tolist())
         a, b, c = shape.parameters
         if shape.kind == proxy.BOX:
-            return self._made("GEOM_BOX", halfExtents=[a, b, c])
+            return self._create_shape("GEOM_BOX", halfExtents=[a, b, c])
         if shape.kind == proxy.SPHERE:
-            return self._made("GEOM_SPHERE", radius=a)
+            return self._create_shape("GEOM_SPHERE", radius=a)
         if shape.kind == proxy.CAPSULE:
-            return self._made("GEOM_CAPSULE", radius=a, height=2.0 * b)
+            return self._create_shape("GEOM_CAPSULE", radius=a, height=2.0 * b)
         if shape.kind == proxy.CYLINDER:
-            return self._made("GEOM_CYLINDER", radius=a, height=2.0 * b)
+            return self._create_shape("GEOM_CYLINDER", radius=a, height=2.0 * b)
         if shape.kind == proxy.ELLIPSOID:
-            return self._made("GEOM_MESH", vertices=(ellipsoid_points(ELLIPSOID_POINTS) * [a, b, c]).tolist())
+            return self._create_shape("GEOM_MESH", vertices=(ellipsoid_points(ELLIPSOID_POINTS) * [a, b, c]).tolist())
         raise InputError("shape", shape, "one that has an end", "make it an obstacle")
 
 
 def ellipsoid_points(count: int) -> FloatArray:
-    """Points on the unit sphere on a Fibonacci spiral, evenly, (count, 3)."""
+    """Spread points on the unit sphere evenly, on a Fibonacci spiral, (count, 3)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     angle = math.pi * (3.0 - math.sqrt(5.0)) * k
@@ -193,7 +193,7 @@ def _require_whole(member: Member) -> None:
 
 
 def _quaternion(R: FloatArray) -> tuple[float, ...]:
-    """x, y, z, w of a rotation matrix, the largest component first."""
+    """Convert a rotation matrix to x, y, z, w, the largest component first."""
     x, y, z = np.diag(R)
     trace = np.array([x - y - z, y - x - z, z - x - y, x + y + z])
     k = int(trace.argmax())

@@ -10,7 +10,7 @@ from graspfx.compile.records import Table
 from graspfx.objects.body_state import EXACT, IMPLICIT, BodyState
 from graspfx.objects.decay import coefficients
 from graspfx.objects.floor.planes import FloorState
-from graspfx.objects.rotation import scaled, spin_of
+from graspfx.objects.rotation import multiply, spin_of
 from graspfx.spatial import Vector, cross, orthogonalise, total
 
 NO_MODE = 1e-20  # squared length of a mode that is none, relative to the longest
@@ -42,7 +42,7 @@ def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: T
     W = T G' M^-1 G: velocity of the contacts per force held over the sample.
 
     Returns:
-        How many there are, and the longest.
+        Their number, and the longest one.
     """
     d = body.dimensions
     m = body.mass
@@ -54,7 +54,7 @@ def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: T
         root = math.sqrt(contact.share)
         for a in range(d):
             e = root * floor.planes[contact.plane].frame.row(a)
-            shift = scaled(root_mobility * e, body.free_translation)
+            shift = multiply(root_mobility * e, body.free_translation)
             turn = L.transposed_times(cross(contact.arm, e))
             k = 1 + i * d + a
             modes[0, k], modes[1, k], modes[2, k] = shift.x, shift.y, shift.z
@@ -65,7 +65,7 @@ def contact_modes(body: BodyState, floor: FloorState, T: float, n: int, modes: T
 
 @kernel
 def normalise_modes(modes: Table) -> tuple[int, float]:
-    """Write squared lengths before the modes, scale them to length one and leave out those that are none."""
+    """Write squared lengths before the modes, scale them to length one and leave out zero ones."""
     longest = 0.0
     for j in range(6):
         modes[j, 0] = 0.0

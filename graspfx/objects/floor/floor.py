@@ -29,7 +29,7 @@ SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no 
 
 @kernel
 def advance(body: BodyState, floor: FloorState, T: float) -> int:
-    """Move the body on its planes by one sample; 1 if their forces did not settle, and then it has not moved."""
+    """Move the body on its planes by one sample; give 1, and leave it, if the forces do not settle."""
     return 1 if rest.step_on_planes(body, floor, T) < 0 else 0
 
 
@@ -89,12 +89,12 @@ class FloorBody(NativeBody):
 
     @property
     def touching(self) -> int:
-        """Contact points that bore a force in the last sample."""
+        """Number of contact points that bore a force in the last sample."""
         return self._floor.touching
 
     @property
     def associated(self) -> int:
-        """Samples so far in which no answer of Coulomb's law was found: slipping then also lifts."""
+        """Number of samples without a solution of Coulomb's law: the associated law stands, and slipping lifts."""
         return self._floor.associated
 
     def step(self, T: float) -> None:
@@ -121,7 +121,7 @@ class FloorBody(NativeBody):
 
 
 def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:
-    """The unit normal towards the body and the plane's distance from the origin along it.
+    """Compute the unit normal towards the body and the plane's distance from the origin along it.
 
     Raises:
         InputError: the obstacle is neither a half-space nor a plane.
@@ -138,7 +138,7 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
 
 
 def features(shape: Any, d: int) -> FloatArray:
-    """List what of a shape can touch a plane, (features, 5): kind, place and radius of each as `Feature` has them.
+    """List the features of a shape that can touch a plane, (features, 5): kind, place and radius as in `Feature`.
 
     A box has its corners, a sphere itself, a capsule its two ends, a cylinder its two rims with eight fixed points each
     to stand on, an ellipsoid itself, a mesh the corners of its convex hull.
@@ -178,7 +178,7 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
 
 
 def hull_points(vertices: FloatArray) -> FloatArray:
-    """The vertices that lie on the convex hull, (h, 3); of a flat sheet, on its hull in the plane."""
+    """Select the vertices on the convex hull, (h, 3); of a flat sheet, on its hull in the plane."""
     from scipy.spatial import ConvexHull
 
     _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)
@@ -188,7 +188,7 @@ def hull_points(vertices: FloatArray) -> FloatArray:
 
 
 def reach(points: FloatArray) -> float:
-    """From the centre to the farthest point of any feature [m]."""
+    """Compute the distance from the centre to the farthest point of any feature [m]."""
     kinds, places = points[:, 0], np.linalg.norm(points[:, 1:4], axis=1)
     far = np.where(kinds == BALL, places + points[:, 4], places)
     far = np.where(kinds == RIM, np.hypot(points[:, 3], points[:, 4]), far)
@@ -196,7 +196,7 @@ def reach(points: FloatArray) -> float:
 
 
 def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> float:
-    """Height of the body's lowest point over a half-space or plane [m]; negative where it is inside."""
+    """Compute the height of the body's lowest point over a half-space or plane [m]; negative where it is inside."""
     normal, distance = plane_of(obstacle, state[at.POSITION : at.POSITION + 3])
     body, n = BodyState(state), Vector(*normal.tolist())
     points = features(shape, d)

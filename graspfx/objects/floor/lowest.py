@@ -1,4 +1,4 @@
-"""Which points of a body can touch a plane: its features, and where each is lowest."""
+"""The points of a body that can touch a plane: its features, and the lowest point of each."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STEEP = 0.5  # sine of a rim's tilt above which its fixed points do not count
 
 @kernel
 def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]:
-    """Give the share of its stiffness with which a feature bears, and its lowest point from the centre, world.
+    """Give the share of a feature's stiffness that bears, and its lowest point from the centre, world axes.
 
     Ball c - r n; rim of radius r about z: c - r m_xy/|m_xy|; ellipsoid -A^2 m/|A m|, with m = R'n the normal in the
     body's axes.
@@ -53,18 +53,18 @@ def lowest(body: BodyState, feature: Feature, n: Vector) -> tuple[float, Vector]
 
 @kernel
 def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane) -> int:
-    """Leave of more than MOST contacts with a plane the deepest and the outermost in SIDES directions of the plane.
+    """Reduce more than MOST contacts with a plane to the deepest and the outermost in SIDES directions of the plane.
 
     They stand one after another from `first` on. Those that stay move to the front, in their order; their number is
     returned.
     """
     if count <= MOST:
         return count
-    chosen = first
+    extreme = first
     for i in range(first, first + count):
-        if contacts[i].gap < contacts[chosen].gap:
-            chosen = i
-    contacts[chosen].pair = -1 - contacts[chosen].pair  # marked
+        if contacts[i].gap < contacts[extreme].gap:
+            extreme = i
+    contacts[extreme].pair = -1 - contacts[extreme].pair  # marked
     for side in range(SIDES):
         c, s = math.cos(2.0 * math.pi * side / SIDES), math.sin(2.0 * math.pi * side / SIDES)
         outwards = c * plane.frame.second + s * plane.frame.third
@@ -72,9 +72,9 @@ def thin(contacts: Many[PlaneContact], first: int, count: int, plane: FloorPlane
         for i in range(first, first + count):
             along = dot(contacts[i].arm, outwards)
             if along > far:
-                far, chosen = along, i
-        if contacts[chosen].pair >= 0:
-            contacts[chosen].pair = -1 - contacts[chosen].pair
+                far, extreme = along, i
+        if contacts[extreme].pair >= 0:
+            contacts[extreme].pair = -1 - contacts[extreme].pair
     left = 0
     for i in range(first, first + count):
         contact = contacts[i]

@@ -1,4 +1,4 @@
-"""What stands beside the block of a body on fixed planes: the planes, the body's features, their contacts."""
+"""The record beside the block of a body on fixed planes: the planes, the body's features, their contacts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from graspfx.cones.problem import FrictionProblem
 from graspfx.objects.body_state import Motion
 from graspfx.spatial import Matrix, Vector
 
-SIDES = 8  # fixed points of a rim, and directions in which a plane's contacts are chosen
+SIDES = 8  # fixed points of a rim, and directions for the selection of a plane's contacts
 MOST = SIDES + 1  # contacts with one plane
 
 
@@ -19,7 +19,7 @@ class FloorPlane(Record):
 
 
 class Feature(Record):
-    """What of a body can touch a plane (`lowest`)."""
+    """A part of a body that can touch a plane (`lowest`)."""
 
     kind: int  # BALL, RIM, NOTCH or ELLIPSOID
     place: Vector  # in the body, or the semi-axes of an ellipsoid [m]
@@ -29,7 +29,7 @@ class Feature(Record):
 class PlaneContact(Record):
     """A contact point of this sample."""
 
-    pair: int  # of plane and feature: which row of the memory is its own
+    pair: int  # of plane and feature: its row of the memory
     plane: int
     share: float  # of the stiffness
     arm: Vector  # from the body's centre [m]
@@ -52,7 +52,7 @@ class FloorState(Record):
     problem: Ref[FrictionProblem]  # of as many contacts as there can be
     problem_entries: int
     touching: int  # contacts in the last sample
-    associated: int  # samples in which no answer of Coulomb's law was found and the associated one stands
+    associated: int  # samples without a solution of Coulomb's law, where the associated law stands
     force: Vector  # of the planes on the body in the last sample [N]
     moment: Vector  # [N m]
     unknowns: Floats = floats("6")  # that the next search starts from

@@ -9,7 +9,7 @@ there, and W = T G' M^-1 G. As lambda = K (e + slip) this is K^-1 = a I + W, a =
 with the six columns of M^-1/2 G, made orthogonal, for modes, and at most six unknowns however many points touch.
 
 The forces then are held over the sample like those of the fingers: the body's own integrator moves it under all of
-them together, so that what holds for it in the air (its order, momentum, exact viscosity) holds here. A body that no
+them together, so that its properties in the air (order, momentum, exact viscosity) hold here. A body that no
 plane can reach in the sample takes the same step as without planes, bit by bit.
 """
 
@@ -33,7 +33,7 @@ RESTARTS = 4  # of the search for an answer of Coulomb's law
 
 
 def lookahead(kind: int, T: float) -> float:
-    """Give how far beyond the end of the sample the gap is taken, so that all integrators meet it as x + T v+."""
+    """Give the time beyond the end of the sample at which the gap is evaluated, x + T v+ for every integrator."""
     if kind == EXPLICIT:
         return T
     return 0.5 * T if kind == EXACT else 0.0
@@ -41,7 +41,7 @@ def lookahead(kind: int, T: float) -> float:
 
 @kernel
 def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
-    """Move the body by T [s]; give how many contacts there are, -1 if their forces did not settle."""
+    """Move the body by T [s]; give the number of contacts, -1 if their forces did not settle."""
     copy_motion(body.motion, floor.before)
     step(body, T)
     count = meet(body, floor, T)
@@ -63,7 +63,7 @@ def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
 
 @kernel
 def part(floor: FloorState) -> None:
-    """Leave no contact: no force and no memory."""
+    """Remove every contact, its force and its memory."""
     forget(floor)
     floor.force = floor.moment = ZERO
     for k in range(6):
@@ -94,7 +94,7 @@ def point_velocity(motion: Motion, arm: Vector) -> Vector:
 def meet(body: BodyState, floor: FloorState, T: float) -> int:
     """List the contacts of a body that has moved freely; none if every point ends above every plane."""
     motion, contacts = body.motion, floor.contacts
-    ahead = lookahead(body.integrator, T)
+    lead = lookahead(body.integrator, T)
     w = motion.angular_velocity
     spin = math.sqrt(w.x * w.x + w.y * w.y + w.z * w.z)
     near = NEAR * floor.reach
@@ -104,7 +104,7 @@ def meet(body: BodyState, floor: FloorState, T: float) -> int:
         n = plane.frame.first
         height = dot(n, motion.position) - plane.distance
         sink = dot(n, motion.velocity)
-        if height + ahead * (sink - spin * floor.reach) > floor.reach + near:
+        if height + lead * (sink - spin * floor.reach) > floor.reach + near:
             continue
         close = 0
         for f, feature in enumerate(floor.features):
@@ -112,7 +112,7 @@ def meet(body: BodyState, floor: FloorState, T: float) -> int:
             if share <= 0.0:
                 continue
             speed = dot(n, point_velocity(motion, arm))
-            gap = height + n.x * arm.x + n.y * arm.y + n.z * arm.z + ahead * speed
+            gap = height + n.x * arm.x + n.y * arm.y + n.z * arm.z + lead * speed
             if gap < near:
                 contact = contacts[count + close]
                 contact.pair, contact.plane, contact.share = p * floor.feature_count + f, p, share
@@ -189,7 +189,7 @@ def take_forces(floor: FloorState, d: int) -> None:
 
 @kernel
 def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
-    """Update the stretch of what bears, s + T (u - slip) with the velocity as it became; the rest is zero."""
+    """Update the stretch of bearing contacts, s + T (u - slip) with the new velocity; set the rest to zero."""
     for i in range(n):
         contact = floor.contacts[i]
         contact.stretch = ZERO
@@ -214,16 +214,16 @@ def predict_on_planes(body: BodyState, floor: FloorState, T: float) -> None:
 
     A body at rest on a floor is predicted to rest, and not to fall from it until its contacts are known.
     """
-    gravity, ahead = body.gravity, body.next_motion
+    gravity, next_motion = body.gravity, body.next_motion
     body.gravity += floor.force / body.mass
     predict(body, T)
     body.gravity = gravity
     turn = body.rotational_compliance @ floor.moment
     if turn.x == 0.0 and turn.y == 0.0 and turn.z == 0.0:
         return
-    q, R = exponential(turn), ahead.rotation
+    q, R = exponential(turn), next_motion.rotation
     x = rotate(q, Vector(R.xx, R.yx, R.zx))
     y = rotate(q, Vector(R.xy, R.yy, R.zy))
     z = rotate(q, Vector(R.xz, R.yz, R.zz))
-    ahead.rotation = Matrix(x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z)
-    ahead.angular_velocity += turn / T
+    next_motion.rotation = Matrix(x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z)
+    next_motion.angular_velocity += turn / T

@@ -245,7 +245,7 @@ def test_an_object_that_only_turns_leaks_in_rotation_though_nothing_has_a_linear
 def test_what_exact_viscosity_takes_is_its_integral() -> None:
     for z in (0.0, 1e-9, 1e-3, 0.1, 0.499, 0.501, 2.0, 30.0):
         exact = mpmath.quad(lambda s, z=z: ((1 - mpmath.exp(-z * s)) / z if z else s) ** 2, [0, 1])
-        assert energy.squared(z) == pytest.approx(float(exact), rel=2e-14)
+        assert energy.decay_square(z) == pytest.approx(float(exact), rel=2e-14)
     m, b, T, v, u = 0.3, 2.0, 0.05, 0.4, -3.0
     a = b / m
     loss = mpmath.quad(lambda t: b * (v * mpmath.exp(-a * t) + u / a * (1 - mpmath.exp(-a * t))) ** 2, [0, T])

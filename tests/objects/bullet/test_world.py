@@ -16,14 +16,14 @@ from graspfx.errors import InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
 from graspfx.objects.bullet.world import BulletWorld
-from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
+from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstacle
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.surfaces.triangles.mesh import make_mesh
 
 Array = NDArray[np.float64]
 G, M, MU = 9.81, 0.1, 0.5
 CUBE = Box((0.05, 0.05, 0.05))
-FLOOR = placed("floor", HalfSpace((0.0, 0.0, 1.0)), 3)
+FLOOR = place_obstacle("floor", HalfSpace((0.0, 0.0, 1.0)), 3)
 ON_ITS_SIDE = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.025
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -152,7 +152,7 @@ def test_a_sphere_rolls_down_a_slope(worlds: Any) -> None:
     angle = math.radians(10.0)
     normal = (math.sin(angle), 0.0, math.cos(angle))
     one = member(Sphere(0.02), position=0.02 * np.array(normal))
-    world = worlds(one, obstacles=(placed("slope", HalfSpace(normal), 3),))
+    world = worlds(one, obstacles=(place_obstacle("slope", HalfSpace(normal), 3),))
     run(world, 0.001, 0.5)
     np.testing.assert_allclose(np.linalg.norm(velocity(one)) / 0.5, 5 / 7 * G * math.sin(angle), rtol=1e-3)
 
@@ -213,7 +213,7 @@ def test_a_concave_obstacle_is_met_as_it_is(worlds: Any) -> None:
     """A sphere of 5 mm falls into a well 30 mm wide that a convex hull would close."""
     trimesh = pytest.importorskip("trimesh")
     ring = trimesh.creation.annulus(r_min=0.015, r_max=0.04, height=0.04, sections=32)
-    well = placed("well", make_mesh(ring.vertices, ring.faces), 3, (0.0, 0.0, 0.02))
+    well = place_obstacle("well", make_mesh(ring.vertices, ring.faces), 3, (0.0, 0.0, 0.02))
     one = member(Sphere(0.005), position=(0.0, 0.0, 0.06))
     run(worlds(one, obstacles=(FLOOR, well)), 0.001, 0.4)
     np.testing.assert_allclose(position(one), [0.0, 0.0, 0.005], rtol=0.0, atol=1e-4)
@@ -222,7 +222,7 @@ def test_a_concave_obstacle_is_met_as_it_is(worlds: Any) -> None:
 def test_a_sheet_is_met_from_the_side_where_a_body_starts(worlds: Any) -> None:
     above = member(CUBE, position=(0.0, 0.0, 0.03))
     below = member(Sphere(0.02), gravity=-G, position=(0.2, 0.0, -0.03))
-    run(worlds(above, below, obstacles=(placed("sheet", Plane((0.0, 0.0, 1.0)), 3),)), 0.001, 0.5)
+    run(worlds(above, below, obstacles=(place_obstacle("sheet", Plane((0.0, 0.0, 1.0)), 3),)), 0.001, 0.5)
     np.testing.assert_allclose([position(above)[2], position(below)[2]], [0.025, -0.02], rtol=0.0, atol=1e-6)
 
 
@@ -231,7 +231,7 @@ def test_a_locked_member_stands_and_a_turned_obstacle_is_turned(worlds: Any) -> 
     block = member(CUBE, position=(0.0, 0.0, 0.2), free=(False,) * 6)
     ball = member(Sphere(0.02), position=(0.0, 0.0, 0.2451))
     tilt = (math.sin(0.1), 0.0, 0.0, math.cos(0.1))
-    plate = placed("plate", Box((0.4, 0.4, 0.02)), 3, (1.0, 0.0, 0.0), tilt)
+    plate = place_obstacle("plate", Box((0.4, 0.4, 0.02)), 3, (1.0, 0.0, 0.0), tilt)
     other = member(Sphere(0.02), position=(1.0, 0.0, 0.04))
     run(worlds(block, ball, other, obstacles=(plate,)), 0.001, 0.3)
     assert np.array_equal(position(block), [0.0, 0.0, 0.2])

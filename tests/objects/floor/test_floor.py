@@ -18,7 +18,7 @@ from graspfx.objects.floor import rest
 from graspfx.objects.floor.floor import FloorBody, clearance, features, hull_points
 from graspfx.objects.floor.lowest import lowest, thin
 from graspfx.objects.floor.planes import MOST, FloorState
-from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
+from graspfx.objects.surroundings import Meeting, Member, Obstacle, place_obstacle
 from graspfx.spatial import Matrix, Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.surfaces.triangles.mesh import make_mesh
@@ -37,7 +37,7 @@ def made(
     gravity[-1] = -G
     inertia = {1: None, 2: shape.inertia(M, d)[2], 3: shape.inertia(M, d)}[d]
     fill_body(state, **({"dimensions": d, "mass": M, "inertia": inertia, "gravity": gravity} | given))
-    floor = placed("floor", HalfSpace(tuple(normal) if normal is not None else (0.0,) * (d - 1) + (1.0,)), d)
+    floor = place_obstacle("floor", HalfSpace(tuple(normal) if normal is not None else (0.0,) * (d - 1) + (1.0,)), d)
     return state, FloorBody(Member(state, shape), [floor, *walls], Meeting(friction=mu, stiffness=K))
 
 
@@ -265,7 +265,7 @@ def test_a_line_and_a_plane_are_the_same_code() -> None:
 
 def test_a_corner_of_two_planes_holds_from_both_sides() -> None:
     """Pushed into a wall with 2 N: the wall gives 2 N, the floor the weight; friction shares cannot be told apart."""
-    wall = placed("wall", Plane((1.0, 0.0, 0.0)), 3, (0.1, 0.0, 0.0))
+    wall = place_obstacle("wall", Plane((1.0, 0.0, 0.0)), 3, (0.1, 0.0, 0.0))
     state, body = made(CUBE, position=(0.07, 0.0, 0.026), walls=(wall,))
     state[at.FORCE] = 2.0
     run(body, 0.002, 0.4)
@@ -292,7 +292,7 @@ def test_a_mesh_rests_on_the_corners_of_its_hull() -> None:
     lean = (0.1, 0.2, 0.0, math.sqrt(0.95))
     whole, body = made(CUBE, position=(0, 0, 0.05), orientation=lean)
     state = whole.copy()
-    other = FloorBody(Member(state, mesh), [placed("floor", HalfSpace((0, 0, 1)), 3)], Meeting(MU, 0.0, K))
+    other = FloorBody(Member(state, mesh), [place_obstacle("floor", HalfSpace((0, 0, 1)), 3)], Meeting(MU, 0.0, K))
     run(body, 0.002, 0.3)
     run(other, 0.002, 0.3)
     np.testing.assert_allclose(state[: at.FORCE], whole[: at.FORCE], rtol=0.0, atol=1e-12)
@@ -335,7 +335,7 @@ def test_the_lowest_point_is_the_least_of_the_surface(shape: Any) -> None:
     for _ in range(20):
         turn, normal = rng.normal(size=4), rng.normal(size=3)
         state, _ = made(shape, position=rng.normal(size=3), orientation=turn / np.linalg.norm(turn))
-        obstacle = placed("wall", HalfSpace(tuple(normal)), 3, rng.normal(size=3))
+        obstacle = place_obstacle("wall", HalfSpace(tuple(normal)), 3, rng.normal(size=3))
         n = normal / np.linalg.norm(normal)
         R = state[at.ROTATION : at.ROTATION + 9].reshape(3, 3)
         least = ((position(state) + surface @ R.T - obstacle.position) @ n).min()
@@ -361,11 +361,11 @@ def test_the_implicit_prediction_rests_where_the_body_rests() -> None:
 
 def test_what_a_native_body_cannot_meet_is_refused() -> None:
     state, _ = made(CUBE)
-    floor = placed("floor", HalfSpace((0, 0, 1)), 3)
+    floor = place_obstacle("floor", HalfSpace((0, 0, 1)), 3)
     with pytest.raises(InputError, match="does not bounce"):
         FloorBody(Member(state, CUBE), [floor], Meeting(restitution=0.5))
     with pytest.raises(InputError, match=r"obstacle block.*half-space or a plane"):
-        FloorBody(Member(state, CUBE), [placed("block", CUBE, 3)], Meeting())
+        FloorBody(Member(state, CUBE), [place_obstacle("block", CUBE, 3)], Meeting())
     with pytest.raises(InputError, match="has an end"):
         features(HalfSpace((0, 0, 1)), 3)
 
@@ -407,6 +407,6 @@ def test_a_sheet_without_thickness_rests_on_its_corners() -> None:
     for vertices in (sheet.vertices, turned):
         assert len(hull_points(vertices)) == 4
     state, _ = made(CUBE, position=(0.0, 0.0, 0.001))
-    body = FloorBody(Member(state, sheet), [placed("floor", HalfSpace((0, 0, 1)), 3)], Meeting(MU, 0.0, K))
+    body = FloorBody(Member(state, sheet), [place_obstacle("floor", HalfSpace((0, 0, 1)), 3)], Meeting(MU, 0.0, K))
     run(body, 0.002, 1.0)
     np.testing.assert_allclose(state[at.POSITION + 2], -0.1 * 9.81 / (4 * K), rtol=1e-6)
