@@ -10,6 +10,7 @@ from graspfx.coupling.gains import fill_gains
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.limit import forget_limits, limit
+from graspfx.coupling.pad import press, relax
 from graspfx.coupling.projection import unilateral
 from graspfx.coupling.rays import frictionless_force
 from graspfx.coupling.react import FINE, react
@@ -34,10 +35,14 @@ def couple(grasp: GraspState) -> int:
     if fault == FINE:
         resplit(grasp)
         fault = respond(grasp, True)
+        if grasp.padded:
+            relax(grasp)
     while fault == AGAIN:
         resplit(grasp)
         passes -= 1
         fault = respond(grasp, passes > 0)
+        if grasp.padded:
+            relax(grasp)
     return fault
 
 
@@ -55,6 +60,10 @@ def resplit(grasp: GraspState) -> None:
 @kernel
 def respond(grasp: GraspState, again: bool) -> int:
     """Find the forces on the object. AGAIN, where `again` allows it, asks for the split anew."""
+    if grasp.padded:
+        fault = press(grasp)
+        if fault != FINE:
+            return fault
     if grasp.attached:
         return attached(grasp)
     if grasp.friction:
