@@ -115,6 +115,7 @@ def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | No
             blend=None if rules.blend == "off" else rules.blend,
             axes=rules.axes,
             damping_depth=rules.damping_depth,
+            pad=[0.0 if pad is None else pad.stiffness for pad in (scene.finger[i].pad for i in fingers)],
         ),
     )
 

@@ -60,12 +60,12 @@ def resplit(grasp: GraspState) -> None:
 @kernel
 def respond(grasp: GraspState, again: bool) -> int:
     """Find the forces on the object. AGAIN, where `again` allows it, asks for the split anew."""
+    if grasp.attached:
+        return attached(grasp)
     if grasp.padded:
         fault = press(grasp)
         if fault != FINE:
             return fault
-    if grasp.attached:
-        return attached(grasp)
     if grasp.friction:
         return force_with_friction(grasp)
     if grasp.rays:
