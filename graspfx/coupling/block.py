@@ -39,6 +39,7 @@ RESIDUAL = start_of(GraspState, "residual")
 PROBLEM = start_of(GraspState, "problem")
 BRAKE = start_of(GraspState, "damping_problem")
 RAYS = start_of(GraspState, "rays")
+PADDED = start_of(GraspState, "padded")
 OBSERVED = start_of(GraspState, "observed")
 LIMITS = start_of(GraspState, "limited")
 BODY = start_of(GraspState, "body")
@@ -70,6 +71,7 @@ TWIST_AXIS = start_of(FingerState, "twist_axis")
 RADIUS = start_of(FingerState, "radius")
 ELASTIC = start_of(FingerState, "elastic")
 LIMIT = start_of(FingerState, "limit")
+PAD = start_of(FingerState, "pad")
 
 
 def modes(n: int) -> int:

@@ -5,11 +5,11 @@ A pad takes its depth delta from the displacement, e - delta n for e in eq. (4),
     f = argmin over the cones of 1/2 f'K^-1 f + sum_i (3/5) k_i^(-2/3) f_n,i^(5/3) - e'f,
 
 a nonlinear compliance beside K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths are the zero of
-k_i delta_i^1.5 - f_n,i(e - delta n), the gradient of a convex function: 0 <= d f_n/d e_n <= the normals' part of K. Each
-pass asks the law for its elastic force at depths, whatever solver it has, and takes the next ones from a model f_n +
-B (change of e_n - delta), solved with the pads' own power. B is learned by secants (Broyden 1965) and stays in the block
-for the next sample. Where a step does not help, B becomes the diagonal of row sums, which is no less than K's part: that
-step, a proximal one, always lowers the function.
+k_i delta_i^1.5 - f_n,i(e - delta n), the gradient of a convex function: 0 <= d f_n/d e_n <= the normals' part of K.
+Each pass asks the law for its elastic force at depths, whatever solver it has, and takes the next ones from a model
+f_n + B (change of e_n - delta), solved with the pads' own power. B is learned by secants (Broyden 1965) and stays in
+the block for the next sample. Where a step does not help, B becomes the diagonal of row sums, which is no less than K's
+part: that step, a proximal one, always lowers the function.
 """
 
 from __future__ import annotations

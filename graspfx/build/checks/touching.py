@@ -62,10 +62,8 @@ def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
         yield at, "expected unilateral contact: a pad only pushes, attached contacts pull too"
     implicit = thing.dynamics == "native" and thing.integrator == "implicit"
     if implicit and any(np.any(part.damping) for part in (coupling.external, coupling.internal)):
-        yield at, (
-            "expected no damping beside the integrator 'implicit', which solves damping with the motion but a pad's "
-            "depth by the elastic force; another integrator, or no damping"
-        )
+        text = "expected no damping beside the integrator 'implicit', which solves it with the motion"
+        yield at, f"{text}: a pad's depth follows the elastic force; take another integrator, or no damping"
 
 
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:

@@ -13,6 +13,9 @@ against the object in its axes. With the displacement h that the springs hold, f
 so that f_j'd = V_j+ - V_j + damped + braked + slipped + reshaped - leaked: an identity, whatever the law did. The
 fingers' work is the wrench's and f'd, the wrench's that of `graspfx.objects.energy`. All is summed by itself; the gap
 between the fingers' work and all the rest is rounding, or the books are wrong.
+
+A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h and stores 2/5 of its force times that, not 1/2:
+the tenth is taken from V_j, and what it changes by, of third order in a step, counts as reshaped.
 """
 
 from __future__ import annotations
@@ -72,7 +75,9 @@ PARTS = 44  # of the held force f by mode, three times four entries
 SPRINGS = 56  # of fe
 BRAKES = 68  # of fb
 NEW = 80  # of fe now
-STRIDE = 92
+CURVED = 92  # by mode, what a pad stores less than half of its force times its depth: 1/10 of that
+BEFORE = 95  # of the held force
+STRIDE = 98
 
 
 def modes(n: int) -> int:
@@ -97,12 +102,16 @@ def observe(S: Any, B: Any, T: float) -> None:
     n = int(S[at.FINGERS])
     if B[STARTED] != 0.0:
         book_springs(B, n)
+        if S[at.PADDED] != 0.0:
+            book_pads(B, n)
     for j in range(3):
         total = 0.0
         for i in range(n):
             r = ROWS + i * STRIDE
             for a in range(4):
                 total += B[r + NEW + 4 * j + a] * B[r + STRETCH + a]
+            if S[at.PADDED] != 0.0:
+                total -= 2.0 * B[r + CURVED + j]
         B[LEDGER + po.STORED + j] = 0.5 * total
         if B[STARTED] == 0.0:
             B[LEDGER + po.OPENED + j] = 0.5 * total
@@ -183,13 +192,19 @@ def load(S: Any, B: Any) -> None:
     kep, kip = S[at.EXTERNAL_STIFFNESS], S[at.INTERNAL_STIFFNESS]
     split(B, n, width, int(S[at.SHIFTS]), NEXT, NEW)
     if B[GIVEN] != 0.0 and stretch_by_matrix(S, B):
+        if S[at.PADDED] != 0.0:
+            add_pads(S, B, n, True)
         return
     if B[GIVEN] == 0.0 and kep > 0.0 and kip > 0.0:
         stretch(B, n, width, kep, kip)
+        if S[at.PADDED] != 0.0:
+            add_pads(S, B, n, True)
     else:  # without cones, and where a K without an inverse leaves it open
         for i in range(n):
             for a in range(4):
                 B[ROWS + i * STRIDE + STRETCH + a] = S[at.ROW + i * at.STRIDE + at.DISPLACEMENT + a]
+        if S[at.PADDED] != 0.0:
+            add_pads(S, B, n, False)
 
 
 def split(B: Any, n: int, width: int, shifts: int, force: int, out: int) -> None:
@@ -240,6 +255,36 @@ def stretch(B: Any, n: int, width: int, kep: float, kip: float) -> None:
             if B[r + WEIGHT] > 0.0:
                 for a in range(width):
                     B[r + STRETCH + a] += z * B[m + 1 + width * i + a] * B[r + WEIGHT] ** -0.5
+
+
+def add_pads(S: Any, B: Any, n: int, adds: bool) -> None:
+    """The pads' depths (fe_n/k)^(2/3) along the normals, to h+ if it `adds`, and a tenth of what they make with fe."""
+    for i in range(n):
+        r, k = ROWS + i * STRIDE, S[at.ROW + i * at.STRIDE + at.PAD]
+        normal = 0.0
+        for a in range(3):
+            normal += B[r + NORMAL + a] * B[r + NEXT + a]
+        depth = 0.0
+        if k > 0.0 and normal > 0.0:
+            depth = (normal / k) ** (2.0 / 3.0)
+        for j in range(3):
+            part = 0.0
+            for a in range(3):
+                part += B[r + NEW + 4 * j + a] * B[r + NORMAL + a]
+            B[r + CURVED + j] = 0.1 * part * depth
+        if adds:
+            for a in range(3):
+                B[r + STRETCH + a] += depth * B[r + NORMAL + a]
+
+
+def book_pads(B: Any, n: int) -> None:
+    """What pads store less than springs of the same force and depth: to where what is stored changes its form."""
+    for j in range(3):
+        change = 0.0
+        for i in range(n):
+            r = ROWS + i * STRIDE
+            change += B[r + CURVED + j] - B[r + BEFORE + j]
+        book(B, RESHAPED, j, change)
 
 
 def stretch_by_matrix(S: Any, B: Any) -> bool:
@@ -307,6 +352,9 @@ def hold(S: Any, B: Any) -> None:
             braked = braked or B[r + BRAKE + a] != 0.0
             same = same and S[s + at.LOCAL + a] == S[s + at.ELASTIC + a]
             B[r + NEXT + a] = S[s + at.LOCAL + a]
+        if S[at.PADDED] != 0.0:
+            for j in range(3):
+                B[r + BEFORE + j] = B[r + CURVED + j]
         for a in range(12):
             B[r + SPRINGS + a] = B[r + NEW + a]
             B[r + PARTS + a] = B[r + NEW + a]

@@ -178,7 +178,7 @@ DeviceOrName = Annotated[Annotated[str, Tag("<name>")] | Annotated[Device, Tag("
 
 
 class Pad(Table):
-    """A compliant fingertip in series with the coupling: f_n = k depth^1.5 along the contact's normal, as Hertz has it."""
+    """A compliant fingertip in series with the coupling: f_n = k depth^1.5 along the contact's normal (Hertz)."""
 
     kind: Literal["hertz"]
     stiffness: Positive = Field(description="k [N/m^1.5]; 4/3 E* sqrt(R) of a ball on a plane")
@@ -203,6 +203,6 @@ class Finger(Table):
     friction: NotNegative | None = Field(default=None, description="coefficient of its own; coupling.friction")
     pad: Pad | None = Field(
         default=None,
-        description="a compliant fingertip, f_n = k depth^1.5 [N] along the normal, whose depth adds to e_n of eq. (4); "
-        "unilateral contacts",
+        description="a compliant fingertip: f_n = k depth^1.5 [N] along the normal, the depth [m] adds to e_n of "
+        "eq. (4); for unilateral contacts",
     )
