@@ -69,7 +69,8 @@ class PadState(Record):
     from_depth: float
     bound: float  # sum of its row of the normals' part of K [N/m]
     pushes: bool  # in the sample for which B was filled
-    presses: bool  # has a depth to be found
+    presses: bool  # may have a depth
+    moves: bool  # is not held at none
 
 
 class GraspState(Record):

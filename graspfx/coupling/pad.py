@@ -8,8 +8,8 @@ a nonlinear compliance beside K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985
 k_i delta_i^1.5 - f_n,i(e - delta n), the gradient of a convex function: 0 <= d f_n/d e_n <= the normals' part of K.
 Each pass asks the law for its elastic force at depths, whatever solver it has, and takes the next ones from a model
 f_n + B (change of e_n - delta), solved with the pads' own power. B is learned by secants (Broyden 1965) and stays in
-the block for the next sample. Where a step does not help, B becomes the diagonal of row sums, which is no less than K's
-part: that step, a proximal one, always lowers the function.
+the block for the next sample. Where a step does not help, B becomes the normals' part of K, which is no less than any
+slope: that step, a proximal one, always lowers the function.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def press(grasp: GraspState) -> int:
     for i, finger in enumerate(grasp.fingers):
         grasp.pads[i].whole = finger.displacement
     if not same_touch(grasp):
-        fill_slope(grasp, True)
+        fill_slope(grasp)
     predict(grasp)
     left = math.inf
     proximal = False
@@ -65,7 +65,7 @@ def press(grasp: GraspState) -> int:
             left = miss
             proximal = False
         else:
-            fill_slope(grasp, False)
+            fill_slope(grasp)
             proximal = True
         predict(grasp)
     grasp.pad_passes = PASSES
@@ -181,8 +181,8 @@ def same_touch(grasp: GraspState) -> bool:
 
 
 @kernel
-def fill_slope(grasp: GraspState, coupled: bool) -> None:
-    """Compute B: the normals' part of K if `coupled`, else a diagonal that is no less; and the rows' sums."""
+def fill_slope(grasp: GraspState) -> None:
+    """Compute the normals' part of K for B, and the sums of its rows."""
     assemble(grasp, True)
     c = grasp.coordinates
     for i in range(grasp.count):
@@ -190,10 +190,8 @@ def fill_slope(grasp: GraspState, coupled: bool) -> None:
         for j in range(grasp.count):
             entry = 0.5 * (grasp.square[i * c, j * c] + grasp.square[j * c, i * c])
             total += abs(entry)
-            grasp.pad_slope[i, j] = entry if coupled else 0.0
+            grasp.pad_slope[i, j] = entry
         grasp.pads[i].bound = total
-        if not coupled:
-            grasp.pad_slope[i, i] = total
 
 
 @kernel
@@ -202,23 +200,26 @@ def predict(grasp: GraspState) -> None:
     n = grasp.count
     for i, finger in enumerate(grasp.fingers):
         pad = grasp.pads[i]
-        pad.presses = finger.pad > 0.0 and pad.from_push > 0.0
-        pad.depth = pad.from_depth if pad.presses else 0.0
+        pad.depth = pad.from_depth
+        pad.presses = finger.pad > 0.0 and (pad.from_push > 0.0 or pad.depth > 0.0)
     for _ in range(INNER):
         for i, finger in enumerate(grasp.fingers):
             pad = grasp.pads[i]
-            root = math.sqrt(pad.depth)
-            left = pad.from_push - finger.pad * pad.depth * root
+            left = pad.from_push - finger.pad * pad.depth * math.sqrt(pad.depth)
             for j, other in enumerate(grasp.fingers):
                 also = grasp.pads[j]
                 grasp.pad_square[i, j] = 0.0
-                if pad.presses and also.from_push > 0.0:
+                if also.presses or also.from_push > 0.0:
                     change = inner(other.normal, also.whole.vector) - also.depth - also.from_stretch
                     left += grasp.pad_slope[i, j] * change
-                    if also.presses:
-                        grasp.pad_square[i, j] = grasp.pad_slope[i, j]
-            grasp.pad_vector[i] = left if pad.presses else 0.0
-            grasp.pad_square[i, i] += 1.5 * finger.pad * root if pad.presses else 1.0
+            pad.moves = pad.presses and (pad.depth > 0.0 or left > 0.0)
+            grasp.pad_vector[i] = left if pad.moves else 0.0
+        for i, finger in enumerate(grasp.fingers):
+            pad = grasp.pads[i]
+            for j in range(n):
+                both = pad.moves and grasp.pads[j].moves
+                grasp.pad_square[i, j] = grasp.pad_slope[i, j] if both else 0.0
+            grasp.pad_square[i, i] += 1.5 * finger.pad * math.sqrt(pad.depth) if pad.moves else 1.0
         if not eliminate(grasp.pad_square, grasp.pad_vector, n):
             break
         step = deepest = 0.0

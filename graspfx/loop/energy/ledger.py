@@ -14,8 +14,8 @@ so that f_j'd = V_j+ - V_j + damped + braked + slipped + reshaped - leaked: an i
 fingers' work is the wrench's and f'd, the wrench's that of `graspfx.objects.energy`. All is summed by itself; the gap
 between the fingers' work and all the rest is rounding, or the books are wrong.
 
-A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h and stores 2/5 of its force times that, not 1/2:
-the tenth is taken from V_j, and what it changes by, of third order in a step, counts as reshaped.
+A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h and stores 2/5 of its force times that, not
+1/2: the tenth is taken from V_j, and what it changes by, of third order in a step, counts as reshaped.
 """
 
 from __future__ import annotations
