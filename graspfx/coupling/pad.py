@@ -44,7 +44,7 @@ def press(grasp: GraspState) -> int:
         grasp.pads[i].whole = finger.displacement
     if not same_touch(grasp):
         fill_slope(grasp)
-    predict(grasp)
+    predict(grasp, False)
     left = math.inf
     proximal = False
     for k in range(PASSES):
@@ -67,7 +67,7 @@ def press(grasp: GraspState) -> int:
         else:
             fill_slope(grasp)
             proximal = True
-        predict(grasp)
+        predict(grasp, proximal)
     grasp.pad_passes = PASSES
     return UNRESOLVED
 
@@ -195,13 +195,18 @@ def fill_slope(grasp: GraspState) -> None:
 
 
 @kernel
-def predict(grasp: GraspState) -> None:
-    """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of the pads that press, by Newton's method."""
+def predict(grasp: GraspState, proximal: bool) -> None:
+    """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of the pads that press, by Newton's method.
+
+    A finger without force is taken to stay so and gets no depth, but for a proximal step, which lets it go down only.
+    """
     n = grasp.count
     for i, finger in enumerate(grasp.fingers):
         pad = grasp.pads[i]
         pad.depth = pad.from_depth
-        pad.presses = finger.pad > 0.0 and (pad.from_push > 0.0 or pad.depth > 0.0)
+        pad.presses = finger.pad > 0.0 and (pad.from_push > 0.0 or (proximal and pad.depth > 0.0))
+        if not pad.presses:
+            pad.depth = 0.0
     for _ in range(INNER):
         for i, finger in enumerate(grasp.fingers):
             pad = grasp.pads[i]

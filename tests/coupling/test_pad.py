@@ -10,10 +10,14 @@ import pytest
 from scipy.optimize import minimize
 
 import graspfx as gx
+from graspfx.compile.kernel import written
 from graspfx.compile.records import size_of
+from graspfx.coupling import pad
+from graspfx.coupling.approach import UNRESOLVED, approach
 from graspfx.coupling.grasp_state import PadState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
+from graspfx.coupling.sample import conclude
 from graspfx.coupling.sample import respond as law_alone
 from graspfx.errors import InputError
 from graspfx.objects.body import NativeBody, fill_body
@@ -40,7 +44,7 @@ def normals(g: GraspedObject) -> np.ndarray:
 
 
 def depths(g: GraspedObject) -> np.ndarray:
-    return np.array([pad.depth for pad in g.state.pads])
+    return np.array([each.depth for each in g.state.pads])
 
 
 def misses(g: GraspedObject, k: np.ndarray) -> np.ndarray:
@@ -127,12 +131,12 @@ def test_force_is_the_minimum_of_the_convex_function(kind: str) -> None:
         inward = np.zeros((n, d))
         inward[np.arange(n), side % d] = np.where(side < d, -1.0, 1.0)
         g.meet(first + 1e-9 * inward)
-        e = rng.uniform(-5e-4 if kind == "smooth" else 5e-4, 2e-3, (n, 1)) * inward + rng.normal(size=(n, d)) * 2e-4 * (1.0 - np.abs(inward))
+        e = rng.uniform(-5e-4 if kind == "smooth" else 5e-4, 2e-3, (n, 1)) * inward + rng.normal(size=(n, d)) * 2e-4 * (
+            1.0 - np.abs(inward)
+        )
         respond(g, first - 1e-6 * inward)
         if kind != "smooth":
-            respond(g, first + 1e-9 * inward)
-        if g.sample():
-            continue
+            respond(g, first + 1e-6 * inward)
         f = respond(g, first + e)
         if kind == "rough" and (g.state.law != 0 or any(finger.status == 2 for finger in g.state.fingers)):
             continue
@@ -293,14 +297,14 @@ def _fill(state: np.ndarray) -> None:
 
 def test_a_search_without_an_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where depths are not found within the passes the sample says so, and forces are zero."""
-    from graspfx.coupling import pad, sample
-    from graspfx.coupling.approach import UNRESOLVED
-
     g = padded(2, 1, law(40.0, 160.0), "smooth", 1e4)
     respond(g, [[-0.0245], [0.0242]])
-    monkeypatch.setattr(pad, "PASSES", 1)
     g.finger_position[:] = [[-0.0205], [0.0212]]
-    assert sample.sample(g._grasp) == UNRESOLVED
+    assert approach(g.state) == 0
+    monkeypatch.setattr(pad, "PASSES", 1)
+    assert written(pad.press)(g.state) == UNRESOLVED
+    assert g.force.any()
+    assert conclude(g.state, UNRESOLVED) == UNRESOLVED
     assert not g.force.any() and not g.touching.any()
 
 
