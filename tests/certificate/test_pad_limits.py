@@ -111,7 +111,7 @@ def sway(scene: gx.Scene) -> float:
 def test_a_run_grows_and_decays_as_the_certificate_says() -> None:
     """5 % on either side of the largest kep, along x, where the pads are; without them 5 % below grows too.
 
-    The box starts at its rest with a push of 0.1 mm/s; the rate of its swing to 15 %.
+    The box starts at its rest with a push of 0.1 mm/s; at 0.8 and 1.25 of the limit the rate of its swing to 3 %.
     """
     free = {"object__free": [True, False, False]}
     depth = (pressed() / PADS) ** (2 / 3) + pressed() / KIP
@@ -125,11 +125,14 @@ def test_a_run_grows_and_decays_as_the_certificate_says() -> None:
     [certificate] = certificates(scene)
     [limit] = [row for row in certificate.limits if row.mode == "external"]
     assert not limit.exact and limit.limit > 1.5 * KEP
-    for factor, grows in ((0.95, False), (1.05, True)):
+    for factor, grows in ((0.8, False), (0.95, False), (1.05, True), (1.25, True)):
         changed = scene.replace({"coupling.external.stiffness": factor * limit.limit})
         predicted = float(np.log(gx.stability.spectral_radius(changed)))
         assert bool(predicted > 0.0) is grows
-        assert sway(changed) == pytest.approx(predicted, rel=0.15)
+        measured = sway(changed)
+        assert bool(measured > 0.0) is grows
+        if abs(factor - 1.0) > 0.1:  # nearer, two swings of nearly one rate take turns for longer than the run
+            assert measured == pytest.approx(predicted, rel=0.03)
     rigid = scene.replace({"finger.0.pad": None, "finger.1.pad": None})
     assert gx.stability.spectral_radius(rigid.replace({"coupling.external.stiffness": 0.95 * limit.limit})) > 1.0
 

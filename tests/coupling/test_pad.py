@@ -77,9 +77,9 @@ def least(K: np.ndarray, e: np.ndarray, n: np.ndarray, k: np.ndarray, kind: str)
     """
     count, d = e.shape
     C = np.linalg.inv(K)
-    B = np.zeros((count, d, count))
-    B[np.arange(count), :, np.arange(count)] = n
-    B = B.reshape(count * d, count)
+    blocks = np.zeros((count, d, count))
+    blocks[np.arange(count), :, np.arange(count)] = n
+    B = blocks.reshape(count * d, count)
     unit = float(np.abs(K @ e.ravel()).max())
     along = B if kind == "smooth" else np.eye(count * d)
     energy = 1.0 / (unit * float(np.abs(e).max()))
@@ -298,7 +298,7 @@ def _fill(state: np.ndarray) -> None:
 def test_a_search_without_an_end_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where depths are not found within the passes the sample says so, and forces are zero."""
     g = padded(2, 1, law(40.0, 160.0), "smooth", 1e4)
-    respond(g, [[-0.0245], [0.0242]])
+    respond(g, [[-0.0245], [0.03]])
     g.finger_position[:] = [[-0.0205], [0.0212]]
     assert approach(g.state) == 0
     monkeypatch.setattr(pad, "PASSES", 1)
