@@ -43,8 +43,8 @@ test: $(WORK_READY) ## the tests and every example in the documents
 fast: $(WORK_READY) ## most of the tests in under a minute: of each, as many cases as take 0.4 s
 	$(TOGETHER) -m "not ($(UNASKED) or slow)"
 
-durations: $(WORK_READY) ## measure how long each test takes, on a quiet machine: what `make fast` chooses by
-	$(PYTEST) -p tests.support.slow
+durations: $(WORK_READY) ## measure how long each test takes: what `make fast` chooses by
+	$(TOGETHER) -p tests.support.slow -m "not ($(UNASKED))"
 
 coverage: $(WORK_READY) ## which lines the tests run, by file; kernels run as text of their own: docs/development/tests.md
 	@mkdir -p out/coverage

@@ -1,33 +1,32 @@
-"""The output delay of a simulated device, on a flat block."""
+"""The output delay of a simulated device."""
 
 from __future__ import annotations
 
-from typing import Any
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Table
 
 
-def delayed(S: Any, slot: int, line: int, delay: int, at: int, width: int) -> None:
-    """Put the `width` entries at `at` into the line and take there what was put in `delay` calls ago.
+@kernel
+def delayed(line: Table, slot: int, delay: int, values: Floats) -> int:
+    """Put values into the line, and into their place what was put in `delay` calls ago; give the row filled next.
 
-    The line has delay + 1 rows; S[slot] is the row to be filled next.
+    The line has delay + 1 rows; `slot` is the one that is filled now.
     """
-    if delay == 0:
-        return
-    row = int(S[slot])
-    into = line + row * width
-    for j in range(width):
-        S[into + j] = S[at + j]
-    row += 1
-    if row > delay:
-        row = 0
-    S[slot] = row
-    out = line + row * width
-    for j in range(width):
-        S[at + j] = S[out + j]
+    for j in range(line.columns):
+        line[slot, j] = values[j]
+    slot += 1
+    if slot > delay:
+        slot = 0
+    for j in range(line.columns):
+        values[j] = line[slot, j]
+    return slot
 
 
-def cleared(S: Any, line: int, delay: int, at: int, width: int) -> None:
-    """Nothing held, and nothing left in the line."""
-    for j in range((delay + 1) * width):
-        S[line + j] = 0.0
-    for j in range(width):
-        S[at + j] = 0.0
+@kernel
+def cleared(line: Table, delay: int, values: Floats) -> None:
+    """Leave no values, and none in the line."""
+    for row in range(delay + 1):
+        for j in range(line.columns):
+            line[row, j] = 0.0
+    for j in range(line.columns):
+        values[j] = 0.0

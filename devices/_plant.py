@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Record, floats, size_for, start_of
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.plant import FusedHand, Hand, Kernel, Ports, is_still
 
@@ -16,14 +18,36 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Pair = tuple[FloatArray, FloatArray]
 
-# The block begins with these entries, STILL 1 if the targets never change; a plant's own start at OWN. Its arrays,
-# where it says, are position, velocity and effort, (n, d) each, then the hand's targets r and r' at the sample's
-# beginning, at its end and, for a plant that asks for them, in its middle, (2, n, d) each.
-FINGERS, DIMENSIONS, PERIOD, SINCE, TICKS, STILL, OWN = range(7)
-POSITION, VELOCITY, EFFORT, BEGIN, END, MIDDLE = 0, 1, 2, 3, 5, 7  # in n d entries
-ARRAYS = 7  # n d entries of all of them without the middle
-
 NOT_FINITE = 1  # what a kernel gives for inputs that are not
+
+
+class PlantState(Record):
+    """What the block of every plant begins with: n fingers in d dimensions; arrays are (n, d), finger by finger."""
+
+    fingers: int  # n
+    dimensions: int  # d
+    period: float  # T [s]
+    since: float  # when the ticks began to count [s]
+    ticks: float
+    still: bool  # the targets never change
+    position: Floats = floats("fingers * dimensions")  # [m]
+    velocity: Floats = floats("fingers * dimensions")  # [m/s]
+    effort: Floats = floats("fingers * dimensions")  # u, held over the sample
+    start: Floats = floats("fingers * dimensions")  # the hand's target r at the sample's beginning [m]
+    start_rate: Floats = floats("fingers * dimensions")  # r' [m/s]
+    end: Floats = floats("fingers * dimensions")  # and at its end
+    end_rate: Floats = floats("fingers * dimensions")
+
+
+class MiddlePlantState(PlantState):
+    """The same of a plant that asks for the target in the middle of a sample."""
+
+    middle: Floats = floats("fingers * dimensions")
+    middle_rate: Floats = floats("fingers * dimensions")
+
+
+PERIOD, SINCE, TICKS, STILL = (start_of(PlantState, name) for name in ("period", "since", "ticks", "still"))
+ARRAYS = "position", "velocity", "effort", "start", "start_rate", "end", "end_rate"
 
 
 class HeldPlant(ABC):
@@ -32,33 +56,33 @@ class HeldPlant(ABC):
     A hand's gains are looked at again when its arrays are other objects than before.
 
     Args:
+        kind: of its block.
         fingers: n.
         dimensions: d.
-        header: entries before the arrays.
-        middle: whether it asks for the hand's target in the middle of the sample.
-        own: entries after the arrays.
     """
 
     kernel: Kernel  # moves the block by one sample; 0, or a number that `fault_text` knows
 
-    def __init__(self, fingers: int, dimensions: int, *, header: int, middle: bool, own: int) -> None:
+    def __init__(self, kind: type[PlantState], fingers: int, dimensions: int) -> None:
         shape, step = (fingers, dimensions), fingers * dimensions
-        size = header + (ARRAYS + 2 * middle) * step
-        self.state: FloatArray = np.zeros(size + own)
-        self.state[FINGERS], self.state[DIMENSIONS] = shape
+        self.state: FloatArray = np.zeros(size_for(kind, fingers=fingers, dimensions=dimensions))
+        block = kind(self.state)
+        block.fingers, block.dimensions = shape
+        names = ARRAYS + (("middle", "middle_rate") if isinstance(block, MiddlePlantState) else ())
+        starts = {name: getattr(block, name).offset for name in names}
+        arrays = {name: self.state[start : start + step].reshape(shape) for name, start in starts.items()}
         self.ports = Ports(
-            effort=header + EFFORT * step,
-            middle=header + MIDDLE * step if middle else None,
-            end=header + END * step,
-            position=header + POSITION * step,
-            velocity=header + VELOCITY * step,
+            effort=starts["effort"],
+            middle=starts.get("middle"),
+            end=starts["end"],
+            position=starts["position"],
+            velocity=starts["velocity"],
         )
-        arrays = self.state[header:size].reshape(-1, *shape)
-        self.position: FloatArray = arrays[POSITION]
-        self.velocity: FloatArray = arrays[VELOCITY]
-        self._effort = arrays[EFFORT]
-        self._begin, self._end = (arrays[BEGIN], arrays[BEGIN + 1]), (arrays[END], arrays[END + 1])
-        self._middle = (arrays[MIDDLE], arrays[MIDDLE + 1]) if middle else None
+        self.position: FloatArray = arrays["position"]
+        self.velocity: FloatArray = arrays["velocity"]
+        self._effort = arrays["effort"]
+        self._start, self._end = (arrays["start"], arrays["start_rate"]), (arrays["end"], arrays["end_rate"])
+        self._middle = (arrays["middle"], arrays["middle_rate"]) if "middle" in arrays else None
         self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
         self._held: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
         self._shown: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
@@ -101,7 +125,7 @@ class HeldPlant(ABC):
             r, v = (hand.state[at : at + n * d].reshape(n, d) for at in hand.ports)
             self._shown = hand, hand.state.data, r, v
         S[STILL] = float(is_still(hand))
-        self._aim(hand, now, self._begin)
+        self._aim(hand, now, self._start)
         self._held = hand, K, B
 
     def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
@@ -154,15 +178,16 @@ class HeldPlant(ABC):
         """Put gains (d, n, n) and whatever else depends on them and on T into the block."""
 
 
-def unfit(S: Any, first: int, last: int, step: int) -> int:
-    """NOT_FINITE if any of S[first], ..., S[last - 1] is not finite, or 0.
+@kernel
+def unfit(inputs: Floats, rows: int, columns: int) -> int:
+    """Give NOT_FINITE if any of so many rows of inputs is not finite, or 0.
 
-    Sums of `step` entries do not wait for one another.
+    Sums of the rows do not wait for one another.
     """
     nothing = 0.0
-    for start in range(first, last, step):
+    for row in range(rows):
         part = 0.0
-        for i in range(start, start + step):
-            part += 0.0 * S[i]
+        for i in range(row * columns, (row + 1) * columns):
+            part += 0.0 * inputs[i]
         nothing += part
     return 0 if nothing == 0.0 else NOT_FINITE

@@ -191,6 +191,12 @@ def outer(a: Vector, b: Vector) -> Matrix:
 
 
 @inline
+def length(v: Vector) -> float:
+    """Compute |v|."""
+    return math.sqrt(v.x * v.x + v.y * v.y + v.z * v.z)
+
+
+@inline
 def total(v: Vector) -> float:
     """Add the components of a vector: NaN or infinite where one of them is."""
     return v.x + v.y + v.z
@@ -291,11 +297,7 @@ def rotate_numbers(
     tx = 2.0 * (qy * z - qz * y)
     ty = 2.0 * (qz * x - qx * z)
     tz = 2.0 * (qx * y - qy * x)
-    return (
-        x + qw * tx + qy * tz - qz * ty,
-        y + qw * ty + qz * tx - qx * tz,
-        z + qw * tz + qx * ty - qy * tx,
-    )
+    return x + qw * tx + qy * tz - qz * ty, y + qw * ty + qz * tx - qx * tz, z + qw * tz + qx * ty - qy * tx
 
 
 def write_quaternion_matrix(S: Any, o: int, x: float, y: float, z: float, w: float) -> None:

@@ -1,4 +1,4 @@
-"""What every test stands on: figures without a display, no cache of the user's, the same examples every time."""
+"""Setting of every test: figures without a display, no cache of the user's, the same examples every time."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -143,7 +144,13 @@ def test_values_and_numbers_give_the_same_bits(size: float) -> None:
     write_quaternion_matrix(R, 0, *unit)
     step = exponential_numbers(v.x, v.y, v.z)
     write_angle_matrix(A := np.zeros(9), 0, angle)
-    expected = [rotate_numbers(*unit, v.x, v.y, v.z), R, A, step, product(-unit[0], -unit[1], -unit[2], unit[3], *step)]
+    expected: list[Any] = [
+        rotate_numbers(*unit, v.x, v.y, v.z),
+        R,
+        A,
+        step,
+        product(-unit[0], -unit[1], -unit[2], unit[3], *step),
+    ]
     assert [list(numbers(each)) for each in outcome] == [list(each) for each in expected]
 
 

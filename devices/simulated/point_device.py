@@ -8,11 +8,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import size_for, start_of
 from graspfx.devices.simulated import point_sample as sample
+from graspfx.devices.simulated.point_sample import PointDeviceState
 from graspfx.devices.simulated.points import PointPlant
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Device, DevicePorts, Features
-from graspfx.loop.velocity import LENGTH, VelocityEstimator, size
+from graspfx.loop.velocity import VelocityEstimate, VelocityEstimator, size
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -45,21 +47,26 @@ class PointDevice:
         self._window = velocity_window if resolution else 1
         k, d = self._shape = fingers, dimensions
         entries, each = k * d, size(self._window)
-        places = sample.HEADER + 2 * d
-        states = places + (sample.LINE + 1 + delay) * entries
-        self.state: FloatArray = np.zeros(states + entries * each)
+        self.state: FloatArray = np.zeros(
+            size_for(PointDeviceState, fingers=k, dimensions=d, delay=delay, estimate_size=each)
+        )
         self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
-        switches = resolution > 0.0, workspace is not None, force_limit is not None
-        header = k, d, *switches, delay, each, 0.0, resolution, force_limit or 0.0
-        self.state[:places] = [*header, *np.ravel(workspace if workspace is not None else np.zeros((2, d)))]
-        self._starts = states + each * np.arange(entries)  # of the velocity estimates' states
-        self.structure: Index = np.concatenate([np.array(sample.STRUCTURE), self._starts + LENGTH])
+        block = PointDeviceState(self.state)
+        block.fingers, block.dimensions, block.delay, block.estimate_size = k, d, delay, each
+        block.rounded, block.bounded, block.limited = resolution > 0.0, workspace is not None, force_limit is not None
+        block.resolution, block.limit = resolution, force_limit or 0.0
+        self._corners = self.state[block.low.offset : block.sensed.offset].reshape(2, d)
+        if workspace is not None:
+            self._corners[...] = workspace
+        self._estimates = block.estimates
+        lengths = [start_of(VelocityEstimate, "length") + estimate.offset for estimate in block.estimates]
+        self.structure: Index = np.array([*sample.STRUCTURE, *lengths])
         self.ports = DevicePorts(
-            sensed=places + sample.SENSED * entries,
-            position=places + sample.POSITION * entries,
-            velocity=places + sample.VELOCITY * entries,
-            command=places + sample.COMMAND * entries,
-            effort=places + sample.EFFORT * entries,
+            sensed=block.sensed.offset,
+            position=block.position.offset,
+            velocity=block.velocity.offset,
+            command=block.command.offset,
+            effort=block.effort.offset,
         )
         self.sensed: Index = np.zeros(0, dtype=np.intp)
         arrays = [self.state[at : at + entries].reshape(self._shape) for at in self.ports]
@@ -112,10 +119,8 @@ class PointDevice:
         return plant
 
     def open(self, period: float) -> None:
-        first = int(self._starts[0])
-        self._estimator = VelocityEstimator(
-            period, self._shape, 0.5 * self.resolution, self._window, self.state[first:]
-        )
+        memory = self.state[self._estimates.offset :]
+        self._estimator = VelocityEstimator(period, self._shape, 0.5 * self.resolution, self._window, memory)
         self._seen = (-1, 0.0)
         self.stop()
 
@@ -160,7 +165,7 @@ class PointDevice:
             return f"the force on {finger} is {_point(self._command[i])} N; zero is displayed"
         if kind + 1 == sample.DIVERGED:
             return f"{finger} is at {at} m; its motion has diverged"
-        corners = self.state[sample.HEADER : self.ports.sensed].reshape(2, -1)
+        corners = self._corners
         return (
             f"{finger} is at {at} m, outside its workspace from {_point(corners[0])} to {_point(corners[1])} m; widen "
             "`workspace`, or start or move the finger nearer to its middle"

@@ -1,19 +1,43 @@
-"""A sample of simulated point devices on a flat block: what their sensors tell, and what their actuators hold."""
+"""A sample of simulated point devices: what their sensors tell, and what their actuators hold."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Many, Record, Table, floats, many, start_of, table
 from graspfx.devices._late import cleared, delayed
-from graspfx.loop.velocity import estimate
+from graspfx.loop.velocity import VelocityEstimate, estimate
 
-# The block begins with these entries; switches are 1 or 0. Corners of the workspace (d each) follow, then the places
-# that are sensed, positions, velocities, commands and efforts, (k, d) each, the delay line, (delay + 1, k, d), and
-# the velocity estimates' states, one for each of the k d components.
-FINGERS, DIMENSIONS, ROUNDED, BOUNDED, LIMITED, DELAY, ESTIMATE, SLOT, RESOLUTION, LIMIT, HEADER = range(11)
-SENSED, POSITION, VELOCITY, COMMAND, EFFORT, LINE = range(6)  # in k d entries after the corners
-STRUCTURE = FINGERS, DIMENSIONS, ROUNDED, BOUNDED, LIMITED, DELAY, ESTIMATE
+
+class PointDeviceState(Record):
+    """Point devices that are one device: k fingers in d dimensions."""
+
+    fingers: int  # k
+    dimensions: int  # d
+    rounded: bool  # positions are multiples of the resolution
+    bounded: bool  # there is a workspace
+    limited: bool  # and a limit of forces
+    delay: int  # [samples]
+    estimate_size: int  # entries of the velocity estimate of one component
+    slot: int  # row of the delay line that is filled next
+    resolution: float  # [m]
+    limit: float  # [N]
+    low: Floats = floats("dimensions")  # corners of the workspace [m]
+    high: Floats = floats("dimensions")
+    sensed: Floats = floats("fingers * dimensions")  # where the fingertips are [m]
+    position: Floats = floats("fingers * dimensions")  # where they are read [m]
+    velocity: Floats = floats("fingers * dimensions")  # [m/s]
+    command: Floats = floats("fingers * dimensions")  # forces to display [N]
+    effort: Floats = floats("fingers * dimensions")  # forces that act [N]
+    line: Table = table("delay + 1", "fingers * dimensions")
+    estimates: Many[VelocityEstimate] = many("fingers * dimensions", "estimate_size")
+
+
+STRUCTURE = [
+    start_of(PointDeviceState, name)
+    for name in ("fingers", "dimensions", "rounded", "bounded", "limited", "delay", "estimate_size")
+]
 
 # What the kernels give besides 0, KINDS for each finger.
 ENDLESS_FORCE, DIVERGED, OUTSIDE = 1, 2, 3
@@ -23,70 +47,65 @@ WHOLE = 2.0**52  # from here on floats are whole numbers
 
 
 def nearest(x: float) -> float:
-    """x rounded to a whole number, halves to the even one; what is not finite stays."""
+    """Round x to a whole number, halves to the even one; what is not finite stays."""
     if abs(x) < WHOLE:
         return (x + WHOLE) - WHOLE if x >= 0.0 else (x - WHOLE) + WHOLE
     return x
 
 
-def read(S: Any, o: int) -> int:
-    """Positions and velocities from the places that are sensed; 0, DIVERGED or OUTSIDE of the first such finger."""
-    k, d, size = int(S[o + FINGERS]), int(S[o + DIMENSIONS]), int(S[o + ESTIMATE])
-    entries = k * d
-    low = o + HEADER
-    high, sensed = low + d, low + 2 * d
-    position, velocity = sensed + POSITION * entries, sensed + VELOCITY * entries
-    states = sensed + (LINE + 1 + int(S[o + DELAY])) * entries
-    rounded, resolution = int(S[o + ROUNDED]), S[o + RESOLUTION]
-    for j in range(entries):
-        x = S[sensed + j]
-        if rounded == 1:
+@kernel
+def read(device: PointDeviceState) -> int:
+    """Work out positions and velocities from the sensed places; 0, or DIVERGED or OUTSIDE of the first such finger."""
+    d = device.dimensions
+    low, high = device.low, device.high
+    sensed, position, velocity = device.sensed, device.position, device.velocity
+    rounded, resolution = device.rounded, device.resolution
+    for j, state in enumerate(device.estimates):
+        x = sensed[j]
+        if rounded:
             x = nearest(x / resolution) * resolution
-        S[position + j] = x
-        S[velocity + j] = estimate(S, states + j * size, x)
-    for i in range(k):
-        at = position + i * d
+        position[j] = x
+        velocity[j] = estimate(state, x)
+    for i in range(device.fingers):
         for a in range(d):
-            if not math.isfinite(S[at + a]):
+            if not math.isfinite(position[d * i + a]):
                 return DIVERGED + KINDS * i
-        if int(S[o + BOUNDED]) == 1:
+        if device.bounded:
             for a in range(d):
-                if not S[low + a] <= S[at + a] <= S[high + a]:
+                if not low[a] <= position[d * i + a] <= high[a]:
                     return OUTSIDE + KINDS * i
     return 0
 
 
-def write(S: Any, o: int) -> int:
-    """Commands, shortened to the limit, into the delay line and what comes out of it into the efforts.
+@kernel
+def write(device: PointDeviceState) -> int:
+    """Shorten commands to the limit, put them into the delay line and what comes out of it into the efforts.
 
     0, or ENDLESS_FORCE of the first finger whose command is not finite, and then the device has stopped.
     """
-    k, d, delay = int(S[o + FINGERS]), int(S[o + DIMENSIONS]), int(S[o + DELAY])
-    entries = k * d
-    sensed = o + HEADER + 2 * d
-    command, effort = sensed + COMMAND * entries, sensed + EFFORT * entries
-    limited, limit = int(S[o + LIMITED]), S[o + LIMIT]
-    for i in range(k):
-        at = command + i * d
+    d = device.dimensions
+    command, effort = device.command, device.effort
+    limited, limit = device.limited, device.limit
+    for i in range(device.fingers):
         force = 0.0
         for a in range(d):
-            force += S[at + a] * S[at + a]
+            force += command[d * i + a] * command[d * i + a]
         force = math.sqrt(force)
         if not math.isfinite(force):
-            stop(S, o)
+            stop(device)
             return ENDLESS_FORCE + KINDS * i
         share = 1.0
-        if limited == 1 and force > limit:
+        if limited and force > limit:
             share = limit / force
         for a in range(d):
-            S[effort + i * d + a] = share * S[at + a]
-    delayed(S, o + SLOT, sensed + LINE * entries, delay, effort, entries)
+            effort[d * i + a] = share * command[d * i + a]
+    if device.delay > 0:
+        device.slot = delayed(device.line, device.slot, device.delay, effort)
     return 0
 
 
-def stop(S: Any, o: int) -> int:
-    """No effort now, and none on its way."""
-    entries = int(S[o + FINGERS]) * int(S[o + DIMENSIONS])
-    sensed = o + HEADER + 2 * int(S[o + DIMENSIONS])
-    cleared(S, sensed + LINE * entries, int(S[o + DELAY]), sensed + EFFORT * entries, entries)
+@kernel
+def stop(device: PointDeviceState) -> int:
+    """Leave no effort, and none on its way."""
+    cleared(device.line, device.delay, device.effort)
     return 0

@@ -3,83 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.devices._plant import (
-    ARRAYS,
-    BEGIN,
-    DIMENSIONS,
-    EFFORT,
-    END,
-    FINGERS,
-    OWN,
-    STILL,
-    TICKS,
-    VELOCITY,
-    HeldPlant,
-    unfit,
-)
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Many, Record, floats, layout, many
+from graspfx.devices._plant import HeldPlant, PlantState, unfit
 from graspfx.exponential import expm1
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-# The block's own part: how many groups there are and where their table starts. After the arrays: room for one group's
-# input, 6 n; the table of groups; their fingers; their matrices.
-GROUPS = OWN
-TABLE = OWN + 1
-HEADER = OWN + 2
-GROUP = 4  # entries of a group: axis, size, where its fingers are listed, where its matrix starts
+
+class CoupledFingers(Record):
+    """Fingers that gains couple on an axis."""
+
+    axis: int
+    count: int  # g
+    first: int  # which of the plant's `members` is the first of them
+    matrix: int  # which of `matrices` is the first entry of theirs, (2 g, 6 g)
 
 
-def advance(S: Any, o: int) -> int:
-    """One sample of the plant whose block starts at `o`; then the targets' end becomes their beginning.
+class PointPlantState(PlantState):  # type: ignore[misc] # mypy does not see the shelf from inside the package
+    """Point masses: the groups of coupled fingers and what moves each over a sample."""
+
+    group_count: int  # groups that there are
+    inputs: Floats = floats("6 * fingers")  # room for those of one group
+    groups: Many[CoupledFingers] = many("fingers * dimensions")
+    members: Floats = floats("fingers * dimensions")  # fingers, group by group
+    matrices: Floats = floats("12 * fingers * fingers * dimensions")
+
+
+@kernel
+def advance(plant: PointPlantState) -> int:
+    """Move the plant by one sample; then the targets' end becomes their beginning.
 
     Per group of g coupled fingers on an axis: (x - x_0, x') = M (x_0 - r_0, x_0', u, r_1 - r_0, r_0', r_1'); the
     last three are zero where the targets stand still.
     """
-    n, d = int(S[o + FINGERS]), int(S[o + DIMENSIONS])
-    step = n * d
-    x = o + HEADER
-    v, u = x + VELOCITY * step, x + EFFORT * step
-    r0, r1 = x + BEGIN * step, x + END * step
-    dr0, dr1 = r0 + step, r1 + step
-    q = x + ARRAYS * step
-    still = S[o + STILL] != 0.0
-    code: int = unfit(S, u, u + step if still else q, step)
-    if code:
+    d = plant.dimensions
+    step = plant.fingers * d
+    x, v, u = plant.position, plant.velocity, plant.effort
+    r0, dr0, r1, dr1 = plant.start, plant.start_rate, plant.end, plant.end_rate
+    still = plant.still
+    code: int = unfit(u, 1 if still else 5, step)  # the targets follow the efforts
+    if code != 0:
         return code
-    table = o + int(S[o + TABLE])
-    for group in range(int(S[o + GROUPS])):
-        row = table + GROUP * group
-        axis, g = int(S[row]), int(S[row + 1])
-        members, top = o + int(S[row + 2]), o + int(S[row + 3])
+    q, groups, members, matrices = plant.inputs, plant.groups, plant.members, plant.matrices
+    for k in range(plant.group_count):
+        group = groups[k]
+        axis, g, first, top = group.axis, group.count, group.first, group.matrix
         for j in range(g):
-            i = int(S[members + j]) * d + axis
-            S[q + j] = S[x + i] - S[r0 + i]
-            S[q + g + j] = S[v + i]
-            S[q + 2 * g + j] = S[u + i]
+            i = int(members[first + j]) * d + axis
+            q[j] = x[i] - r0[i]
+            q[g + j] = v[i]
+            q[2 * g + j] = u[i]
             if not still:
-                S[q + 3 * g + j] = S[r1 + i] - S[r0 + i]
-                S[q + 4 * g + j] = S[dr0 + i]
-                S[q + 5 * g + j] = S[dr1 + i]
+                q[3 * g + j] = r1[i] - r0[i]
+                q[4 * g + j] = dr0[i]
+                q[5 * g + j] = dr1[i]
         width = 6 * g
         for j in range(g):
-            i = int(S[members + j]) * d + axis
+            i = int(members[first + j]) * d + axis
             a, b = top + j * width, top + (g + j) * width
             dx = dv = 0.0
-            for k in range(3 * g if still else width):
-                dx += S[a + k] * S[q + k]
-                dv += S[b + k] * S[q + k]
-            S[x + i] += dx
-            S[v + i] = dv
+            for c in range(3 * g if still else width):
+                dx += matrices[a + c] * q[c]
+                dv += matrices[b + c] * q[c]
+            x[i] += dx
+            v[i] = dv
     if not still:
-        for i in range(2 * step):
-            S[r0 + i] = S[r1 + i]
-    S[o + TICKS] += 1.0
+        for i in range(step):
+            r0[i], dr0[i] = r1[i], dr1[i]
+    plant.ticks += 1.0
     return 0
 
 
@@ -101,22 +98,20 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
     kernel = staticmethod(advance)
 
     def __init__(self, mass: Sequence[float], damping: Sequence[float], dimensions: int) -> None:
-        n, d = len(mass), dimensions
-        own = 6 * n + (GROUP + 1) * n * d + 12 * n * n * d
-        super().__init__(n, d, header=HEADER, middle=False, own=own)
-        self.state[TABLE] = HEADER + ARRAYS * n * d + 6 * n
+        super().__init__(PointPlantState, len(mass), dimensions)
+        self._block = PointPlantState(self.state)
         self._mass, self._damping = np.array(mass, dtype=float), np.array(damping, dtype=float)
         self._made_for: tuple[bytes, bytes, float] | None = None
 
     @property
     def structure(self) -> Index:
         """Counts, whether targets stand still, and the groups of coupled fingers: how many, their table and members."""
-        row, entries = int(self.state[TABLE]), self.position.size
-        members = row + GROUP * entries
-        rows = np.arange(row, row + GROUP * int(self.state[GROUPS]))
-        return np.concatenate(
-            [[FINGERS, DIMENSIONS, STILL, GROUPS, TABLE], rows, np.arange(members, members + entries)]
-        )
+        block = self._block
+        names = "fingers", "dimensions", "still", "group_count"
+        counts = [layout(PointPlantState)[name].place(block) for name in names]
+        groups = np.arange(block.groups.offset, block.groups[block.group_count].offset)
+        members = block.members.offset + np.arange(self.position.size)
+        return np.concatenate([counts, groups, members])
 
     def _put(self, position: FloatArray) -> None:
         """There is nothing else to place."""
@@ -125,27 +120,26 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         these = K.tobytes(), B.tobytes(), T
         if these == self._made_for:
             return
-        n, d = self.position.shape
-        S, m, b = self.state, self._mass, self._damping
-        row = int(S[TABLE])
-        members = row + GROUP * n * d
-        end = members + n * d
-        made: dict[tuple[bytes, ...], int] = {}
-        S[GROUPS] = 0.0
+        d, block = self.position.shape[1], self._block
+        m, b = self._mass, self._damping
+        groups, members, matrices = block.groups, block.members.offset, block.matrices.offset
+        count = listed = end = 0
+        known: dict[tuple[bytes, ...], int] = {}
         for axis in range(d):
-            for group in _coupled((K[axis] != 0.0) | (B[axis] != 0.0)):
-                size, block = len(group), np.ix_(group, group)
-                parts = m[group], b[group], K[axis][block], B[axis][block]
+            for fingers in _coupled((K[axis] != 0.0) | (B[axis] != 0.0)):
+                rows = np.ix_(fingers, fingers)
+                parts = m[fingers], b[fingers], K[axis][rows], B[axis][rows]
                 key = tuple(part.tobytes() for part in parts)
-                if key not in made:
+                if key not in known:
                     step = _step(*parts, T)
-                    S[end : end + step.size] = step.ravel()
-                    made[key] = end
+                    self.state[matrices + end : matrices + end + step.size] = step.ravel()
+                    known[key] = end
                     end += step.size
-                S[row : row + GROUP] = axis, size, members, made[key]
-                S[members : members + size] = group
-                row, members = row + GROUP, members + size
-                S[GROUPS] += 1.0
+                group = groups[count]
+                group.axis, group.count, group.first, group.matrix = axis, len(fingers), listed, known[key]
+                self.state[members + listed : members + listed + len(fingers)] = fingers
+                count, listed = count + 1, listed + len(fingers)
+        block.group_count = count
         self._made_for = these
 
 

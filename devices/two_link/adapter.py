@@ -12,8 +12,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import size_for, start_of
 from graspfx.devices.two_link import arm_sample as sample
-from graspfx.devices.two_link.arm import Arm, Mechanics
+from graspfx.devices.two_link.arm import Arm, Both, Mechanics, Point
+from graspfx.devices.two_link.arm_sample import ArmState
 from graspfx.devices.two_link.board import Board, Wiring
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Features
@@ -38,17 +40,18 @@ class TwoLinkArm(ABC):
         self.arm, self.wiring, self.mechanics = arm, wiring, mechanics
         self._window, self._delay = velocity_window, delay
         each, late = size(velocity_window), delay or 0
-        self.state: FloatArray = np.zeros(sample.STATES + 2 * each + 2 * (late + 1))
+        self.state: FloatArray = np.zeros(size_for(ArmState, delay=late, estimate_size=each))
         self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
-        drives = arm.drive == "elbow", late, each
-        self.state[: sample.SLOT] = [
-            *(*arm.base, *arm.links, *wiring.zero, *wiring.step, *wiring.gear, *wiring.torque_limit),
-            *(*arm.reach, arm.bend, *drives),
-        ]
-        sample.place(self._S, 0, *arm.angles(arm.base[0], arm.base[1] + math.hypot(*arm.links)))
-        sample.reach_torque(self._S, 0)
-        pairs = (sample.POSITION, sample.VELOCITY, sample.COMMAND, sample.EFFORT)
-        arrays = [self.state[at : at + 2].reshape(1, 2) for at in pairs]
+        block = self._block = ArmState(self._S)
+        block.base, block.lengths = Point(*arm.base), Both(*arm.links)
+        block.zero, block.step, block.gear = Both(*wiring.zero), Both(*wiring.step), Both(*wiring.gear)
+        block.torque_limit = Both(*wiring.torque_limit)
+        (block.low, block.high), block.bend = arm.reach, arm.bend
+        block.elbow, block.delay, block.estimate_size = arm.drive == "elbow", late, each
+        sample.place(block, *arm.angles(arm.base[0], arm.base[1] + math.hypot(*arm.links)))
+        sample.limit_force(block)
+        pairs = [start_of(ArmState, name) for name in ("position", "velocity", "command", "effort")]
+        arrays = [self.state[start : start + 2].reshape(1, 2) for start in pairs]
         self._position, self._velocity, self._command, self._effort = arrays
         self._estimator: VelocityEstimator | None = None  # while the device is open
 
@@ -84,7 +87,8 @@ class TwoLinkArm(ABC):
 
         With both motors at the base it is the same everywhere, the peak force.
         """
-        return self.state[sample.LARGEST : sample.LARGEST + 1]
+        start = start_of(ArmState, "largest")
+        return self.state[start : start + 1]
 
     def effective_mass(self, position: Sequence[float]) -> FloatArray:
         """Lambda = (J M^-1 J')^-1, (2, 2) [kg], with the finger at a position [m]; needs the masses of the links."""
@@ -99,7 +103,8 @@ class TwoLinkArm(ABC):
         return damping
 
     def open(self, period: float) -> None:
-        self._estimator = VelocityEstimator(period, (2,), 0.5, self._window, self.state[sample.STATES :])
+        memory = self.state[self._block.estimates.offset :]
+        self._estimator = VelocityEstimator(period, (2,), 0.5, self._window, memory)
 
     @abstractmethod
     def close(self) -> None:
@@ -107,17 +112,14 @@ class TwoLinkArm(ABC):
 
     def fault_text(self, code: int) -> str:
         """What a number that a kernel gave means, with the figures in the block."""
-        S = self._S
+        counts, links, force = self._block.counts, self._block.links, self._block.command
         if code == sample.NO_COUNTS:
-            first, second = S[sample.COUNTS], S[sample.COUNTS + 1]
-            return f"the arm's board gives counts {first:.17g}, {second:.17g}: check encoders and cables"
+            return f"the arm's board gives counts {counts.first:.17g}, {counts.second:.17g}: check encoders and cables"
         if code == sample.OUT_OF_REACH:
-            x1, y1, x2, y2 = S[sample.VECTORS : sample.VECTORS + 4]
-            return str(self.arm.reach_fault(x1 + x2, y1 + y2))
+            return str(self.arm.reach_fault(links.x1 + links.x2, links.y1 + links.y2))
         if code == sample.OTHER_ELBOW:
             return str(self.arm.elbow_fault)
-        fx, fy = S[sample.COMMAND : sample.COMMAND + 2]
-        return f"a force of ({fx}, {fy}) N cannot be displayed: the arm's motors are at zero torque"
+        return f"a force of ({force.x}, {force.y}) N cannot be displayed: the arm's motors are at zero torque"
 
     def __enter__(self) -> Self:
         return self
@@ -175,19 +177,19 @@ class TwoLink(TwoLinkArm):
         except OSError as error:
             raise DeviceError(f"the arm's board gives no counts: {error}") from error
         taken = time.perf_counter() - self._began
-        self._S[sample.COUNTS], self._S[sample.COUNTS + 1] = counts
-        code = sample.follow(self._S, 0)
+        self._block.counts = Both(*counts)
+        code = sample.follow(self._block)
         if code:
             raise DeviceError(self.fault_text(code))
         return self._position, self._velocity, taken
 
     def write(self, forces: FloatArray) -> None:
         self._take(forces)
-        code = sample.drive(self._S, 0)
+        code = sample.drive(self._block)
         if code:
             self.stop()
             raise DeviceError(self.fault_text(code))
-        self._send(self._S[sample.TORQUE], self._S[sample.TORQUE + 1])
+        self._send(self._block.torque[0], self._block.torque[1])
 
     def stop(self) -> None:
         if self._estimator is not None:

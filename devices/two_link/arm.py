@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.kernel import inline
 from graspfx.errors import DeviceError, InputError
 
 FloatArray = NDArray[np.float64]
@@ -17,23 +18,60 @@ Elbow = Literal["left", "right"]
 Drive = Literal["base", "elbow"]
 
 
-def turned(elbow: bool, a1: float, a2: float) -> Pair:
-    """q, what the joints have turned by [rad], from the directions of the links; `elbow`: the second motor is there."""
+@dataclass(frozen=True, slots=True)
+class Both:
+    """A number of the first joint, link or motor, and one of the second."""
+
+    first: float
+    second: float
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A place or a vector in the plane."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """The two links as vectors [m]."""
+
+    x1: float
+    y1: float
+    x2: float
+    y2: float
+
+
+def joint_angles(elbow: bool, a1: float, a2: float) -> Pair:
+    """Give q, the angles of the joints [rad], from the directions of the links.
+
+    Args:
+        elbow: whether the second motor sits at the elbow.
+        a1, a2: [rad].
+    """
     if elbow:
         return a1, a2 - a1
     return a1, a2
 
 
-def directed(elbow: bool, q1: float, q2: float) -> Pair:
-    """a1, a2 from q: the inverse of `turned`."""
+def link_directions(elbow: bool, q1: float, q2: float) -> Pair:
+    """Give a1, a2 from q: the inverse of `joint_angles`."""
     if elbow:
         return q1, q1 + q2
     return q1, q2
 
 
-def vectors(l1: float, l2: float, a1: float, a2: float) -> tuple[float, float, float, float]:
-    """The links x1, y1, x2, y2 [m]."""
-    return l1 * math.cos(a1), l1 * math.sin(a1), l2 * math.cos(a2), l2 * math.sin(a2)
+@inline
+def links_at(lengths: Both, a1: float, a2: float) -> Links:
+    """Give the links [m] in directions a1, a2 [rad]."""
+    return Links(
+        lengths.first * math.cos(a1),
+        lengths.first * math.sin(a1),
+        lengths.second * math.cos(a2),
+        lengths.second * math.sin(a2),
+    )
 
 
 @dataclass(frozen=True)
@@ -81,13 +119,13 @@ class Arm:
 
     def tip(self, a1: float, a2: float) -> Pair:
         """Position of the finger [m] at link directions a1, a2 [rad]."""
-        x1, y1, x2, y2 = vectors(*self.links, a1, a2)
-        return self.base[0] + x1 + x2, self.base[1] + y1 + y2
+        links = links_at(Both(*self.links), a1, a2)
+        return self.base[0] + links.x1 + links.x2, self.base[1] + links.y1 + links.y2
 
     def jacobian(self, a1: float, a2: float) -> FloatArray:
         """J = dp/da, (2, 2) [m], by the directions of the links."""
-        x1, y1, x2, y2 = vectors(*self.links, a1, a2)
-        return np.array([[-y1, -y2], [x1, x2]])
+        links = links_at(Both(*self.links), a1, a2)
+        return np.array([[-links.y1, -links.y2], [links.x1, links.x2]])
 
     def angles(self, x: float, y: float) -> Pair:
         """a1, a2 [rad] that put the finger at x, y [m], with the elbow on its side; DeviceError out of reach."""

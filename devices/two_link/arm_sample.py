@@ -1,129 +1,149 @@
-"""A sample of a two-link arm on a flat block: counts to the finger's motion, force to torques; and their simulation."""
+"""A sample of a two-link arm: counts to the finger's motion, force to torques; and their simulation."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Many, Record, Table, floats, many, start_of, table
 from graspfx.devices._late import cleared, delayed
-from graspfx.devices.two_link.arm import directed, turned, vectors
-from graspfx.loop.velocity import estimate
+from graspfx.devices.two_link.arm import Both, Links, Point, joint_angles, link_directions, links_at
+from graspfx.loop.velocity import VelocityEstimate, estimate
 
-# The block. Two entries each, unless they are said to be others; of joints and motors, first and second.
-BASE, LINKS = 0, 2  # [m]
-ZERO, STEP = 4, 6  # [rad]
-GEAR, MOST = 8, 10  # -, [N m]
-LOW, HIGH = 12, 13  # one each: the reach [m]
-BEND = 14  # one: the sign of sin(a2 - a1)
-ELBOW = 15  # one: 1 if the second motor sits at the elbow
-DELAY, ESTIMATE, SLOT = 16, 17, 18  # one each: ESTIMATE entries are the state of one velocity estimate
-ANGLES = 19  # directions of the links, what the encoders of a simulated arm see [rad]
-COUNTS = 21
-VECTORS = 23  # 4: the links x1, y1, x2, y2 [m]
-POSITION, VELOCITY, COMMAND = 27, 29, 31  # of the finger, [m], [m/s], [N]
-TORQUE = 33  # of the motors [N m]
-EFFORT = 35  # at the joints [N m]
-LARGEST = 37  # one: the largest force at the finger in every direction [N]
-STATES = 38  # of the velocity estimates; the delay line follows, (delay + 1, 2)
-STRUCTURE = ELBOW, DELAY, ESTIMATE
+
+class ArmState(Record):
+    """An arm as a device: what it is, what its encoders tell, what its motors are given."""
+
+    base: Point  # [m]
+    lengths: Both  # of the links [m]
+    zero: Both  # of the joints [rad]
+    step: Both  # that a joint turns by for one count [rad]
+    gear: Both
+    torque_limit: Both  # of the motors [N m]
+    low: float  # least and greatest distance of the finger from the base [m]
+    high: float
+    bend: float  # the sign of sin(a2 - a1)
+    elbow: bool  # the second motor sits at the elbow
+    delay: int  # [samples]
+    estimate_size: int  # entries of a velocity estimate
+    slot: int  # row of the delay line that is filled next
+    angles: Both  # directions of the links, what the encoders of a simulated arm see [rad]
+    counts: Both
+    links: Links  # [m]
+    position: Point  # of the finger [m]
+    velocity: Point  # [m/s]
+    command: Point  # [N]
+    largest: float  # the largest force at the finger in every direction [N]
+    torque: Floats = floats("2")  # of the motors [N m]
+    effort: Floats = floats("2")  # at the joints [N m]
+    estimates: Many[VelocityEstimate] = many("2", "estimate_size")
+    line: Table = table("delay + 1", "2")
+
+
+STRUCTURE = [start_of(ArmState, name) for name in ("elbow", "delay", "estimate_size")]
 
 # What the kernels give besides 0.
 NO_COUNTS, OUT_OF_REACH, OTHER_ELBOW, ENDLESS_TORQUE = range(1, 5)
 
 
-def place(S: Any, o: int, a1: float, a2: float) -> None:
-    """The links as vectors: the Jacobian by their directions is [[-y1, -y2], [x1, x2]]."""
-    x1, y1, x2, y2 = vectors(S[o + LINKS], S[o + LINKS + 1], a1, a2)
-    S[o + VECTORS] = x1
-    S[o + VECTORS + 1] = y1
-    S[o + VECTORS + 2] = x2
-    S[o + VECTORS + 3] = y2
+@kernel
+def place(arm: ArmState, a1: float, a2: float) -> None:
+    """Work out the links as vectors: the Jacobian by their directions is [[-y1, -y2], [x1, x2]]."""
+    arm.links = links_at(arm.lengths, a1, a2)
 
 
-def reach_torque(S: Any, o: int) -> None:
-    """The largest force that the motors reach in every direction: a motor's torque over the longest lever."""
-    x1, y1, x2, y2 = S[o + VECTORS], S[o + VECTORS + 1], S[o + VECTORS + 2], S[o + VECTORS + 3]
+@kernel
+def limit_force(arm: ArmState) -> None:
+    """Work out the largest force in every direction: a motor's torque over the longest lever."""
+    x1, y1, x2, y2 = arm.links.x1, arm.links.y1, arm.links.x2, arm.links.y2
     second = math.sqrt(x2 * x2 + y2 * y2)
-    if int(S[o + ELBOW]) == 1:
+    if arm.elbow:
         x1, y1 = x1 + x2, y1 + y2
     first = math.sqrt(x1 * x1 + y1 * y1)
-    S[o + LARGEST] = min(S[o + MOST] * abs(S[o + GEAR]) / first, S[o + MOST + 1] * abs(S[o + GEAR + 1]) / second)
+    most, gear = arm.torque_limit, arm.gear
+    arm.largest = min(most.first * abs(gear.first) / first, most.second * abs(gear.second) / second)
 
 
-def follow(S: Any, o: int) -> int:
-    """The finger's position and velocity from the counts."""
-    c1, c2 = S[o + COUNTS], S[o + COUNTS + 1]
-    if not (math.isfinite(c1) and math.isfinite(c2)):
+@kernel
+def follow(arm: ArmState) -> int:
+    """Work out the finger's position and velocity from the counts."""
+    counts = arm.counts
+    if not (math.isfinite(counts.first) and math.isfinite(counts.second)):
         return NO_COUNTS
-    s1, s2, elbow = S[o + STEP], S[o + STEP + 1], int(S[o + ELBOW]) == 1
-    rate1 = estimate(S, o + STATES, c1)
-    rate2 = estimate(S, o + STATES + int(S[o + ESTIMATE]), c2)
-    a1, a2 = directed(elbow, S[o + ZERO] + c1 * s1, S[o + ZERO + 1] + c2 * s2)
-    w1, w2 = directed(elbow, rate1 * s1, rate2 * s2)
-    place(S, o, a1, a2)
-    x1, y1, x2, y2 = S[o + VECTORS], S[o + VECTORS + 1], S[o + VECTORS + 2], S[o + VECTORS + 3]
-    if not S[o + LOW] <= math.sqrt((x1 + x2) * (x1 + x2) + (y1 + y2) * (y1 + y2)) <= S[o + HIGH]:
+    step, elbow = arm.step, arm.elbow
+    rate1 = estimate(arm.estimates[0], counts.first)
+    rate2 = estimate(arm.estimates[1], counts.second)
+    q1, q2 = arm.zero.first + counts.first * step.first, arm.zero.second + counts.second * step.second
+    a1, a2 = link_directions(elbow, q1, q2)
+    w1, w2 = link_directions(elbow, rate1 * step.first, rate2 * step.second)
+    place(arm, a1, a2)
+    x1, y1, x2, y2 = arm.links.x1, arm.links.y1, arm.links.x2, arm.links.y2
+    if not arm.low <= math.sqrt((x1 + x2) * (x1 + x2) + (y1 + y2) * (y1 + y2)) <= arm.high:
         return OUT_OF_REACH
-    if (x1 * y2 - y1 * x2) * S[o + BEND] <= 0.0:
+    if (x1 * y2 - y1 * x2) * arm.bend <= 0.0:
         return OTHER_ELBOW
-    if int(S[o + ELBOW]) == 1:  # else the levers are the links, which stay as long as they are
-        reach_torque(S, o)
-    S[o + POSITION] = S[o + BASE] + x1 + x2
-    S[o + POSITION + 1] = S[o + BASE + 1] + y1 + y2
-    S[o + VELOCITY] = -y1 * w1 - y2 * w2
-    S[o + VELOCITY + 1] = x1 * w1 + x2 * w2
+    if elbow:  # else the levers are the links, which stay as long as they are
+        limit_force(arm)
+    arm.position = Point(arm.base.x + x1 + x2, arm.base.y + y1 + y2)
+    arm.velocity = Point(-y1 * w1 - y2 * w2, x1 * w1 + x2 * w2)
     return 0
 
 
-def drive(S: Any, o: int) -> int:
-    """The motors' torques from the command, J'f through the gears, scaled down together to the limits."""
-    x1, y1, x2, y2 = S[o + VECTORS], S[o + VECTORS + 1], S[o + VECTORS + 2], S[o + VECTORS + 3]
-    fx, fy = S[o + COMMAND], S[o + COMMAND + 1]
-    first, second = x1 * fy - y1 * fx, x2 * fy - y2 * fx
-    if int(S[o + ELBOW]) == 1:
+@kernel
+def drive(arm: ArmState) -> int:
+    """Work out the motors' torques from the command, J'f through the gears, scaled down together to the limits."""
+    links, force, gear = arm.links, arm.command, arm.gear
+    first = links.x1 * force.y - links.y1 * force.x
+    second = links.x2 * force.y - links.y2 * force.x
+    if arm.elbow:
         first += second
-    first /= S[o + GEAR]
-    second /= S[o + GEAR + 1]
+    first /= gear.first
+    second /= gear.second
     if not (math.isfinite(first) and math.isfinite(second)):
         return ENDLESS_TORQUE
-    most, next_most = S[o + MOST], S[o + MOST + 1]
-    excess = max(abs(first) / most, abs(second) / next_most)
+    most = arm.torque_limit
+    excess = max(abs(first) / most.first, abs(second) / most.second)
     if excess > 1.0:  # and the division may round to just above the limit
-        first = max(-most, min(most, first / excess))
-        second = max(-next_most, min(next_most, second / excess))
-    S[o + TORQUE] = first
-    S[o + TORQUE + 1] = second
+        first = max(-most.first, min(most.first, first / excess))
+        second = max(-most.second, min(most.second, second / excess))
+    arm.torque[0] = first
+    arm.torque[1] = second
     return 0
 
 
 def count(x: float) -> float:
-    """The whole number that an encoder shows."""
+    """Give the whole number that an encoder shows."""
     if math.isfinite(x):
         return float(math.floor(x + 0.5))
     return x
 
 
-def read(S: Any, o: int) -> int:
-    """Of a simulated arm: the directions that are sensed, counted; then as `follow`."""
-    q1, q2 = turned(int(S[o + ELBOW]) == 1, S[o + ANGLES], S[o + ANGLES + 1])
-    S[o + COUNTS] = count((q1 - S[o + ZERO]) / S[o + STEP])
-    S[o + COUNTS + 1] = count((q2 - S[o + ZERO + 1]) / S[o + STEP + 1])
-    return follow(S, o)
+@kernel
+def read(arm: ArmState) -> int:
+    """Count the directions of a simulated arm that are sensed; then as `follow`."""
+    q1, q2 = joint_angles(arm.elbow, arm.angles.first, arm.angles.second)
+    zero, step = arm.zero, arm.step
+    arm.counts = Both(count((q1 - zero.first) / step.first), count((q2 - zero.second) / step.second))
+    return follow(arm)
 
 
-def write(S: Any, o: int) -> int:
-    """Of a simulated arm: as `drive`, then through the delay line and the gears to the joints; or it has stopped."""
-    code = drive(S, o)
-    if code:
-        stop(S, o)
+@kernel
+def write(arm: ArmState) -> int:
+    """Do as `drive` in a simulated arm, then go through the delay line and the gears to the joints; or stop it."""
+    code = drive(arm)
+    if code != 0:
+        stop(arm)
         return code
-    delayed(S, o + SLOT, o + STATES + 2 * int(S[o + ESTIMATE]), int(S[o + DELAY]), o + TORQUE, 2)
-    S[o + EFFORT] = S[o + TORQUE] * S[o + GEAR]
-    S[o + EFFORT + 1] = S[o + TORQUE + 1] * S[o + GEAR + 1]
+    torque, gear = arm.torque, arm.gear
+    if arm.delay > 0:
+        arm.slot = delayed(arm.line, arm.slot, arm.delay, torque)
+    arm.effort[0] = torque[0] * gear.first
+    arm.effort[1] = torque[1] * gear.second
     return 0
 
 
-def stop(S: Any, o: int) -> int:
-    """Of a simulated arm: no torque now, and none on its way."""
-    cleared(S, o + STATES + 2 * int(S[o + ESTIMATE]), int(S[o + DELAY]), o + EFFORT, 2)
+@kernel
+def stop(arm: ArmState) -> int:
+    """Leave no torque of a simulated arm, and none on its way."""
+    cleared(arm.line, arm.delay, arm.effort)
     return 0

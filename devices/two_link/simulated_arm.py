@@ -7,14 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import start_of
 from graspfx.devices.two_link import arm_sample as sample
 from graspfx.devices.two_link.adapter import TwoLinkArm
-from graspfx.devices.two_link.arm import Arm, Mechanics
+from graspfx.devices.two_link.arm import Arm, Both, Mechanics
 from graspfx.devices.two_link.arm_dynamics import ArmPlant
+from graspfx.devices.two_link.arm_sample import ArmState
 from graspfx.devices.two_link.board import Wiring
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Device, DevicePorts
-from graspfx.loop.velocity import LENGTH, size
+from graspfx.loop.velocity import VelocityEstimate
 
 FloatArray = NDArray[np.float64]
 
@@ -29,17 +31,17 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
     writing = staticmethod(sample.write)
     stopping = staticmethod(sample.stop)
     ports = DevicePorts(
-        sensed=sample.ANGLES,
-        position=sample.POSITION,
-        velocity=sample.VELOCITY,
-        command=sample.COMMAND,
-        effort=sample.EFFORT,
+        sensed=start_of(ArmState, "angles"),
+        position=start_of(ArmState, "position"),
+        velocity=start_of(ArmState, "velocity"),
+        command=start_of(ArmState, "command"),
+        effort=start_of(ArmState, "effort"),
     )
 
     def __init__(self, arm: Arm, wiring: Wiring, mechanics: Mechanics, velocity_window: int, delay: int) -> None:
         super().__init__(arm, wiring, mechanics, velocity_window, delay)
-        states = sample.STATES + size(velocity_window) * np.arange(2)
-        self.structure = np.concatenate([np.array(sample.STRUCTURE), states + LENGTH])
+        lengths = [start_of(VelocityEstimate, "length") + estimate.offset for estimate in self._block.estimates]
+        self.structure = np.array([*sample.STRUCTURE, *lengths])
         self._fault = 0  # of the last reading
         self._wire(ArmPlant([mechanics]), 0)  # at rest, until a plant that moves takes over
 
@@ -74,7 +76,7 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
             if now[0] != self._seen[0]:
                 estimator.reset()
             self._seen = now
-            self._S[sample.ANGLES], self._S[sample.ANGLES + 1] = self._angles[0], self._angles[1]
+            self._block.angles = Both(self._angles[0], self._angles[1])
             self._fault = self.reading(self._S, 0)
         if self._fault:
             raise DeviceError(self.fault_text(self._fault))

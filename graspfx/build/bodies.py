@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.meshes import SceneMesh, scene_mesh
+from graspfx.build.numbers import Number, Numbers, arguments
 from graspfx.errors import InputError
 from graspfx.objects.body import fill_body
 
@@ -110,8 +111,46 @@ def place(table: Object | Obstacle, solid: Solid) -> tuple[tuple[float, ...] | N
     return position, orientation
 
 
+def _integrator(scene: SceneTable, table: Object, solid: Solid) -> str:
+    """Name the body's integrator: others than native ones have their own, and are not asked for their free motion."""
+    return table.integrator if table.dynamics == "native" else "semi-implicit"
+
+
+SOLID = ("object.*.mass", "object.*.density", "object.*.shape")
+POSE = ("object.*.position", "object.*.orientation", "object.*.shape")  # the body of a mesh stands at its centre
+
+BODY: Numbers = {  # the arguments of `fill_body`
+    "dimensions": Number(("dimensions",), ("dimensions",), lambda scene, table, solid: scene.dimensions),
+    "mass": Number(SOLID, ("mass",), lambda scene, table, solid: mass(table, solid)),
+    "inertia": Number((*SOLID, "object.*.inertia"), ("inertia",), inertia),
+    "viscosity": Number(("object.*.viscosity",), ("viscosity",), lambda scene, table, solid: table.viscosity),
+    "rotational_viscosity": Number(
+        ("object.*.rotational_viscosity",),
+        ("rotational_viscosity",),
+        lambda scene, table, solid: table.rotational_viscosity or 0.0,
+    ),
+    "integrator": Number(("object.*.integrator", "object.*.dynamics"), ("integrator",), _integrator),
+    "free": Number(
+        ("object.*.free",), ("free_translation", "free_rotation"), lambda scene, table, solid: scene.free(table)
+    ),
+    "gravity": Number(("gravity",), ("gravity",), lambda scene, table, solid: scene.gravity),
+    "position": Number(POSE, ("motion.position",), lambda scene, table, solid: place(table, solid)[0]),
+    "orientation": Number(
+        POSE,
+        ("motion.angle", "motion.quaternion", "motion.rotation"),
+        lambda scene, table, solid: place(table, solid)[1],
+    ),
+    "velocity": Number(("object.*.velocity",), ("motion.velocity",), lambda scene, table, solid: table.velocity),
+    "angular_velocity": Number(
+        ("object.*.angular_velocity",),
+        ("motion.angular_velocity",),
+        lambda scene, table, solid: table.angular_velocity,
+    ),
+}
+
+
 def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, predicts: bool = True) -> None:
-    """Write parameters and first state into a body's block.
+    """Write parameters and first state into a body's block: the arguments that `BODY` declares.
 
     A table's pose is that of the frame in which its shape is described; the body of a mesh is at its centre of mass,
     with its principal axes.
@@ -123,21 +162,7 @@ def fill(scene: SceneTable, table: Object, solid: Solid, state: FloatArray, *, p
     Raises:
         InputError: naming the key that cannot be.
     """
-    position, orientation = place(table, solid)
-    integrator = table.integrator if predicts or table.integrator != "implicit" else "semi-implicit"
-    fill_body(
-        state,
-        dimensions=scene.dimensions,
-        mass=mass(table, solid),
-        inertia=inertia(scene, table, solid),
-        viscosity=table.viscosity,
-        rotational_viscosity=table.rotational_viscosity or 0.0,
-        # others have an integrator of their own; only the native implicit one is asked for its free motion
-        integrator=integrator if table.dynamics == "native" else "semi-implicit",
-        free=scene.free(table),
-        gravity=scene.gravity,
-        position=position,
-        orientation=orientation,
-        velocity=table.velocity,
-        angular_velocity=table.angular_velocity,
-    )
+    numbers = arguments(BODY, scene, table, solid)
+    if numbers["integrator"] == "implicit" and not predicts:
+        numbers["integrator"] = "semi-implicit"
+    fill_body(state, **numbers)

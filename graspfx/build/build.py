@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.fading import set_fade
-from graspfx.build.hand_parts import HandPart
 from graspfx.build.movers import make_movers
+from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts, resolve
-from graspfx.build.wiring import Wire, outside_faults, placing_faults
-from graspfx.errors import DeviceError
+from graspfx.build.wiring import outside_faults, placing_faults
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
-from graspfx.loop.hand import join
-from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, PlantWiring
+from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.servo import Servo
 
@@ -51,16 +49,8 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
     with ExitStack() as stack:
         objects = [GraspedPart(part.name, part.grasped(parts.limits), part.fingers) for part in parts.objects]
         movers = list(make_movers(parts, [member.grasped.body_state for member in objects], stack))
-        for mover in movers:
-            if any(objects[i].grasped.implicit for i in mover.objects):
-                mover.body.free_motion(scene.period)
-        for member in objects:
-            member.grasped.meet(start[member.fingers])
-        inward = np.zeros_like(start)
-        for member in objects:
-            inward[member.fingers] = member.grasped.inward()
-        set_fade(parts, objects, inward)
-        plants = list(_plant_wirings(parts, wired, inward))
+        inward = meet(parts, objects, movers)
+        plants = list(make_plants(parts, wired, inward))
         for wire in wired:
             if live or isinstance(wire.device, SimulatedDevice):
                 stack.enter_context(wire.device)
@@ -71,6 +61,20 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
             scene.period, make_layout(parts), stations, objects, movers, plants, observers, engine or scene.engine,
             record=record,
         )  # fmt: skip
+
+
+def meet(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> FloatArray:
+    """Let the fingers meet their objects where they start; the unit normals into the objects there, (n, d)."""
+    for mover in movers:
+        if any(objects[i].grasped.implicit for i in mover.objects):
+            mover.body.free_motion(parts.scene.period)
+    for part in objects:
+        part.grasped.meet(parts.start[part.fingers])
+    inward = np.zeros_like(parts.start)
+    for part in objects:
+        inward[part.fingers] = part.grasped.inward()
+    set_fade(parts, objects, inward)
+    return inward
 
 
 def make_layout(parts: Parts) -> Layout:
@@ -109,43 +113,3 @@ def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[Bo
             friction=friction[part.fingers],
             mass=mass[part.fingers],
         )
-
-
-def _plant_wirings(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[PlantWiring]:
-    """Make the plants of the simulated devices: one for all devices that hands join to one another."""
-    scene, start = parts.scene, parts.start
-    for members in _components(wired, parts.hands):
-        simulated = [wired[i] for i in members]
-        fingers = np.concatenate([wire.fingers for wire in simulated])
-        devices = [wire.device for wire in simulated]
-        hands, order = [], []
-        for hand in parts.hands:
-            if hand.fingers[0] in fingers:
-                hands.append(hand.hold(start, inward))
-                order += hand.fingers
-        first = devices[0]
-        assert isinstance(first, SimulatedDevice)
-        plant = type(first).plant(devices)
-        try:
-            plant.place(start[fingers])
-        except DeviceError as error:
-            if faults := placing_faults(start, wired):
-                raise scene.error(faults) from error
-            raise DeviceError(f"{', '.join(scene.finger_names[f] for f in fingers)}: {error}") from error
-        joined = join(hands, [order.index(f) for f in fingers])
-        yield PlantWiring(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
-
-
-def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:
-    """Find the sets of simulated devices that share a hand, directly or through others."""
-    of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.used}
-    left = {i for i, wire in enumerate(wired) if isinstance(wire.device, SimulatedDevice)}
-    while left:
-        members = [min(left)]
-        for member in members:  # grows while it is walked
-            left.discard(member)
-            for hand in hands:
-                near = {of_finger[f] for f in hand.fingers}
-                if member in near:
-                    members += sorted((near & left) - set(members))
-        yield members

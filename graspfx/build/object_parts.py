@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.bodies import Solid, fill
+from graspfx.build.numbers import Number, Numbers, arguments
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import Wire
 from graspfx.coupling.fade import FADE
@@ -66,17 +67,18 @@ class ObjectPart:
                 have no limit.
             predicts: whether the implicit integrator is one (`bodies.fill`).
         """
-        return GraspedObject(
-            len(self.fingers),
-            self.scene.dimensions,
-            self.scene.period,
-            self.law,
-            self.rules,
-            lambda state: fill(self.scene, self.table, self.solid, state, predicts=predicts),
-            shape=self.solid.shape,
-            radius=[self.scene.finger[f].radius for f in self.fingers],
-            limit=None if limits is None else limits[self.fingers],
-        )
+        n, d = len(self.fingers), self.scene.dimensions
+        return GraspedObject(n, d, law=self.law, fill_body=self._fill_body(predicts), **self._numbers(limits))
+
+    def fill(self, grasped: GraspedObject, limits: FloatArray | None = None) -> None:
+        """Fill the block of an object that was made for another scene of the same structure, as `grasped` would."""
+        grasped.fill(law=self.law, fill_body=self._fill_body(True), **self._numbers(limits))
+
+    def _numbers(self, limits: FloatArray | None) -> dict[str, Any]:
+        return {"rules": self.rules, **arguments(GRASP, self.scene, self.fingers, self.solid, limits)}
+
+    def _fill_body(self, predicts: bool) -> Callable[[FloatArray], None]:
+        return lambda state: fill(self.scene, self.table, self.solid, state, predicts=predicts)
 
 
 def make_objects(scene: Scene, stock: Stock, wired: Sequence[Wire]) -> tuple[ObjectPart, ...]:
@@ -94,7 +96,7 @@ def device_masses(scene: Scene, wired: Sequence[Wire]) -> FloatArray:
 
 
 def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | None) -> ObjectPart:
-    table, rules = scene.object[index], scene.coupling
+    table = scene.object[index]
     fingers = np.flatnonzero(np.array(scene.finger_objects) == index)
     solid = stock.solid(("object", index), table)
     return ObjectPart(
@@ -104,28 +106,16 @@ def _make_object(scene: Scene, stock: Stock, index: int, masses: FloatArray | No
         fingers,
         solid,
         make_law(scene, fingers, solid),
-        Rules(
-            attached=rules.contact == "attached",
-            stick=rules.friction == "stick",
-            friction=[scene.coefficients[i] for i in fingers],
-            patch=[scene.finger[i].patch or 0.0 for i in fingers],
-            share=None if masses is None else (masses[fingers] / masses[fingers].mean()).tolist(),
-            fade=None if rules.absent == "follow" else FADE if rules.fade == "auto" else rules.fade,
-            at_contact=rules.reaction == "contact",
-            blend=None if rules.blend == "off" else rules.blend,
-            axes=rules.axes,
-            damping_depth=rules.damping_depth,
-            pad=[0.0 if pad is None else pad.stiffness for pad in (scene.finger[i].pad for i in fingers)],
-        ),
+        Rules(**arguments(RULES, scene, fingers, masses)),
     )
 
 
 def make_law(scene: Scene, fingers: Index, solid: Solid) -> Coupling:
     """Make the gains of eq. (4) for the fingers of one object; those in the object's axes stand in its body's."""
-    external, internal = scene.coupling.external, scene.coupling.internal
+    gains = arguments(GAINS, scene, fingers)
     law = Coupling(
-        external=Impedance(_own(external.stiffness, fingers), _own(external.damping, fingers)),
-        internal=Impedance(_own(internal.stiffness, fingers), _own(internal.damping, fingers)),
+        external=Impedance(gains["external_stiffness"], gains["external_damping"]),
+        internal=Impedance(gains["internal_stiffness"], gains["internal_damping"]),
         form=scene.coupling.form,
     )
     # the body of a mesh has its principal axes, the file others
@@ -139,3 +129,90 @@ def _own(gain: Gains, fingers: Index) -> float | FloatArray:
     if values.ndim == 0:
         return float(values)
     return values[fingers] if values.ndim in (1, 3) else values
+
+
+def _gain(share: str, quantity: str, field: str, matrix: str) -> Number:
+    """Declare a gain of eq. (4): its own field where it is a number, and what tells the solvers of its kind."""
+    both = ("equal", "release", "matrices") if quantity == "stiffness" else ("equal", "damped", "singular", "matrices")
+    return Number(
+        (f"coupling.{share}.{quantity}", "coupling.form", "coupling.axes"),
+        (field, matrix, *both, "stiffest", "stiffness_rule", "damping_rule"),
+        lambda scene, fingers: _own(getattr(getattr(scene.coupling, share), quantity), fingers),
+    )
+
+
+def _share(masses: FloatArray | None, fingers: Index) -> list[float] | None:
+    if masses is None:
+        return None
+    shares: list[float] = (masses[fingers] / masses[fingers].mean()).tolist()
+    return shares
+
+
+def _fade(scene: Scene) -> tuple[float, float] | None:
+    rules = scene.coupling
+    return None if rules.absent == "follow" else FADE if rules.fade == "auto" else rules.fade
+
+
+GAINS: Numbers = {
+    "external_stiffness": _gain("external", "stiffness", "external_stiffness", "kep"),
+    "external_damping": _gain("external", "damping", "external_damping", "ked"),
+    "internal_stiffness": _gain("internal", "stiffness", "internal_stiffness", "kip"),
+    "internal_damping": _gain("internal", "damping", "internal_damping", "kid"),
+}
+KIND = ("friction", "rays", "coordinates", "width", "unknowns", "problem", "damping_problem")  # of solver
+DEVICES = ("device", "finger.*.device")
+
+RULES: Numbers = {  # the arguments of `Rules`
+    "attached": Number(
+        ("coupling.contact",), ("attached", "fingers.touching", *KIND),
+        lambda scene, fingers, masses: scene.coupling.contact == "attached",
+    ),
+    "stick": Number(
+        ("coupling.friction",), ("stick", *KIND), lambda scene, fingers, masses: scene.coupling.friction == "stick"
+    ),
+    "friction": Number(
+        ("coupling.friction", "finger.*.friction", "coupling.contact"), ("fingers.coefficient", *KIND),
+        lambda scene, fingers, masses: [scene.coefficients[i] for i in fingers],
+    ),
+    "patch": Number(
+        ("finger.*.patch", "finger.*.model"), ("fingers.patch", *KIND),
+        lambda scene, fingers, masses: [scene.finger[i].patch or 0.0 for i in fingers],
+    ),
+    "share": Number(
+        ("coupling.metric", *DEVICES), ("fingers.share", "fingers.weight"),
+        lambda scene, fingers, masses: _share(masses, fingers),
+    ),
+    "fade": Number(
+        ("coupling.fade", "coupling.absent"), ("fade", "fade_start", "fade_end"),
+        lambda scene, fingers, masses: _fade(scene),
+    ),
+    "at_contact": Number(
+        ("coupling.reaction",), ("at_contact",), lambda scene, fingers, masses: scene.coupling.reaction == "contact"
+    ),
+    "blend": Number(
+        ("coupling.blend",), ("arm_low", "arm_high"),
+        lambda scene, fingers, masses: None if scene.coupling.blend == "off" else scene.coupling.blend,
+    ),
+    "axes": Number(("coupling.axes",), ("axes_of_gains",), lambda scene, fingers, masses: scene.coupling.axes),
+    "damping_depth": Number(
+        ("coupling.damping_depth",), ("gradual", "damping_depth"),
+        lambda scene, fingers, masses: scene.coupling.damping_depth,
+    ),
+    "pad": Number(
+        ("finger.*.pad", "finger.*.pad.stiffness"), ("padded", "fingers.pad", *KIND),
+        lambda scene, fingers, masses: [pad.stiffness if (pad := scene.finger[i].pad) else 0.0 for i in fingers],
+    ),
+}  # fmt: skip
+
+GRASP: Numbers = {  # the other arguments of `GraspedObject.fill`
+    "period": Number(("period",), ("period",), lambda scene, fingers, solid, limits: scene.period),
+    "shape": Number(("object.*.shape",), ("shape", "parameters"), lambda scene, fingers, solid, limits: solid.shape),
+    "radius": Number(
+        ("finger.*.radius",), ("fingers.radius",),
+        lambda scene, fingers, solid, limits: [scene.finger[f].radius for f in fingers],
+    ),
+    "limit": Number(
+        DEVICES, ("limited", "fingers.limit", "fingers.cut"),
+        lambda scene, fingers, solid, limits: None if limits is None else limits[fingers],
+    ),
+}  # fmt: skip

@@ -1,1 +1,1 @@
-"""How far a scene's gains can go, what its ticks will do, and what in it may not be meant."""
+"""Certificates of scenes: the stability limit of each gain, the plan of a tick, warnings about likely mistakes."""

@@ -16,7 +16,7 @@ from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick.engine import COMPILING, FIRST, LOADING, Compiled, Either, sources
+from graspfx.loop.tick.engine import COMPILING, FIRST, LOADING, AutoEngine, Compiled, sources
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo
@@ -103,7 +103,7 @@ def _size(servo: Servo) -> int | None:
 def _cost(servo: Servo) -> float:
     with Recorder(servo.layout, Header(servo.period), keep=False) as recorder:
         servo.run(FIRST, recorder)
-    assert isinstance(servo.engine, Either)
+    assert isinstance(servo.engine, AutoEngine)
     return servo.engine.cost
 
 

@@ -28,7 +28,7 @@ class Report:
         faults: of a scene that cannot run, all at once; nothing else is judged then.
         certificates: of each object in fingers, the worst first; none where they cannot be made.
         why: in words, where there are none.
-        notes: what may not be meant.
+        notes: warnings about likely mistakes.
         plan: what runs in a tick, what is skipped and why.
     """
 
@@ -89,7 +89,7 @@ class Report:
 
 
 def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Report:
-    """Say whether a scene's grasps are stable, how far each gain can go, what may not be meant, and what a run does.
+    """Say whether a scene's grasps are stable, the limit of each gain, likely mistakes, and what a run does.
 
     Args:
         scene: a name on the shelf, the path of a .toml or .py file, or a Scene.

@@ -52,17 +52,17 @@ def release(square: Table, vector: Floats, m: int, marks: Floats, diagonal: Floa
     """
     while True:
         best = SINGULAR
-        chosen = -1
+        pick = -1
         for j in range(m):
             if marks[j] != 0.0 and diagonal[j] > 0.0:
                 share = square[j, j] / diagonal[j]
                 if share > best:
                     best = share
-                    chosen = j
-        if chosen < 0:
+                    pick = j
+        if pick < 0:
             break
-        pivot(square, vector, chosen)
-        marks[chosen] = 0.0
+        pivot(square, vector, pick)
+        marks[pick] = 0.0
     for j in range(m):
         if marks[j] != 0.0:
             marks[j] = 0.0
@@ -85,7 +85,7 @@ def complement(
     limit = 20 * n + 40
     for step in range(limit):
         worst = 0.0
-        chosen = -1
+        pick = -1
         for i in range(n):
             j = i * d
             if state[i] < 0.0 or diagonal[j] <= 0.0 or (state[i] == 0.0 and not back):
@@ -94,13 +94,13 @@ def complement(
             if state[i] == 0.0:
                 value *= diagonal[j]  # a displacement, compared as the force it would make
             if value < worst and value < -ROUNDING * scale:
-                chosen = i
+                pick = i
                 if step >= 3 * n:
                     break
                 worst = value
-        if chosen < 0:
+        if pick < 0:
             return 0
-        j = chosen * d
+        j = pick * d
         if square[j, j] == 0.0:
             return 1
         pivot(square, vector, j)
@@ -109,7 +109,7 @@ def complement(
                 if square[j + a, j + a] == 0.0:
                     return 1
                 pivot(square, vector, j + a)
-        state[chosen] = 1.0 - state[chosen]
+        state[pick] = 1.0 - state[pick]
     return 1
 
 

@@ -68,20 +68,20 @@ def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gain
             y, trial = contact.force[a], contact.trial[a]
             forces += y * y + trial * trial
             if soft:
-                known, y = contact.base_force[a] / root, -y
+                right_side, y = contact.base_force[a] / root, -y
             else:
-                known, y = internal * root * contact.displacement[a], y - trial
+                right_side, y = internal * root * contact.displacement[a], y - trial
             value += 0.5 * y * y / part if problem.compliant else 0.5 * y * y
             if problem.compliant and not soft:
                 turn = 0.0
                 for k in range(count):
                     turn += contact.modes[k].motion[a] * unknowns[k].value
-                known = part * known + (1.0 - part) * turn
+                right_side = part * right_side + (1.0 - part) * turn
                 value -= 0.5 * (1.0 - part) * turn * turn
             for k in range(count):
                 q = contact.modes[k].motion[a]
-                unknowns[k].gradient += q * (known + y)
-                value += q * known * unknowns[k].value
+                unknowns[k].gradient += q * (right_side + y)
+                value += q * right_side * unknowns[k].value
     for k in range(count):
         unknown = unknowns[k]
         h, gap = stiffening(unknown.share, gains)

@@ -28,9 +28,9 @@ def equations_of_square(problem: FrictionProblem, d: int, c: float, square: Tabl
             for q in range(m):
                 total += square[p, q] * unknowns[q].value
             w, e, f0 = unknowns[p].value, contact.displacement[a], contact.base_force[a]
-            known = f0 + total
-            unknowns[p].gradient = known
-            contact.trial[a] = known - c * (w - e)
+            right_side = f0 + total
+            unknowns[p].gradient = right_side
+            contact.trial[a] = right_side - c * (w - e)
             value += (0.5 * total + f0) * (c * w - total)
             forces += c * c * (w * w + e * e) + f0 * f0
     for contact in problem.contacts:

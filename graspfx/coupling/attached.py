@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
-from graspfx.coupling.assemble import coordinates_of, out_of_frame
+from graspfx.coupling.contact_frames import coordinates_of, out_of_frame
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic

@@ -37,7 +37,7 @@ class LoopEnergy:
 
     @property
     def share(self) -> float:
-        """What was created over the peak; 0 where nothing was stored."""
+        """Energy that a closed motion creates over the peak; 0 where nothing was stored."""
         return self.created / self.peak if self.peak > 0.0 else 0.0
 
 
@@ -52,7 +52,7 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
         grasped: with contacts that it has met, or that are attached.
         fingers: (n, d) [m].
     """
-    kept, found = grasped.block.copy(), LoopEnergy(0.0, 0.0)
+    block, worst = grasped.block.copy(), LoopEnergy(0.0, 0.0)
     S = grasped.block
     S[at.ATTACHED] = 1.0
     S[at.IMPLICIT] = S[at.DAMPED] = S[at.OBSERVED] = 0.0
@@ -61,14 +61,14 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
     try:
         for axis, way in list(_motions(grasped, fingers)):
             S[:] = start
-            found = max(found, _round(grasped, fingers, axis, way), key=lambda each: abs(each.share))
+            worst = max(worst, _round(grasped, fingers, axis, way), key=lambda each: abs(each.share))
     finally:
-        grasped.block[:] = kept
-    return found
+        grasped.block[:] = block
+    return worst
 
 
 def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """Axes of turns, 0 to 2, with the amplitude (d,) of the way aside."""
+    """List axes of turns, 0 to 2, with the amplitude (d,) of the sideways motion."""
     d, S = grasped.dimensions, grasped.body_state
     free = S[body.FREE : body.FREE + 6] != 0.0
     arm = math.sqrt(float(((fingers - S[body.POSITION : body.POSITION + d]) ** 2).sum(axis=1).mean()))

@@ -47,7 +47,7 @@ def is_whole(grasp: GraspState) -> bool:
 
 @kernel
 def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) -> None:
-    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames, by the elastic forces `known`.
+    """Change D to D_s and D e' to D_s e' in place, `per` times both, in contact frames, by elastic forces at `start`.
 
     A compliance 1/g in series with coordinate p takes D e_p e_p'D / (g + D_pp) from D: one coordinate after another,
     of fingers that touch. What pivots are measured by becomes D_s's diagonal.
@@ -57,7 +57,7 @@ def soften(grasp: GraspState, square: Table, vector: Floats | None, per: float) 
     for i, finger in enumerate(grasp.fingers):
         C = 0.0
         if finger.touching:
-            C = compliance(grasp, finger, grasp.known[i * grasp.coordinates])
+            C = compliance(grasp, finger, grasp.start[i * grasp.coordinates])
         if C > 0.0:
             g = per * finger.weight / C
             for p in range(i * grasp.coordinates, (i + 1) * grasp.coordinates):

@@ -11,7 +11,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.grasp.contact_state import Freedom
 from graspfx.objects.body_state import BodyState, Motion
 from graspfx.surfaces.closed_form.proxy import MESH
-from graspfx.surfaces.triangles import tree
+from graspfx.surfaces.triangles import mesh_tree
 
 Index = NDArray[np.intp]
 
@@ -48,10 +48,9 @@ def structure_entries(grasp: GraspState) -> Index:
         for problem in (grasp.problem, grasp.damping_problem):
             fixed += [problem.offset, *choices(problem.offset)]  # the count too
     if grasp.shape == MESH:
-        start = int(grasp.parameters.x)
-        fixed += entries_of(GraspState, "parameters")[:2]
+        fixed += entries_of(GraspState, "mesh")
         fixed += [entry for finger in fingers for entry in entries_of(FingerState, "walk", at=finger.offset)]
-        fixed += range(start + tree.CLOSED, start + tree.RINGS + 1)
+        fixed += mesh_tree.choices(grasp.mesh.offset)
     return np.array(sorted(fixed), dtype=np.intp)
 
 

@@ -39,12 +39,12 @@ def compliance_of_numbers(kep: float, kip: float) -> float:
 
 
 def gaps(needed: float) -> tuple[float, float]:
-    """The gaps of a fade that begins no nearer than needed, and takes the default's 8 mm [m]."""
+    """Choose the gaps of a fade that begins no nearer than needed, and takes the default's 8 mm [m]."""
     return FADE if needed <= FADE[0] else (needed, needed + BAND)
 
 
 def _whole(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matrices of the fingers (n, d, d) as one (n d, n d)."""
+    """Write matrices of the fingers (n, d, d) as one (n d, n d)."""
     if blocks.ndim == 2:
         return blocks
     n, d, _ = blocks.shape

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.compile.records import size_for, size_of, start_of
+from graspfx.compile.records import numbers, size_for, size_of, start_of
 from graspfx.cones.problem import MODES, problem_size, set_up
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
@@ -20,7 +20,7 @@ from graspfx.grasp.impedance import Coupling, per_finger
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import IMPLICIT
-from graspfx.surfaces.triangles import ball
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ EYE = np.eye(3).ravel()
 
 
 class Shape(Protocol):
-    """What the coupling needs of a shape: the number, the parameters and the data of its closest-point kernel."""
+    """A shape, as the coupling needs it: the number, the parameters and the data of its closest-point kernel."""
 
     @property
     def kind(self) -> int: ...
@@ -175,29 +175,67 @@ class Grip:
         return self.slips or self.rays or balls
 
 
-def new_block(grip: Grip, period: float) -> FloatArray:
-    """Build the block of a grasp: its state, its friction problems, its walks on a mesh and the mesh."""
-    n, d = grip.count, grip.dimensions
-    coordinates = 4 if grip.soft else d
-    free = np.concatenate([list_of(BodyState(grip.body).free_translation), list_of(BodyState(grip.body).free_rotation)])
-    squares = [per_finger(gain, n, d) for gain in grip.gains] if grip.matrices else []
-    sizes = {
-        "count": n,
-        "width": 4 if grip.soft else 3,
-        "coordinates": coordinates,
-        "unknowns": n * coordinates + (int((free != 0.0).sum()) if grip.implicit else 0),
-        "components": n * d if grip.matrices else 0,
-        "matrix_entries": sum(matrix.size for matrix in squares),
-        "padded_count": n if grip.padded else 0,
-    }
-    end = size_for(GraspState, **sizes)
-    room = n * coordinates if grip.square else MODES
-    problem = problem_size(n, room) if grip.problems else 0
+@dataclass(frozen=True)
+class _Room:
+    """How long the block of a grasp is, and where its pieces are.
+
+    Attributes:
+        sizes: whole numbers of the state, from which its own length follows.
+        state: entries of the state, behind which the friction problems are.
+        unknowns: of a friction problem.
+        problem: entries of each of the two.
+        walks: entries of the walks on a mesh, behind which the mesh is.
+    """
+
+    sizes: dict[str, int]
+    state: int
+    unknowns: int
+    problem: int
+    walks: int
+
+    @classmethod
+    def of(cls, grip: Grip) -> _Room:
+        """Measure the room that a grip takes."""
+        n, d = grip.count, grip.dimensions
+        coordinates = 4 if grip.soft else d
+        squares = [per_finger(gain, n, d) for gain in grip.gains] if grip.matrices else []
+        sizes = {
+            "count": n,
+            "width": 4 if grip.soft else 3,
+            "coordinates": coordinates,
+            "unknowns": n * coordinates + (int((_free(grip) != 0.0).sum()) if grip.implicit else 0),
+            "components": n * d if grip.matrices else 0,
+            "matrix_entries": sum(matrix.size for matrix in squares),
+            "padded_count": n if grip.padded else 0,
+        }
+        unknowns = n * coordinates if grip.square else MODES
+        problem = problem_size(n, unknowns) if grip.problems else 0
+        walks = n * size_of(MeshFinger) if grip.shape is not None and grip.shape.data is not None else 0
+        return cls(sizes, size_for(GraspState, **sizes), unknowns, problem, walks)
+
+
+def block_size(grip: Grip) -> int:
+    """Count the entries of the block of a grasp: state, friction problems, walks on a mesh and the mesh."""
+    room = _Room.of(grip)
     data = None if grip.shape is None else grip.shape.data
-    walks = 0 if data is None else n * ball.STATE
-    block = np.zeros(end + 2 * problem + walks + (0 if data is None else data.size))
+    return room.state + 2 * room.problem + room.walks + (0 if data is None else data.size)
+
+
+def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
+    """Fill the block of a grasp whole, whatever stood in it before.
+
+    Raises:
+        InputError: a block of another length.
+    """
+    if block.size != block_size(grip):
+        raise InputError("block", block.size, f"{block_size(grip)} entries", "fill a block that was made for the like")
+    n, d, room = grip.count, grip.dimensions, _Room.of(grip)
+    end, problem, walks, free = room.state, room.problem, room.walks, _free(grip)
+    squares = [per_finger(gain, n, d) for gain in grip.gains] if grip.matrices else []
+    data = None if grip.shape is None else grip.shape.data
+    block[:] = 0.0
     grasp = GraspState(block)
-    for name, size in sizes.items():
+    for name, size in room.sizes.items():
         setattr(grasp, name, size)
     grasp.dimensions, grasp.period = d, period
     block[BODY : BODY + size_of(BodyState)] = grip.body
@@ -208,7 +246,7 @@ def new_block(grip: Grip, period: float) -> FloatArray:
     for k, name in enumerate(("problem", "damping_problem")):
         block[start_of(GraspState, name)] = end + k * problem
         if grip.problems:
-            posed = set_up(block, end + k * problem, n, room)
+            posed = set_up(block, end + k * problem, n, room.unknowns)
             posed.limited = grip.limit is not None and not grip.implicit
             posed.compliant = grip.gradual and name == "damping_problem"
     if grip.shape is not None:
@@ -216,12 +254,15 @@ def new_block(grip: Grip, period: float) -> FloatArray:
         block[_entries("parameters")] = grip.shape.parameters
     if data is not None:
         first = end + 2 * problem
-        block[_entries("parameters")][:] = 0.0
-        block[start_of(GraspState, "parameters")] = first + walks
-        block[start_of(GraspState, "parameters") + 1] = first
-        grasp.fingers.array(FingerState.walk)[:] = first + ball.STATE * np.arange(n)
+        block[start_of(GraspState, "mesh")] = first + walks
+        grasp.fingers.array(FingerState.walk)[:] = first + size_of(MeshFinger) * np.arange(n)
         block[first + walks :] = data
-    return block
+
+
+def _free(grip: Grip) -> FloatArray:
+    """List which of the six freedoms move, as the body has them."""
+    body = BodyState(grip.body)
+    return np.concatenate([list_of(body.free_translation), list_of(body.free_rotation)])
 
 
 def _entries(name: str) -> slice:
@@ -231,8 +272,6 @@ def _entries(name: str) -> slice:
 
 def list_of(value: object) -> list[float]:
     """List the numbers of a vector."""
-    from graspfx.compile.records import numbers
-
     return list(numbers(value))
 
 

@@ -7,6 +7,8 @@ from graspfx.cones.problem import FrictionProblem
 from graspfx.grasp.contact_state import FramedContact, Freedom
 from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Matrix, Vector, Vector4
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshTree
 
 
 class FingerState(FramedContact):
@@ -39,7 +41,7 @@ class FingerState(FramedContact):
     gains_contact: Vector  # c, weight and normal that K and D were computed from
     gains_weight: float
     gains_normal: Vector
-    walk: int  # offset of its state on a mesh
+    walk: Ref[MeshFinger]  # its state on a mesh, where the shape is one
     limit: float  # largest force of its device, infinite where there is none [N]
     cut: float  # limit that its cone is cut off at, infinite except while it is [N]
     saturated: bool  # at its limit
@@ -95,8 +97,9 @@ class GraspState(Record):
     implicit: bool  # forces and the object's displacement come from one system
     arm_low: float  # rms arms between which a rotation joins the external space [m]
     arm_high: float
-    shape: int  # kind; parameters in the next three
-    parameters: Vector  # of a mesh instead: offsets of its array and of the first finger's state on it
+    shape: int  # kind
+    parameters: Vector  # of the shape, zero of a mesh
+    mesh: Ref[MeshTree]  # where the shape is one
     mixed: bool  # only some translations or some rotations are free: the modes turn with the object
     mode_count: int  # modes in use
     split_known: bool
@@ -143,7 +146,7 @@ class GraspState(Record):
     square: Table = table("unknowns", "unknowns")  # the law in contact frames; pivots change it
     vector: Floats = floats("unknowns")  # that goes with it
     diagonal: Floats = floats("unknowns")  # of the square before any pivot
-    known: Floats = floats("count * coordinates")  # what a projection starts from: displacement, or elastic force
+    start: Floats = floats("count * coordinates")  # what a projection starts from: displacement, or elastic force
     marks: Floats = floats("count * coordinates")  # 1.0 for a contact coordinate to be released
     engaged: Floats = floats("count")  # 1 engaged, 0 released, -1 left alone
     mode_force: Floats = floats("6")  # what each mode adds to the internal force

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.compile.records import size_of, start_of
-from graspfx.coupling.approach import NOT_FINITE, UNRESOLVED, approach
+from graspfx.compile.records import Many, size_of, start_of
+from graspfx.coupling.contacts import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
 from graspfx.coupling.entries import recorded_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
-from graspfx.coupling.fill import Grip, Shape, body_array, largest_forces, new_block, radii
+from graspfx.coupling.fill import Grip, Shape, block_size, body_array, fill_block, largest_forces, radii
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
 from graspfx.grasp.impedance import Coupling
 from graspfx.objects.body_state import BodyState
-from graspfx.surfaces.triangles import ball, walk
+from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -62,24 +62,18 @@ class GraspedObject:
         limit: ArrayLike | None = None,
     ) -> None:
         n, d = fingers, dimensions
-        grip = Grip(
-            n, d, law, rules, shape, radii(radius, n), None if limit is None else largest_forces(limit, n),
-            body_array(fill_body),
-        )  # fmt: skip
+        grip = _grip(n, d, law, rules, fill_body, shape, radius, limit)
         self.fingers, self.dimensions, self.law = n, d, law
         self.matrices, self.soft = grip.matrices, grip.soft
-        self.block = new_block(grip, period)
+        self.block = np.zeros(block_size(grip))
+        fill_block(self.block, grip, period)
         self.state = GraspState(self.block)
         self._grasp = GraspState(memoryview(self.block))  # its items are Python floats, twice as fast as array items
         self.coordinates = self.state.coordinates
         self._shaped = shape is not None
-        self._walks: FloatArray | None = None
+        self._walks: Many[MeshFinger] | None = None
         if shape is not None and shape.data is not None:
-            first = int(self.state.parameters.y)
-            self._walks = self.block[first : first + n * ball.STATE].reshape(n, ball.STATE)
-            self._walks[:, walk.REACH] = np.inf
-            if self.state.fade:
-                self.set_fade(self.state.fade_start, self.state.fade_end)
+            self._walks = Many(MeshFinger, self.block, self.state.fingers[0].walk.offset, n)
         o = start_of(GraspState, "body")
         self.body_state = self.block[o : o + size_of(BodyState)]
         o = start_of(GraspState, "fingers")
@@ -92,6 +86,36 @@ class GraspedObject:
         self.touching = self.array(FingerState.touching)
         self.limit = None if limit is None else self.array(FingerState.limit)
         self.where = recorded_entries(self.state)
+        self._walk_anew()
+
+    def fill(
+        self,
+        period: float,
+        law: Coupling,
+        rules: Rules,
+        fill_body: Callable[[FloatArray], None],
+        *,
+        shape: Shape | None = None,
+        radius: ArrayLike = 0.0,
+        limit: ArrayLike | None = None,
+    ) -> None:
+        """Fill the block with other numbers, as it would be made of them; arguments as of the class.
+
+        Raises:
+            InputError: numbers that make a block of another length, and as of the class.
+        """
+        grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit)
+        fill_block(self.block, grip, period)
+        self.law, self.matrices, self.soft = law, grip.matrices, grip.soft
+        self._walk_anew()
+
+    def _walk_anew(self) -> None:
+        """Let the walks on a mesh begin as far away as the fade reaches."""
+        if self._walks is None:
+            return
+        self._walks.array(MeshFinger.reach)[:] = np.inf
+        if self.state.fade:
+            self.set_fade(self.state.fade_start, self.state.fade_end)
 
     def array(self, field: Any) -> FloatArray:
         """Give a field of all fingers as an array that shares the block's memory, (n,) or (n, entries)."""
@@ -114,7 +138,7 @@ class GraspedObject:
 
     @property
     def shortfall(self) -> float:
-        """By how much the fade began too near the surface, at most so far [m]; 0 if it never did."""
+        """Distance by which the fade began too near the surface, at most so far [m]; 0 if it never did."""
         return self.state.shortfall
 
     @property
@@ -123,7 +147,7 @@ class GraspedObject:
         return self.state.fade_start + self.shortfall if self.shortfall else 0.0
 
     def fade_asked(self) -> tuple[float, float] | None:
-        """Where the fade begins, and where the forces of the last sample ask it to [m]; None where nothing fades."""
+        """Give where the fade begins, and where the last sample's forces ask it to [m]; None where nothing fades."""
         if not self.state.fade or self.state.equal:
             return None
         pushes = sum(normal_force(finger) for finger in self._grasp.fingers)
@@ -138,16 +162,16 @@ class GraspedObject:
         """Let a free finger leave the split between two gaps [m]."""
         self.state.fade_start, self.state.fade_end = low, high
         if self._walks is not None:
-            self._walks[:, walk.REACH] = high + self.array(FingerState.radius)
+            self._walks.array(MeshFinger.reach)[:] = high + self.array(FingerState.radius)
 
     def inward(self) -> FloatArray:
-        """Unit normals into the object at the fingers' contacts, world axes, (n, d)."""
+        """Give unit normals into the object at the fingers' contacts, world axes, (n, d)."""
         o = start_of(BodyState, "motion") + start_of(type(self.state.body.motion), "rotation")
         R = self.body_state[o : o + 9].reshape(3, 3)
         return (self.array(FingerState.normal) @ R.T)[:, : self.dimensions]
 
     def attach(self, contacts: FloatArray) -> None:
-        """Attached contact points, (n, d) in the object's frame [m]; the object's centre unless they are set."""
+        """Attach contacts at points (n, d) in the object's frame [m]; the object's centre unless they are set."""
         self.array(FingerState.contact)[:, : self.dimensions] = contacts
 
     def meet(self, position: FloatArray) -> None:
@@ -159,7 +183,7 @@ class GraspedObject:
             return
         self.finger_position[:] = position
         if self._walks is not None:
-            self._walks[:, walk.MODE] = walk.NEW
+            self._walks.array(MeshFinger.mode)[:] = NEW
         attached, touching = self.state.attached, self.touching.copy()
         self.state.attached = False
         self.touching[:] = 0.0
@@ -168,11 +192,11 @@ class GraspedObject:
         self.touching[:] = touching
 
     def sample(self) -> int:
-        """Forces and wrench from the motion of fingers and object (its free motion under the implicit integrator)."""
+        """Compute forces and wrench from the motion of fingers and object (free motion, if implicit)."""
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
-        """Compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
+        """Give compliances C_i of the dampers in series with the fingers, (n,) [m/(N s)]; zero where a finger has all.
 
         Args:
             at_rest: at the forces of the last sample, which had no rates; else at none, where they are infinite.
@@ -201,12 +225,26 @@ class GraspedObject:
             self.law.warn_if_active("damping", self.state.skewest_damping.array(self.state.components))
 
     def let_go(self) -> None:
-        """Zero force and wrench."""
+        """Set force and wrench to zero."""
         let_go(self._grasp)
 
 
+def _grip(
+    fingers: int,
+    dimensions: int,
+    law: Coupling,
+    rules: Rules,
+    fill_body: Callable[[FloatArray], None],
+    shape: Shape | None,
+    radius: ArrayLike,
+    limit: ArrayLike | None,
+) -> Grip:
+    largest = None if limit is None else largest_forces(limit, fingers)
+    return Grip(fingers, dimensions, law, rules, shape, radii(radius, fingers), largest, body_array(fill_body))
+
+
 def fault_text(fault: int, fingers: Sequence[str]) -> str:
-    """What a fault of `sample` means to the user."""
+    """Say what a fault of `sample` means to the user."""
     if fault == NOT_FINITE:
         return f"a finger's position or velocity is not finite ({', '.join(fingers)}); all forces are zero"
     if fault == UNRESOLVED:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.cones.complement import pivot, release
-from graspfx.coupling.assemble import add_gains, in_frame, write_coordinates
+from graspfx.coupling.contact_frames import add_gains, in_frame, write_coordinates
 from graspfx.coupling.depth import soften
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.spatial import cross, dot
@@ -41,7 +41,7 @@ def assemble_implicitly(grasp: GraspState, elastic: bool, damping: bool, condens
 def add_part(grasp: GraspState, elastic: bool, condensed: bool) -> None:
     """Add B = K with e, or B = D / T with T e': B, -B G', G B, -G B G', and the vectors B x and G B x."""
     m, free = grasp.count * grasp.coordinates, grasp.unknowns - grasp.count * grasp.coordinates
-    A, q, B, x, G = grasp.square, grasp.vector, grasp.part, grasp.known, grasp.levers
+    A, q, B, x, G = grasp.square, grasp.vector, grasp.part, grasp.start, grasp.levers
     fill_part(grasp, elastic, condensed)
     for i, finger in enumerate(grasp.fingers):
         e = finger.retained if condensed and grasp.friction else finger.displacement
@@ -98,7 +98,7 @@ def condense(grasp: GraspState, elastic: bool, per: float) -> None:
             for p in range(m):
                 B[p, p] *= 1.0 + LEAST
         for i, finger in enumerate(grasp.fingers):
-            write_coordinates(grasp, grasp.known, i, in_frame(grasp, finger, finger.local))
+            write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.local))
         soften(grasp, B, None, per)
     for i, finger in enumerate(grasp.fingers):
         for a in range(c):

@@ -13,16 +13,16 @@ from graspfx.compile.kernel import kernel
 from graspfx.cones.cut import HALF_SPACE, NO_CONE, force_size, shorten
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.problem import FrictionProblem, Gains
-from graspfx.coupling.approach import UNRESOLVED
-from graspfx.coupling.assemble import in_frame, out_of_frame
+from graspfx.coupling.contact_frames import in_frame, out_of_frame
+from graspfx.coupling.contacts import UNRESOLVED
 from graspfx.coupling.conventional import damp_alone
+from graspfx.coupling.coulomb import force_of_modes, force_with_friction, pose_compliances, pose_problem
+from graspfx.coupling.frictionless import frictionless_force
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import bilateral, keep_elastic
 from graspfx.coupling.pad import press, relax
-from graspfx.coupling.rays import frictionless_force
 from graspfx.coupling.react import react
 from graspfx.coupling.scaling import LIMIT_MARGIN, scale
-from graspfx.coupling.slip import force_of_modes, force_with_friction, pose_compliances, pose_problem
 from graspfx.spatial import NOTHING, ZERO
 
 NEARLY = 1.0 - 1e-12  # of a limit: a force of that size stands at it

@@ -19,14 +19,14 @@ import math
 from graspfx.compile.kernel import kernel
 from graspfx.cones.cut import shorten
 from graspfx.cones.elimination import eliminate
-from graspfx.coupling.approach import UNRESOLVED
-from graspfx.coupling.assemble import assemble
+from graspfx.coupling.contact_frames import assemble
+from graspfx.coupling.contacts import UNRESOLVED
 from graspfx.coupling.conventional import separate
+from graspfx.coupling.coulomb import elastic_in_cones
+from graspfx.coupling.frictionless import elastic_along_normals
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import normal_force
-from graspfx.coupling.projection import project
-from graspfx.coupling.rays import elastic_along_normals
-from graspfx.coupling.slip import elastic_in_cones
+from graspfx.coupling.unilateral import project
 from graspfx.spatial import inner, with_torsion
 
 PASSES = 100  # of a sample at most

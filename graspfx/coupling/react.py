@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
-from graspfx.coupling.approach import LARGEST, LOST
+from graspfx.coupling.contacts import LARGEST, LOST
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.spatial import ZERO, cross, total
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
-from graspfx.coupling.approach import AGAIN, approach, refactor, turn_axes
 from graspfx.coupling.attached import attached
+from graspfx.coupling.contacts import AGAIN, approach, refactor, turn_axes
+from graspfx.coupling.coulomb import force_with_friction, move_anchors
 from graspfx.coupling.fade import compliance_of_numbers
+from graspfx.coupling.frictionless import frictionless_force
 from graspfx.coupling.gains import fill_gains
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.limit import forget_limits, limit
 from graspfx.coupling.pad import press, relax
-from graspfx.coupling.projection import unilateral
-from graspfx.coupling.rays import frictionless_force
 from graspfx.coupling.react import FINE, react
-from graspfx.coupling.slip import force_with_friction, move_anchors
+from graspfx.coupling.unilateral import unilateral
 from graspfx.spatial import NOTHING, ZERO
 
 

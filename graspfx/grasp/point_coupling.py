@@ -10,10 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.kernel import source_function
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 from graspfx.grasp import direct
 from graspfx.grasp.impedance import Impedance
+from graspfx.grasp.point_grasp import PointGrasp
 
 FloatArray = NDArray[np.float64]
 
@@ -28,8 +31,8 @@ class PointCoupling:
     also where contacts lie nearly on a line, far from the origin, or close together.
 
     Write `points`, `displacement` and `rate`, call `compute()`, read `force`; all four are (n, d) views of one array
-    and stay the same for the object's life. A `rate` that is never written is zero. Numbers that are not finite give
-    forces that are none.
+    and stay the same for the object's life. A `rate` that is never written is zero. Non-finite inputs give NaN
+    forces.
 
     Contacts on one line turn about it freely (rank 5 in space), coincident ones do not turn (rank 3); the rank is
     decided here and now, without the blend of a run (scene key `coupling.blend`), and without locked freedoms, weights
@@ -90,19 +93,23 @@ class PointCoupling:
             raise MissingPackageError(
                 "llvmlite", "engine='compiled'", "pip install llvmlite, or use engine='interpreted'"
             )
-        self._block = S = np.zeros(direct.size(n, d))
-        S[: direct.RANK] = [n, d, *gains, tolerance]
-        self.points, self.displacement, self.rate, self.force = S[direct.POINTS :].reshape(4, n, d)
+        block = np.zeros(size_for(PointGrasp, count=n, dimensions=d))
+        self._grasp = grasp = PointGrasp(block)
+        grasp.count, grasp.dimensions, grasp.tolerance = n, d, tolerance
+        grasp.external_stiffness, grasp.external_damping, grasp.internal_stiffness, grasp.internal_damping = gains
+        self.points, self.displacement, self.rate, self.force = block[grasp.points.offset :].reshape(4, n, d)
         self.engine = "compiled" if installed and engine != "interpreted" else "interpreted"
         if self.engine == "compiled":
-            self.compute = compiled(direct.couple).bound(S)
+            self.compute = compiled(direct.couple).bound(block)
         else:
-            self.compute = partial(direct.couple, memoryview(S))  # items of a memoryview are Python floats
+            self.compute = partial(
+                source_function(direct.couple), memoryview(block)
+            )  # items of a memoryview are Python floats
 
     @property
     def rank(self) -> int:
         """Rank of the grasp matrix of the contacts of the last `compute()`; 0 before."""
-        return int(self._block[direct.RANK])
+        return self._grasp.rank
 
 
 def _number(name: str, part: object, quantity: Literal["stiffness", "damping"]) -> float:

@@ -109,7 +109,7 @@ def unilateral_force(
 
 
 def pushing(K: FloatArray, e: FloatArray, contacts: Contacts) -> tuple[FloatArray, bool]:
-    """Forces (n, d) in contact frames that only push, without friction, or held whole; and whether none was found."""
+    """Find forces (n, d) in contact frames that only push, frictionless or held whole; say whether none was found."""
     m = len(e)
     square = np.zeros((m, m))
     vector, diagonal, marks, state = np.zeros(m), K.diagonal().copy(), np.zeros(m), np.zeros(contacts.count)

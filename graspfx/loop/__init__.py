@@ -1,1 +1,1 @@
-"""What happens in time: devices, the hands that hold them, plants, the servo and recordings."""
+"""Events in time: devices, the hands that hold them, plants, the servo and recordings."""

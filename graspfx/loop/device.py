@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Features:
-    """What a device is, told before it is opened. What is not known is None, never zero."""
+    """The features of a device, known before it is opened. An unknown one is None, never zero."""
 
     fingers: int  # k, the number of channels
     dimensions: int  # d
@@ -52,7 +52,7 @@ class Device(Protocol):
         """Make ready for one `read` and one `write` every `period` seconds."""
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Positions (k, d) [m], velocities (k, d) [m/s] and the time [s] at which they were taken."""
+        """Read positions (k, d) [m], velocities (k, d) [m/s] and the time [s] at which they were taken."""
         ...
 
     def write(self, forces: FloatArray) -> None:
@@ -64,10 +64,10 @@ class Device(Protocol):
         """
 
     def stop(self) -> None:
-        """Zero force, now."""
+        """Display zero force, now."""
 
     def close(self) -> None:
-        """Zero force, and let go of the hardware; returns also with the hardware gone, and twice."""
+        """Display zero force and close the hardware; returns also with the hardware gone, and twice."""
 
     def __enter__(self) -> Self: ...
 
@@ -80,7 +80,7 @@ class LimitedDevice(Protocol):
 
     @property
     def largest_force(self) -> FloatArray:
-        """What each fingertip can display in every direction where it was read last, (k,), above zero [N].
+        """Largest force that each fingertip can display in every direction at the last reading, (k,), above zero [N].
 
         Of a `FusedDevice` it is a piece of its block, which `reading` keeps up to date.
         """
@@ -89,16 +89,16 @@ class LimitedDevice(Protocol):
 
 @runtime_checkable
 class SimulatedDevice(Protocol):
-    """What a simulated device shows besides the protocol, so that a plant can move it."""
+    """A simulated device: it shows its effort, so that a plant can move it."""
 
     @property
     def effort(self) -> FloatArray:
-        """What its actuators hold until the next sample, (k, d): after delay and limit, in the plant's units."""
+        """Effort that its actuators hold until the next sample, (k, d): after delay and limit, in the plant's units."""
         ...
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> Plant:
-        """The plant that moves all channels of these devices together, in their order."""
+        """Make the plant that moves all channels of these devices together, in their order."""
         ...
 
 
@@ -157,12 +157,12 @@ class FusedDevice(SimulatedDevice, Protocol):
         ...
 
     def fault_text(self, code: int) -> str:
-        """What a number other than 0 means, as an error says it, by the figures in the block."""
+        """Say what a number other than 0 means, by the figures in the block."""
         ...
 
 
 def limit_port(device: FusedDevice) -> int | None:
-    """Where in its block a device has its largest forces, from the beginning; None for one whose never change.
+    """Find where in its block a device has its largest forces; None for one whose never change.
 
     Raises:
         InputError: `largest_force` is no piece of the block.
@@ -177,7 +177,7 @@ def limit_port(device: FusedDevice) -> int | None:
 
 
 def fused(device: Device) -> FusedDevice | None:
-    """The device, if its kernels do all that its methods do.
+    """Give the device, if its kernels do all that its methods do.
 
     None for one that lacks them, or whose class has a `read`, `write` or `stop` of its own over the kernels of one it
     is made from.

@@ -1,4 +1,4 @@
-"""What a scene's hands mean to do, read from the table that a recording holds: is a motion theirs?"""
+"""Intended motion of a scene's hands, read from the table that a recording holds: is a motion theirs?"""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Drive:
     complete: bool
 
     def at(self, times: NDArray[Any]) -> FloatArray:
-        """All offsets at times (M,), (M, c) [m]."""
+        """Compute all offsets at times (M,), (M, c) [m]."""
         columns = [scale * np.array([motion.at(t)[0] for t in times.tolist()]) for motion, scale in self.parts]
         return np.concatenate([np.zeros((len(times), 1)), *columns], axis=1)
 
     def swings(self, frequency: float, resolution: float) -> bool:
-        """Whether a motion of this frequency may be a sine of the hands, or what contacts make of it.
+        """Tell whether a motion of this frequency may be a sine of the hands, or what contacts make of it.
 
         Args:
             frequency, resolution: [Hz].
@@ -54,7 +54,7 @@ class Drive:
 def drive(
     table: Mapping[str, Any], fingers: Sequence[int], folder: str, start: FloatArray, centre: FloatArray
 ) -> Drive:
-    """The drive of these fingers.
+    """Read the drive of these fingers.
 
     Args:
         table: of the scene, as a recording's header has it.
@@ -65,11 +65,11 @@ def drive(
     rows = table.get("finger") or []
     if any(i >= len(rows) for i in fingers):
         return Drive((), (), False)
-    named = {hand.get("name"): hand for hand in table.get("hand") or []}
+    by_name = {hand.get("name"): hand for hand in table.get("hand") or []}
     hands: dict[str, Mapping[str, Any] | None] = {}
     for i in fingers:
         hand = rows[i].get("hand")
-        hands[hand if isinstance(hand, str) else f"{i}"] = named.get(hand) if isinstance(hand, str) else hand
+        hands[hand if isinstance(hand, str) else f"{i}"] = by_name.get(hand) if isinstance(hand, str) else hand
     parts: list[tuple[motions.Motion, float]] = []
     sines: list[float] = []
     complete = all(_is_simulated(table, rows[i]) for i in fingers)
@@ -89,7 +89,7 @@ def drive(
 
 
 def _is_simulated(table: Mapping[str, Any], finger: Mapping[str, Any]) -> bool:
-    """A finger of a device that a hand may move: without a hand it has to be one that stays where it is put."""
+    """Tell whether a hand may move a finger: without a hand its device has to be one that stays where it is put."""
     device = finger.get("device")
     if isinstance(device, str):
         device = next((each for each in table.get("device") or [] if each.get("name") == device), None)
@@ -127,7 +127,7 @@ def _parts(
 
 
 def _listed(value: Any) -> list[Mapping[str, Any]]:
-    """One table, a list of them or none, as a list."""
+    """List one table, a list of them or none."""
     if value is None:
         return []
     return [value] if isinstance(value, Mapping) else list(value)

@@ -10,19 +10,19 @@ from graspfx.loop.servo import Servo
 
 
 def foreign(servo: Servo) -> list[str]:
-    """Devices, plants and bodies that run by their own methods, between the calls of each tick."""
+    """List devices, plants and bodies that run by their own methods, between the calls of each tick."""
     return list(_foreign(servo))
 
 
 def guests(servo: Servo) -> list[str]:
-    """Bodies that other software moves after the call of each tick."""
+    """List bodies that other software moves after the call of each tick."""
     return [_body(servo, i) for i in servo.script.guests]
 
 
 def looked_ahead(servo: Servo) -> list[str]:
-    """Hands that are no kernels: they are asked for many ticks at once, so that these cost no call for each."""
+    """List hands that are no kernels: they are asked for many ticks at once."""
     wirings = [servo.plants[table.plant] for table in servo.script.tables]
-    return [_shown("hand", m.hand, _fingers(servo, m.fingers)) for m in wirings]
+    return [_described("hand", m.hand, _fingers(servo, m.fingers)) for m in wirings]
 
 
 def _foreign(servo: Servo) -> Iterator[str]:
@@ -30,23 +30,23 @@ def _foreign(servo: Servo) -> Iterator[str]:
     for port in tick.ports:
         station = servo.stations[port.station]
         if fused(station.device) is None:
-            yield _shown("device", station.device, _fingers(servo, station.fingers))
+            yield _described("device", station.device, _fingers(servo, station.fingers))
     for j in tick.plants:
         m = servo.plants[j]
         if plants.fused(m.plant) is None:
-            yield _shown("plant", m.plant, _fingers(servo, m.fingers))
+            yield _described("plant", m.plant, _fingers(servo, m.fingers))
     for i in tick.bodies:
         yield _body(servo, i)
 
 
 def _body(servo: Servo, i: int) -> str:
     mover = servo.movers[i]
-    return _shown("body", mover.body, (servo.objects[o].name for o in mover.objects))
+    return _described("body", mover.body, (servo.objects[o].name for o in mover.objects))
 
 
 def _fingers(servo: Servo, numbers: Iterable[int]) -> Iterator[str]:
     return (servo.layout.fingers[f] for f in numbers if f >= 0)
 
 
-def _shown(kind: str, part: object, names: Iterable[str]) -> str:
+def _described(kind: str, part: object, names: Iterable[str]) -> str:
     return f"the {kind} of {', '.join(names)} ({type(part).__qualname__})"

@@ -100,7 +100,7 @@ class Hand:
         share: ArrayLike = 1.0,
         turns: Sequence[Turn] = (),
     ) -> Hand:
-        """A hand whose arm moves the fingers' mean and whose grip moves them against each other.
+        """Make a hand whose arm moves the fingers' mean and whose grip moves them against each other.
 
             K = k_arm 11'/n + k_grip (I - 11'/n), B alike, on each axis
 
@@ -140,7 +140,7 @@ class Hand:
         return type(self).target is Hand.target and not moves
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
+        """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
         for at, course, d in self._asked:
             course.ask(self.state, at, time, d)
         targets.target(self.state.data, 0, time)
@@ -209,7 +209,7 @@ class JoinedHands:
         return type(self).target is JoinedHands.target and not self._asked and self._still
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
+        """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
         for hand, at, rate in self._asked:
             r, v = hand.target(time)
             self.state[at : at + r.size] = r.ravel()
@@ -219,7 +219,7 @@ class JoinedHands:
 
 
 def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> plant.Hand:
-    """One hand of all these, for a plant that several of them share; `order` as in JoinedHands."""
+    """Join hands to one, for a plant that several of them share; `order` as in JoinedHands."""
     if len(hands) == 1 and (order is None or list(order) == sorted(order)):
         return hands[0]
     return JoinedHands(hands, order)

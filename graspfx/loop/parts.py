@@ -1,4 +1,4 @@
-"""What a servo runs: devices at their fingers, objects, what moves them, plants and hands, observers."""
+"""Parts of a servo: devices at their fingers, objects, bodies, plants and hands, observers."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Parts:
 
 
 def guest_of(body: object) -> Guest | None:
-    """The body, if its kernels and `exchange` do all that its `step` does."""
+    """Give the body, if its kernels and `exchange` do all that its `step` does."""
     if isinstance(body, Guest) and unaltered(body, ("step",), ("exchange", "handing", "taking")):
         return body
     return None

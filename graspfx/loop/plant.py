@@ -15,7 +15,7 @@ HandKernel = Callable[[Any, int, float], None]
 
 
 class Hand(Protocol):
-    """What holds the fingertips: springs and dampers to intended positions that move.
+    """A hand that holds fingertips: springs and dampers to intended positions that move.
 
     Force on the fingertips, per axis a: K[a] (r(t) - p[:, a]) + B[a] (r'(t) - v[:, a]).
     """
@@ -31,7 +31,7 @@ class Hand(Protocol):
         ...
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Intended positions r (n, d) [m] and their velocities (n, d) [m/s] at a time [s]."""
+        """Give intended positions r (n, d) [m] and their velocities (n, d) [m/s] at a time [s]."""
         ...
 
 
@@ -144,17 +144,17 @@ class FusedPlant(Plant, Protocol):
         """Put the hand's gains, its targets at the plant's time and samples of T seconds into the block."""
 
     def fault_text(self, code: int) -> str:
-        """Why the kernel gave this number instead of 0, as an error says it."""
+        """Say why the kernel gave this number instead of 0."""
         ...
 
 
 def is_still(hand: Hand) -> bool:
-    """Whether a hand says, as `still`, that its targets never change and have no velocity."""
+    """Tell whether a hand says, as `still`, that its targets never change and have no velocity."""
     return bool(getattr(hand, "still", False))
 
 
 def fused(plant: Plant) -> FusedPlant | None:
-    """The plant, if its kernel does all that `advance` does.
+    """Give the plant, if its kernel does all that `advance` does.
 
     None for one that lacks it, or whose class has an `advance` of its own over the kernel of one it is made from.
     """
@@ -164,7 +164,7 @@ def fused(plant: Plant) -> FusedPlant | None:
 
 
 def unaltered(component: object, methods: Sequence[str], kernels: Sequence[str]) -> bool:
-    """Whether no class has these methods of its own over these kernels of a class that it is made from."""
+    """Tell whether no class has these methods of its own over these kernels of a class that it is made from."""
 
     def nearest(names: Sequence[str]) -> int:
         order = type(component).__mro__

@@ -62,12 +62,12 @@ class Servo:
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
         self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
-        self._told: list[str] = []  # faults of parts that are no kernels
+        self._foreign_faults: list[str] = []  # faults of parts that are no kernels
 
     @property
     def coupling(self) -> dict[str, Any]:
-        """What its objects' couplings tell of the run so far, as entries of an `Outcome`."""
-        grasps = [held.grasped for held in self.objects]
+        """Report of the objects' couplings on the run so far, as entries of an `Outcome`."""
+        grasps = [part.grasped for part in self.objects]
         return {
             "fade_shortfall": max(each.shortfall for each in grasps),
             "fade_needed": max(each.fade_needed for each in grasps),
@@ -80,7 +80,7 @@ class Servo:
 
     @property
     def engine(self) -> Engine:
-        """What runs the ticks."""
+        """Engine of the ticks."""
         return self._ready()
 
     @property
@@ -95,7 +95,7 @@ class Servo:
         return self._tick
 
     def run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None = None) -> None:
-        """That many ticks, each recorded; fewer if `stop` says so.
+        """Run that many ticks, each recorded; fewer if `stop` says so.
 
         It is asked before each call of the engine: before every tick as it stands, or where parts are no kernels, and
         before every 64 that are compiled.
@@ -109,11 +109,11 @@ class Servo:
         self._run(ticks, recorder, stop)
         self._settle()
         self._notice(recorder)
-        for held in self.objects:
-            held.grasped.check_activity()
+        for part in self.objects:
+            part.grasped.check_activity()
 
     def tick(self, recorder: Recorder | None) -> None:
-        """One sample."""
+        """Run one sample."""
         self.run(1, recorder)
 
     def _ready(self) -> Engine:
@@ -138,13 +138,13 @@ class Servo:
                 self._with_guests(engine, recorder, row, count)
             else:
                 self._look_ahead(count)
-                self._done(engine.run(self.ticks, count, row), recorder)
+                self._finish_tick(engine.run(self.ticks, count, row), recorder)
             if recorder is not None:
                 self.row = rows[recorder.used - 1]
                 recorder.drain()
 
     def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
-        """Ticks of which all but the exchange with guests is one call."""
+        """Run ticks of which all but the exchange with guests is one call."""
         run, own, k = engine.each, self._own, self.ticks
         exchanges = self._exchanges()
         try:
@@ -157,14 +157,14 @@ class Servo:
                     exchange()
                 k += 1
         finally:  # what was run is kept also if the run breaks off here
-            self._done(k - self.ticks, recorder)
+            self._finish_tick(k - self.ticks, recorder)
 
     def _exchanges(self) -> list[Callable[[], None]]:
-        """Of the guests that are not stuck."""
+        """Exchange with the guests that are not stuck."""
         return [self.movers[i].body.exchange for i in self._tick.guests if not self._own[at.STUCK + i]]
 
     def _settle(self) -> None:
-        """Takes what guests were told after the last tick."""
+        """Settle what guests were told after the last tick."""
         for i in self._tick.guests:
             code = 0 if self._own[at.STUCK + i] else self.movers[i].body.take()
             if code:
@@ -172,7 +172,7 @@ class Servo:
                 self._own[at.STUCK + i] = 1.0
 
     def _one(self, engine: Engine, recorder: Recorder | None, row: int) -> None:
-        """One tick with whatever is no kernel."""
+        """Run one tick with parts that are no kernels."""
         tick, k = self._tick, self.ticks
         self._look_ahead(1)
         for i in tick.bodies:
@@ -193,9 +193,9 @@ class Servo:
             self._step(k, i)
         for j in tick.plants:
             self._advance(k, j)
-        self._done(1, recorder)
+        self._finish_tick(1, recorder)
 
-    def _done(self, count: int, recorder: Recorder | None) -> None:
+    def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
         self.ticks += count
         if recorder is not None:
             recorder.take(count)
@@ -216,15 +216,15 @@ class Servo:
         port.memory[0] = 1.0
 
     def _take_limits(self, k: int, port: Port) -> bool:
-        """The largest forces that a device has where it stands; what is none is a fault."""
+        """Read the largest forces that a device has where it stands; a number that is none is a fault."""
         device = self.stations[port.station].device
         assert isinstance(device, LimitedDevice)
         assert port.limit is not None
         port.limit[...] = device.largest_force
         if (port.limit > 0.0).all():
             return True
-        told = ", ".join(f"{force:g}" for force in port.limit)
-        self._tell(k, f"a device's largest force is {told} N; expected above zero: all forces are zero")
+        text = ", ".join(f"{force:g}" for force in port.limit)
+        self._tell(k, f"a device's largest force is {text} N; expected above zero: all forces are zero")
         return False
 
     def _display(self, k: int, port: Port) -> None:
@@ -239,7 +239,7 @@ class Servo:
                     self.stations[each.station].device.stop()
 
     def _step(self, k: int, i: int) -> None:
-        """A body to the end of the sample; one that cannot go on stays where it is."""
+        """Step a body to the end of the sample; one that cannot go on stays where it is."""
         if not self._own[at.STUCK + i]:
             try:
                 self.movers[i].body.step(self.period)
@@ -257,9 +257,9 @@ class Servo:
                 self._tell(k, f"{self._fingers(j)}: {error}")
 
     def _look_ahead(self, count: int) -> None:
-        """Asks hands that are no kernels where they mean to be over the coming ticks."""
+        """Ask hands that are no kernels where they mean to be over the coming ticks."""
         T, k = self.period, self.ticks
-        self._own[at.AHEAD] = k
+        self._own[at.LOOKED_UP] = k
         for table in self._tick.tables:
             m = self.plants[table.plant]
             each = table.memory.reshape(at.CHUNK, -1, *m.plant.position.shape)
@@ -271,8 +271,8 @@ class Servo:
     # Faults -------------------------------------------------------------------------------------------------------
 
     def _tell(self, k: int, message: str) -> None:
-        self._told.append(message)
-        at.latch(self._own, k, at.TOLD, 0, len(self._told) - 1)
+        self._foreign_faults.append(message)
+        at.latch(self._own, k, at.FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: Recorder | None) -> None:
         if self.fault is None and self._own[at.FAULTED]:
@@ -281,10 +281,10 @@ class Servo:
                 recorder.fault(*self.fault)
 
     def why(self, own: Any) -> str:
-        """The fault that is latched in the memory of a tick, `Tick.own`, in words."""
+        """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
         kind, index, code = (int(own[entry]) for entry in (at.KIND, at.INDEX, at.CODE))
-        if kind == at.TOLD:
-            return self._told[code]
+        if kind == at.FOREIGN:
+            return self._foreign_faults[code]
         if kind == at.STATION:
             return self.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
         if kind == at.OBJECT_:

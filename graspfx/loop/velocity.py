@@ -7,69 +7,75 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.kernel import kernel, source_function
+from graspfx.compile.records import Floats, Many, Record, floats, size_for, start_of
 from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
 WINDOW = 16  # samples back, at most
 
-# The state of one component; the ring of its last window + 1 positions follows.
-PERIOD = 0
-NOISE = 1
-LENGTH = 2  # the longest window [samples]
-FILLED = 3  # positions in the ring
-HEAD = 4  # where the newest stands
-USED = 5  # the window of the last estimate [samples], 0 for none
-RING = 6
-
 SLACK = 1e-6  # of the noise bound: positions in whole counts meet the bound exactly, up to rounding
 
 
+class VelocityEstimate(Record):
+    """The state of one component's estimate: its settings, and its last positions in a ring."""
+
+    period: float  # T [s]
+    noise: float  # the sensor's largest error
+    length: int  # the longest window [samples]
+    filled: int  # positions in the ring
+    head: int  # where the newest stands
+    used: int  # the window of the last estimate [samples], 0 for none
+    positions: Floats = floats("length + 1")
+
+
 def size(window: int) -> int:
-    """Entries of one component's state."""
-    return RING + window + 1
+    """Count the entries of one component's state."""
+    return size_for(VelocityEstimate, length=window)
 
 
-def estimate(S: Any, o: int, x: float) -> float:
-    """Take the next position x of the component whose state starts at `o` and return its velocity.
+@kernel
+def estimate(state: VelocityEstimate, x: float) -> float:
+    """Take the next position x of a component and give its velocity.
 
     v_k = (x_k - x_(k-n)) / (n T), n the longest window up to which every line from x_k to x_(k-j), j = 2 ... n, passes
     within the noise bound of the positions between its ends (`VelocityEstimator`). A line of slope s does so
     when s is in [(x_k - x_(k-i) - h) / i, (x_k - x_(k-i) + h) / i] for each i < j, so that one pass decides.
     """
-    length = int(S[o + LENGTH])
+    length = state.length
+    positions = state.positions
     if length == 1:  # the plain difference, without a walk through the ring
-        before, first = S[o + RING], S[o + FILLED] == 0.0
-        S[o + RING] = x
-        S[o + FILLED] = 1.0
+        before, first = positions[0], state.filled == 0
+        positions[0] = x
+        state.filled = 1
         if first:
             return 0.0
-        S[o + USED] = 1.0
-        return (x - before) / S[o + PERIOD]  # type: ignore[no-any-return]
-    head = int(S[o + HEAD]) + 1
+        state.used = 1
+        return (x - before) / state.period
+    head = state.head + 1
     if head > length:
         head = 0
-    ring = o + RING
-    S[ring + head] = x
-    S[o + HEAD] = head
-    filled = int(S[o + FILLED])
+    positions[head] = x
+    state.head = head
+    filled = state.filled
     if filled <= length:
-        S[o + FILLED] = filled + 1
+        state.filled = filled + 1
     else:
         filled = length
     if filled == 0:
-        S[o + USED] = 0.0
+        state.used = 0
         return 0.0
 
-    h = S[o + NOISE] * (1.0 + SLACK)
-    at = head
+    h = state.noise * (1.0 + SLACK)
+    place = head
     low = high = slope = 0.0
     used = 0
     for i in range(1, filled + 1):
-        at -= 1
-        if at < 0:
-            at = length
-        step = x - S[ring + at]
+        place -= 1
+        if place < 0:
+            place = length
+        step = x - positions[place]
         s = step / i
         if i > 1 and not (low <= s <= high):
             break
@@ -80,8 +86,8 @@ def estimate(S: Any, o: int, x: float) -> float:
             low = below
         if i == 1 or above < high:
             high = above
-    S[o + USED] = used
-    return slope / S[o + PERIOD]  # type: ignore[no-any-return]
+    state.used = used
+    return slope / state.period
 
 
 class VelocityEstimator:
@@ -132,10 +138,12 @@ class VelocityEstimator:
         entries = self._count * self._size
         self._state: FloatArray = np.zeros(entries) if memory is None else memory[:entries]
         self._state[...] = 0.0
-        self._rows = self._state.reshape(self._count, self._size)
-        self._rows[:, PERIOD] = period
-        self._rows[:, NOISE] = noise
-        self._rows[:, LENGTH] = self._length
+        states: Many[VelocityEstimate] = Many(VelocityEstimate, self._state, 0, self._count, self._size)
+        states.array(VelocityEstimate.period)[:] = period
+        states.array(VelocityEstimate.noise)[:] = noise
+        states.array(VelocityEstimate.length)[:] = self._length
+        self._used = states.array(VelocityEstimate.used)
+        self._memory = self._state.reshape(self._count, self._size)[:, start_of(VelocityEstimate, "filled") :]
         # Plain floats from a view cost half of what array items do.
         self._S: Any = self._state.data
         self._x: Any = self._position.reshape(-1).data
@@ -144,19 +152,20 @@ class VelocityEstimator:
     @property
     def window(self) -> NDArray[np.intp]:
         """Samples spanned by the last estimate of each component, in the shape of a position; 0 for none."""
-        return self._rows[:, USED].astype(np.intp).reshape(self._velocity.shape)
+        return self._used.astype(np.intp).reshape(self._velocity.shape)
 
     def reset(self, position: ArrayLike | None = None) -> None:
         """Forget every position; then take this one as the first, if it is given."""
-        self._rows[:, FILLED:] = 0.0
+        self._memory[...] = 0.0
         self._velocity[...] = 0.0
         if position is not None:
             self.update(position)
 
     def update(self, position: ArrayLike) -> FloatArray:
-        """The velocity, after this next position; the array belongs to the estimator and is overwritten."""
+        """Update the velocity by the next position; the array belongs to the estimator and is overwritten."""
         self._position[...] = position
         S, x, v = self._S, self._x, self._v
+        component = source_function(estimate)  # without a view for each
         for j in range(self._count):
-            v[j] = estimate(S, j * self._size, x[j])
+            v[j] = component(S, j * self._size, x[j])
         return self._velocity

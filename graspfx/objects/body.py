@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Record
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.numeric import SMALLEST, finite, number
 from graspfx.objects import integrators as at
+from graspfx.objects.body_state import BodyState, Motion
+from graspfx.spatial import Quaternion, Vector
 
 FloatArray = NDArray[np.float64]
 
@@ -47,51 +51,55 @@ class BlockBody:
         if state.shape != (at.SIZE,) or state.dtype != np.float64 or not state.flags.c_contiguous:
             raise InputError("state", state, f"a contiguous float64 array of shape ({at.SIZE},)")
         self.state = state
-        self.dimensions = d = int(state[at.DIMENSIONS])
+        self.dimensions = d = BodyState(state).dimensions
         if d not in FREEDOMS:
             raise InputError("state", f"{d} dimensions", "a block written by fill_body")
-        self._S: Any = state.data  # a memoryview: its items are Python floats, which run twice as fast as array items
-        self.position = state[at.POSITION : at.POSITION + d]
-        self.velocity = state[at.VELOCITY : at.VELOCITY + d]
+        self._body = BodyState(state.data)  # a memoryview's items are Python floats, twice as fast as an array's
+        motion = BodyState(state).motion
+        self.position, self.velocity = motion.array(Motion.position)[:d], motion.array(Motion.velocity)[:d]
+        self._quaternion = motion.array(Motion.quaternion)
+        self._angular_velocity = motion.array(Motion.angular_velocity)
 
     @property
     def orientation(self) -> float | FloatArray | None:
         """None on a line, the unwrapped angle [rad] in the plane, the quaternion x y z w in space."""
         if self.dimensions == 3:
-            return self.state[at.QUATERNION : at.QUATERNION + 4]
-        return float(self.state[at.ANGLE]) if self.dimensions == 2 else None
+            return self._quaternion
+        return self._body.motion.angle if self.dimensions == 2 else None
 
     @property
     def angular_velocity(self) -> float | FloatArray | None:
         """None on a line, about z in the plane, (3,) in world axes in space [rad/s]."""
         if self.dimensions == 3:
-            return self.state[at.ANGULAR_VELOCITY : at.ANGULAR_VELOCITY + 3]
-        return float(self.state[at.ANGULAR_VELOCITY + 2]) if self.dimensions == 2 else None
+            return self._angular_velocity
+        return float(self._angular_velocity[2]) if self.dimensions == 2 else None
 
 
-def advance(S: Any, o: int, F: Any, T: float) -> int:
-    """One step of a body that nothing is in the way of; what stands beside its block is not used."""
-    at.step(S, o, T)
+@kernel
+def advance(body: BodyState, beside: Record, T: float) -> int:
+    """Move a body that nothing is in the way of; what stands beside its block is not used."""
+    at.step(body, T)
     return 0
 
 
-def expect(S: Any, o: int, F: Any, T: float) -> None:
-    """The implicit integrator's motion without a wrench, of such a body."""
-    at.predict(S, o, T)
+@kernel
+def expect(body: BodyState, beside: Record, T: float) -> None:
+    """Predict the motion of such a body under the implicit integrator without a wrench."""
+    at.predict(body, T)
 
 
 class NativeBody(BlockBody):
     """A rigid body moved by the integrator that its block names.
 
-    A run may move it by its kernels: `stepping(S, o, F, T)`, 0 or a code, and `predicting(S, o, F, T)`, for the body
-    whose block starts at S[o] and what stands beside it in F, its `buffer`; S again where that is None.
+    A run may move it by its kernels: `stepping(S, o, F, f, T)`, 0 or a code, and `predicting(S, o, F, f, T)`, for the
+    body whose block starts at S[o] and what stands beside it at F[f], its `buffer`; S again where that is None.
 
     Args:
         state: (SIZE,) the block, filled by `fill_body`; kept and written in place.
     """
 
-    stepping = staticmethod(advance)
-    predicting = staticmethod(expect)
+    stepping: Callable[..., int] = staticmethod(advance)
+    predicting: Callable[..., None] = staticmethod(expect)
     buffer: FloatArray | None = None
     structure: tuple[int, ...] = ()  # entries of the buffer that never change and pick what the kernels do
 
@@ -101,7 +109,7 @@ class NativeBody(BlockBody):
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block, held."""
-        at.step(self._S, 0, T)
+        at.step(self._body, T)
 
     def free_motion(self, T: float) -> None:
         """Fill the NEXT and COMPLIANCE entries over T [s].
@@ -109,10 +117,10 @@ class NativeBody(BlockBody):
         Raises:
             InputError: for another integrator than "implicit", whose step they would not describe.
         """
-        if self._S[at.INTEGRATOR] != at.IMPLICIT:
-            name = next(name for name, kind in INTEGRATORS.items() if kind == self._S[at.INTEGRATOR])
+        if self._body.integrator != at.IMPLICIT:
+            name = next(name for name, kind in INTEGRATORS.items() if kind == self._body.integrator)
             raise InputError("integrator", name, "'implicit', the only one that solves for the body's new state")
-        at.predict(self._S, 0, T)
+        at.predict(self._body, T)
 
 
 def create(state: FloatArray) -> NativeBody:
@@ -164,44 +172,45 @@ def fill_body(
     if str(integrator) not in INTEGRATORS:
         raise UnknownNameError("integrator", str(integrator), INTEGRATORS)
     state[:] = 0.0
-    state[at.DIMENSIONS] = d
-    state[at.INTEGRATOR] = INTEGRATORS[integrator]
-    for row, freedom in enumerate(kinds):
-        state[at.FREE + freedom] = float(moves[row])
-    turns = state[at.FREE + 3 : at.FREE + 6] != 0.0
-    state[at.MASS] = number("mass", mass, "a finite number above zero [kg]", zero=False)
-    state[at.INERTIA : at.INERTIA + 3] = _moments(inertia, d, bool(turns.any()))
-    state[at.VISCOSITY] = number("viscosity", viscosity, "a finite number, zero or above [N s/m]")
-    state[at.ROTATIONAL_VISCOSITY] = number(
+    body = BodyState(state)
+    motion = body.motion
+    body.dimensions, body.integrator = d, INTEGRATORS[integrator]
+    movable = np.zeros(6)
+    movable[list(kinds)] = moves
+    body.free_translation, body.free_rotation = Vector(*movable[:3]), Vector(*movable[3:])
+    body.mass = number("mass", mass, "a finite number above zero [kg]", zero=False)
+    body.inertia = Vector(*_moments(inertia, d, bool(movable[3:].any())))
+    body.viscosity = number("viscosity", viscosity, "a finite number, zero or above [N s/m]")
+    body.rotational_viscosity = number(
         "rotational_viscosity", rotational_viscosity, "a finite number, zero or above [N m s/rad]"
     )
-    state[at.GRAVITY : at.GRAVITY + d] = _vector("gravity", gravity, d)
-    state[at.POSITION : at.POSITION + d] = _vector("position", position, d)
-    state[at.VELOCITY : at.VELOCITY + d] = _vector("velocity", velocity, d)
-    state[at.QUATERNION + 3] = 1.0
+    body.array(BodyState.gravity)[:d] = _vector("gravity", gravity, d)
+    motion.array(Motion.position)[:d] = _vector("position", position, d)
+    motion.array(Motion.velocity)[:d] = _vector("velocity", velocity, d)
+    motion.quaternion = Quaternion(0.0, 0.0, 0.0, 1.0)
     if d == 1:
         for name, given in (("orientation", orientation), ("angular_velocity", angular_velocity)):
             if given is not None:
                 raise InputError(name, given, "none on a line")
     if d == 2:
-        state[at.ANGLE] = _vector("orientation", orientation, 0)
-        state[at.ANGULAR_VELOCITY + 2] = _vector("angular_velocity", angular_velocity, 0)
+        motion.angle = float(_vector("orientation", orientation, 0))
+        motion.angular_velocity = Vector(0.0, 0.0, float(_vector("angular_velocity", angular_velocity, 0)))
     if d == 3:
-        state[at.ANGULAR_VELOCITY : at.ANGULAR_VELOCITY + 3] = _vector("angular_velocity", angular_velocity, 3)
+        motion.angular_velocity = Vector(*_vector("angular_velocity", angular_velocity, 3))
         if orientation is not None:
             quaternion = _vector("orientation", orientation, 4)
             norm = float(np.linalg.norm(quaternion))
             if abs(norm - 1.0) > UNIT:
                 raise InputError("orientation", f"a quaternion of norm {norm:.6g}", "x y z w of norm 1")
-            state[at.QUATERNION : at.QUATERNION + 4] = quaternion / norm
-    locked = state[at.FREE : at.FREE + 6] == 0.0
-    for name, o, still in (
-        ("velocity", at.VELOCITY, locked[:3]),
-        ("angular_velocity", at.ANGULAR_VELOCITY, locked[3:]),
+            motion.quaternion = Quaternion(*(quaternion / norm))
+    locked = movable == 0.0
+    for name, field, given, still in (
+        ("velocity", Motion.velocity, velocity, locked[:3]),
+        ("angular_velocity", Motion.angular_velocity, angular_velocity, locked[3:]),
     ):
-        if state[o : o + 3][still].any():
-            raise InputError(name, velocity if o == at.VELOCITY else angular_velocity, "zero where `free` is false")
-    at.orient(state, 0)
+        if motion.array(field)[still].any():
+            raise InputError(name, given, "zero where `free` is false")
+    at.orient(body)
 
 
 def _vector(name: str, given: float | ArrayLike | None, length: int, expected: str = "") -> FloatArray:

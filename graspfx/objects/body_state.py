@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Record
 from graspfx.spatial import Matrix, Quaternion, Vector
+
+EXPLICIT, SEMI_IMPLICIT, EXACT, IMPLICIT = 0, 1, 2, 3  # integrators
 
 
 class Motion(Record):
@@ -18,7 +21,7 @@ class Motion(Record):
 
 
 class Decay(Record):
-    """Values of exp(-z) and its integrals, until z is another."""
+    """Values of exp(-z) and its integrals (`decay.decay_integrals`), until z is another."""
 
     z: float  # b T/m
     exponential: float
@@ -35,7 +38,7 @@ class BodyState(Record):
     inertia: Vector  # principal moments, body axes [kg m^2]; the plane uses the third
     viscosity: float  # b [N s/m]
     rotational_viscosity: float  # b_w [N m s/rad]
-    integrator: int
+    integrator: int  # EXPLICIT, SEMI_IMPLICIT, EXACT or IMPLICIT
     free_translation: Vector  # 1.0 or 0.0, world axes
     free_rotation: Vector
     gravity: Vector  # [m/s^2]
@@ -47,3 +50,10 @@ class BodyState(Record):
     rotational_compliance: Matrix  # rotation per moment, world axes, zero where locked [rad/(N m)]
     translation_decay: Decay  # of b T/m
     rotation_decay: Decay  # of b_w T/J
+
+
+@kernel
+def copy_motion(source: Motion, to: Motion) -> None:
+    """Copy where a body is and how it moves."""
+    to.position, to.quaternion, to.angle = source.position, source.quaternion, source.angle
+    to.velocity, to.angular_velocity, to.rotation = source.velocity, source.angular_velocity, source.rotation

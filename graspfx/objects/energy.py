@@ -18,119 +18,116 @@ Rotations likewise with moments and the rotation vector. In space what the turn 
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
-from graspfx.objects.integrators import (
-    ANGLE,
-    ANGULAR_VELOCITY,
-    DIMENSIONS,
-    EXACT,
-    EXPLICIT,
-    FORCE,
-    FREE,
-    GRAVITY,
-    INERTIA,
-    INTEGRATOR,
-    MASS,
-    MOMENT,
-    POSITION,
-    QUATERNION,
-    ROTATIONAL_VISCOSITY,
-    VELOCITY,
-    VISCOSITY,
-    held,
-    momentum,
-)
-
-# What is kept of the sample's start, then what `settle` finds. Offsets from the start of that piece.
-BEFORE = 0  # POSITION up to MOMENT, as in the block
-CONTACT = MOMENT + 3 - POSITION  # force and moment of obstacles over the sample [N, N m]
-SHIFT = CONTACT + 6  # dx [m]
-TURN = SHIFT + 3  # rotation vector of the free rotations, world axes [rad]
-ENERGY = TURN + 3  # kinetic energy at the sample's start [J]
-SIZE = ENERGY + 1
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Record
+from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
+from graspfx.objects.decay import decay_integrals
+from graspfx.objects.rotation import momentum, scaled
+from graspfx.spatial import ZERO, Quaternion, Vector, cross, dot, total
 
 SERIES = 0.5  # of b T/m: below, differences of exponentials would cancel
 
 
-def keep(S: Any, o: int, K: Any, k: int) -> None:
-    """Keeps state, wrench and kinetic energy of the body at o for the sample that begins."""
-    for a in range(CONTACT):
-        K[k + a] = S[o + POSITION + a]
-    K[k + ENERGY] = kinetic(S, o)
+class SampleStart(Record):
+    """A body at the beginning of a sample, and how far it went since then."""
+
+    motion: Motion
+    force: Vector  # constant over the sample, and so is the moment [N]
+    moment: Vector  # [N m]
+    contact_force: Vector  # of obstacles over the sample [N]
+    contact_moment: Vector  # [N m]
+    shift: Vector  # dx [m]
+    turn: Vector  # rotation vector of the free rotations, world axes [rad]
+    energy: float  # kinetic, at the sample's start [J]
 
 
-def kinetic(S: Any, o: int) -> float:
-    """1/2 m v^2 + 1/2 w'I w [J]."""
-    v, w, d = o + VELOCITY, o + ANGULAR_VELOCITY, S[o + DIMENSIONS]
-    total = 0.5 * S[o + MASS] * (S[v] * S[v] + S[v + 1] * S[v + 1] + S[v + 2] * S[v + 2])
-    if d == 2.0:
-        total += 0.5 * S[o + INERTIA + 2] * S[w + 2] * S[w + 2]
-    if d == 3.0:
-        q = o + QUATERNION
-        x, y, z = momentum(S, o, S[q], S[q + 1], S[q + 2], S[q + 3], S[w], S[w + 1], S[w + 2])
-        total += 0.5 * (S[w] * x + S[w + 1] * y + S[w + 2] * z)
-    return float(total)
+@dataclass(frozen=True, slots=True)
+class SampleEnergy:
+    """The entries of one sample [J]."""
+
+    work: float  # of the wrench
+    fallen: float  # of gravity
+    met: float  # of obstacles
+    loss: float  # that viscosity takes of translation,
+    turning_loss: float  # and of rotation
+    defect: float  # of the integrator in translation,
+    turning_defect: float  # and in rotation
 
 
-def settle(S: Any, o: int, K: Any, k: int, T: float) -> tuple[float, float, float, float, float, float, float]:
-    """The sample that has just ended, from the state kept at k to the one at o [J]; SHIFT and TURN are written.
+@kernel
+def keep(body: BodyState, start: SampleStart) -> None:
+    """Copy motion, wrench and kinetic energy of a body for the sample that begins."""
+    copy_motion(body.motion, start.motion)
+    start.force, start.moment = body.force, body.moment
+    start.energy = kinetic(body)
 
-    Returns:
-        Work of the wrench, of gravity and of CONTACT; viscous loss of translation and of rotation; the integrator's
-        defect of translation and of rotation.
-    """
-    kind = int(S[o + INTEGRATOR])
-    m, b = S[o + MASS], S[o + VISCOSITY]
+
+@kernel
+def kinetic(body: BodyState) -> float:
+    """Compute 1/2 m v^2 + 1/2 w'I w [J]."""
+    motion, d = body.motion, body.dimensions
+    energy = 0.5 * body.mass * dot(motion.velocity, motion.velocity)
+    w = motion.angular_velocity
+    if d == 2:
+        energy += 0.5 * body.inertia.z * w.z * w.z
+    if d == 3:
+        energy += 0.5 * dot(w, momentum(body, motion.quaternion, w))
+    return energy
+
+
+@kernel
+def settle(body: BodyState, start: SampleStart, T: float) -> SampleEnergy:
+    """Compute the entries of the sample of T [s] that has just ended; `shift` and `turn` are written."""
+    kind, d, motion, before = body.integrator, body.dimensions, body.motion, start.motion
+    m, b = body.mass, body.viscosity
     work = fallen = met = loss = turning_loss = defect = turning_defect = 0.0
+    start.shift = start.turn = ZERO
     for a in range(3):
-        K[k + SHIFT + a] = 0.0
-        K[k + TURN + a] = 0.0
-        if S[o + FREE + a] != 0.0:
-            dx = S[o + POSITION + a] - K[k + a]
-            K[k + SHIFT + a] = dx
-            F, C, g = K[k + FORCE - POSITION + a], K[k + CONTACT + a], S[o + GRAVITY + a]
+        if body.free_translation[a] != 0.0:
+            dx = motion.position[a] - before.position[a]
+            start.shift[a] = dx
+            F, C, g = start.force[a], start.contact_force[a], body.gravity[a]
             work += F * dx
             met += C * dx
             fallen += m * g * dx
-            before, after = K[k + VELOCITY - POSITION + a], S[o + VELOCITY + a]
-            loss += viscous(kind, m, b, T, before, after, (F + C) / m + g)
-            defect += made_up(kind, m, before, after)
-    d = S[o + DIMENSIONS]
-    w, moment = k + ANGULAR_VELOCITY - POSITION, k + MOMENT - POSITION
-    if d == 2.0 and S[o + FREE + 5] != 0.0:
-        J, turn = S[o + INERTIA + 2], S[o + ANGLE] - K[k + ANGLE - POSITION]
-        K[k + TURN + 2] = turn
-        M, C = K[moment + 2], K[k + CONTACT + 5]
+            v, after = before.velocity[a], motion.velocity[a]
+            loss += viscous(kind, m, b, T, v, after, (F + C) / m + g)
+            defect += made_up(kind, m, v, after)
+    if d == 2 and body.free_rotation.z != 0.0:
+        J, turn = body.inertia.z, motion.angle - before.angle
+        start.turn[2] = turn
+        M, C = start.moment.z, start.contact_moment.z
         work += M * turn
         met += C * turn
-        after = S[o + ANGULAR_VELOCITY + 2]
-        turning_loss = viscous(kind, J, S[o + ROTATIONAL_VISCOSITY], T, K[w + 2], after, (M + C) / J)
-        turning_defect = made_up(kind, J, K[w + 2], after)
-    if d == 3.0 and S[o + FREE + 3] + S[o + FREE + 4] + S[o + FREE + 5] > 0.0:
-        turned(S, o, K, k)
+        w, after = before.angular_velocity.z, motion.angular_velocity.z
+        turning_loss = viscous(kind, J, body.rotational_viscosity, T, w, after, (M + C) / J)
+        turning_defect = made_up(kind, J, w, after)
+    if d == 3 and total(body.free_rotation) > 0.0:
+        start.turn = rotation_vector(body, before.quaternion)
         done = 0.0
         for a in range(3):
-            work += K[moment + a] * K[k + TURN + a]
-            met += K[k + CONTACT + 3 + a] * K[k + TURN + a]
-            done += (K[moment + a] + K[k + CONTACT + 3 + a]) * K[k + TURN + a]
-        turning_loss, turning_defect = spun(S, o, K, k, T, done)
-    return work, fallen, met, loss, turning_loss, defect, turning_defect
+            work += start.moment[a] * start.turn[a]
+            met += start.contact_moment[a] * start.turn[a]
+            done += (start.moment[a] + start.contact_moment[a]) * start.turn[a]
+        turning_loss, turning_defect = settle_rotation(body, start, T, done)
+    return SampleEnergy(work, fallen, met, loss, turning_loss, defect, turning_defect)
 
 
 def viscous(kind: int, m: float, b: float, T: float, v: float, after: float, u: float) -> float:
-    """What viscosity takes over a sample [J]; u = force/m."""
+    """Compute what viscosity takes over a sample [J]; u = force/m."""
     if kind != EXACT:
         if kind == EXPLICIT:
             return T * b * v * v
         return T * b * after * (v if kind < EXACT else after)
     z = b * T / m
     rise = T * (u - b / m * v)  # v(t) = v + rise (1 - exp(-z t/T))/z
-    return T * b * (v * v + 2.0 * v * rise * held(z)[2] + rise * rise * squared(z))
+    return T * b * (v * v + 2.0 * v * rise * decay_integrals(z)[2] + rise * rise * squared(z))
 
 
 def squared(z: float) -> float:
-    """Integral of ((1 - exp(-z s))/z)^2 over s from 0 to 1: (z - 2 (1 - E) + (1 - E^2)/2)/z^3, 1/3 at zero."""
+    """Integrate ((1 - exp(-z s))/z)^2 over s from 0 to 1: (z - 2 (1 - E) + (1 - E^2)/2)/z^3, 1/3 at zero."""
     if z > SERIES:
         E = math.exp(-z)
         return (z - 2.0 * (1.0 - E) + 0.5 * (1.0 - E * E)) / (z * z * z)
@@ -144,73 +141,70 @@ def squared(z: float) -> float:
 
 
 def made_up(kind: int, m: float, before: float, after: float) -> float:
-    """m (v+ - v) times the mean velocity less that which moved the body [J]."""
+    """Compute m (v+ - v) times the mean velocity less that which moved the body [J]."""
     if kind == EXACT:
         return 0.0
     return (0.5 if kind == EXPLICIT else -0.5) * m * (after - before) * (after - before)
 
 
-def turned(S: Any, o: int, K: Any, k: int) -> None:
-    """TURN, the rotation vector from the orientation kept to the present one; zero about locked axes."""
-    p, q = o + QUATERNION, k + QUATERNION - POSITION
-    x, y, z, w = S[p], S[p + 1], S[p + 2], S[p + 3]
-    i, j, n, r = -K[q], -K[q + 1], -K[q + 2], K[q + 3]
-    a = w * i + x * r + y * n - z * j
-    b = w * j + y * r + z * i - x * n
-    c = w * n + z * r + x * j - y * i
-    s = w * r - x * i - y * j - z * n
-    sine = math.sqrt(a * a + b * b + c * c)
+@inline
+def quotient(p: Quaternion, q: Quaternion) -> Quaternion:
+    """Compute p q' of two unit quaternions, the rotation from q to p."""
+    x, y, z, w = -q.x, -q.y, -q.z, q.w
+    return Quaternion(
+        p.w * x + p.x * w + p.y * z - p.z * y,
+        p.w * y + p.y * w + p.z * x - p.x * z,
+        p.w * z + p.z * w + p.x * y - p.y * x,
+        p.w * w - p.x * x - p.y * y - p.z * z,
+    )
+
+
+@kernel
+def rotation_vector(body: BodyState, before: Quaternion) -> Vector:
+    """Compute the rotation vector from an orientation to the present one; zero about locked axes."""
+    turn = quotient(body.motion.quaternion, before)
+    u, cosine = turn.vector, turn.w
+    sine = math.sqrt(dot(u, u))
     scale = 2.0
-    if s < 0.0:
-        s, scale = -s, -2.0
+    if cosine < 0.0:
+        cosine, scale = -cosine, -2.0
     if sine > 0.0:
-        scale *= math.atan2(sine, s) / sine
-    f = o + FREE + 3
-    K[k + TURN], K[k + TURN + 1], K[k + TURN + 2] = S[f] * scale * a, S[f + 1] * scale * b, S[f + 2] * scale * c
+        scale *= math.atan2(sine, cosine) / sine
+    return scaled(body.free_rotation * scale, u)
 
 
-def spun(S: Any, o: int, K: Any, k: int, T: float, done: float) -> tuple[float, float]:
-    """Viscous loss and defect of rotation in space [J]; `done` is the work of all moments.
+@kernel
+def settle_rotation(body: BodyState, start: SampleStart, T: float, done: float) -> tuple[float, float]:
+    """Compute viscous loss and defect of rotation in space [J]; `done` is the work of all moments.
 
     Exact about one axis, and of a body with equal moments. Where exact is of fourth order, the loss is that of the mean
     square velocity and the defect what energy the step has beyond the work.
     """
-    kind = int(S[o + INTEGRATOR])
-    b, i, f = S[o + ROTATIONAL_VISCOSITY], o + INERTIA, o + FREE + 3
-    w, q = k + ANGULAR_VELOCITY - POSITION, k + QUATERNION - POSITION
-    vx, vy, vz = K[w], K[w + 1], K[w + 2]
-    u = o + ANGULAR_VELOCITY
-    ux, uy, uz = S[u], S[u + 1], S[u + 2]
-    Lx, Ly, Lz = momentum(S, o, K[q], K[q + 1], K[q + 2], K[q + 3], vx, vy, vz)
+    kind, b = body.integrator, body.rotational_viscosity
+    q, v, u = start.motion.quaternion, start.motion.angular_velocity, body.motion.angular_velocity
+    L = momentum(body, q, v)
     if kind == EXACT:
-        J = S[i]
-        axes = S[f] + S[f + 1] + S[f + 2]
+        I, free = body.inertia, body.free_rotation  # noqa: E741 (the inertia's letter)
+        J, axes = I.x, total(free)
         if axes == 1.0:
-            x, y, z = momentum(S, o, K[q], K[q + 1], K[q + 2], K[q + 3], S[f], S[f + 1], S[f + 2])
-            J = S[f] * x + S[f + 1] * y + S[f + 2] * z
-        if axes == 1.0 or S[i] == S[i + 1] == S[i + 2]:
+            J = dot(free, momentum(body, q, free))
+        if axes == 1.0 or I.x == I.y == I.z:
             loss = 0.0
             for a in range(3):
-                if S[f + a] != 0.0:
-                    M = K[k + MOMENT - POSITION + a] + K[k + CONTACT + 3 + a]
-                    loss += viscous(kind, J, b, T, K[w + a], S[u + a], M / J)
+                if body.free_rotation[a] != 0.0:
+                    M = start.moment[a] + start.contact_moment[a]
+                    w, after = start.motion.angular_velocity[a], body.motion.angular_velocity[a]
+                    loss += viscous(kind, J, b, T, w, after, M / J)
             return loss, 0.0
-        loss = T * b * (vx * vx + vx * ux + ux * ux + vy * vy + vy * uy + uy * uy + vz * vz + vz * uz + uz * uz) / 3.0
-        p = o + QUATERNION
-        x, y, z = momentum(S, o, S[p], S[p + 1], S[p + 2], S[p + 3], ux, uy, uz)
-        return loss, 0.5 * (ux * x + uy * y + uz * z - vx * Lx - vy * Ly - vz * Lz) - done + loss
-    dx, dy, dz = ux - vx, uy - vy, uz - vz
-    x, y, z = momentum(S, o, K[q], K[q + 1], K[q + 2], K[q + 3], dx, dy, dz)
-    defect = 0.5 * (dx * x + dy * y + dz * z)
+        squares = v.x * v.x + v.x * u.x + u.x * u.x + v.y * v.y + v.y * u.y + u.y * u.y
+        loss = T * b * (squares + v.z * v.z + v.z * u.z + u.z * u.z) / 3.0
+        gain = dot(u, momentum(body, body.motion.quaternion, u)) - v.x * L.x - v.y * L.y - v.z * L.z
+        return loss, 0.5 * gain - done + loss
+    change = u - v
+    defect = 0.5 * dot(change, momentum(body, q, change))
     if kind == EXPLICIT:
-        loss = T * b * (vx * vx + vy * vy + vz * vz)
+        loss = T * b * dot(v, v)
     else:
-        defect = -defect - T * (ux * (vy * Lz - vz * Ly) + uy * (vz * Lx - vx * Lz) + uz * (vx * Ly - vy * Lx))
-        if kind < EXACT:
-            loss = T * b * (vx * ux + vy * uy + vz * uz)
-        else:
-            loss = T * b * (ux * ux + uy * uy + uz * uz)
-    x, y, z = momentum(S, o, K[q], K[q + 1], K[q + 2], K[q + 3], ux, uy, uz)
-    p = o + QUATERNION
-    X, Y, Z = momentum(S, o, S[p], S[p + 1], S[p + 2], S[p + 3], ux, uy, uz)
-    return loss, defect + 0.5 * (ux * (X - x) + uy * (Y - y) + uz * (Z - z))
+        defect = -defect - T * dot(u, cross(v, L))
+        loss = T * b * (dot(v, u) if kind < EXACT else dot(u, u))
+    return loss, defect + 0.5 * dot(u, momentum(body, body.motion.quaternion, u) - momentum(body, q, u))

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.spatial import write_angle_matrix as angle_matrix
-from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
+from graspfx.compile.records import numbers
+from graspfx.spatial import Quaternion, angle_matrix, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
@@ -58,10 +58,9 @@ def placed(
     x = np.zeros(3)
     if position is not None:
         x[:d] = position
-    R = np.zeros(9)
     if d == 3:
         q = np.array((0.0, 0.0, 0.0, 1.0) if orientation is None else orientation, dtype=float)
-        quaternion_matrix(R, 0, *(q / np.linalg.norm(q)).tolist())
+        R = quaternion_matrix(Quaternion(*(q / np.linalg.norm(q)).tolist()))
     else:
-        angle_matrix(R, 0, float(np.asarray(orientation)) if orientation is not None else 0.0)
-    return Obstacle(name, shape, x, R.reshape(3, 3))
+        R = angle_matrix(float(np.asarray(orientation)) if orientation is not None else 0.0)
+    return Obstacle(name, shape, x, np.array(list(numbers(R))).reshape(3, 3))

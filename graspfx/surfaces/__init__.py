@@ -1,1 +1,1 @@
-"""What is touched: shapes in closed form and meshes, and where on them a finger is."""
+"""Surfaces to touch: shapes in closed form and meshes, and the contact of a finger on them."""

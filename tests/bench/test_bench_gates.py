@@ -1,4 +1,4 @@
-"""What must stay faster than its peers: ratios within one run, at half of what was measured, never a time by itself."""
+"""Gates of speed: ratios to peers within one run, at half of what was measured, never a time by itself."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_direct_kernel_is_exact(case_name: str) -> None:
     ("case_name", "most"), [("line, 2 fingers, kep < kip", 2.0), ("plane, 3 fingers, kep < kip", 2.5)]
 )
 def test_a_tick_on_pybullet_is_little_more_than_pybullet(case_name: str, most: float) -> None:
-    """At most twice the bare calls: 1.1 and 1.6 were measured. A neighbour on the machine is given a second chance."""
+    """The ratio to the bare calls is at most 2: 1.1 and 1.6 were measured. A busy machine gets a second chance."""
     pytest.importorskip("llvmlite")
     pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
     with case_of("ticks", case_name) as case:

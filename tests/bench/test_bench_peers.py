@@ -17,7 +17,7 @@ from graspfx.errors import MissingPackageError
 
 
 def errors(case: Case) -> dict[str, float]:
-    """By method; those that are not installed are left out."""
+    """List errors by method; those that are not installed are left out."""
     found = {}
     for method in case.methods:
         try:
@@ -28,7 +28,7 @@ def errors(case: Case) -> dict[str, float]:
 
 
 def interpreted(package: str) -> bool:
-    """As if there were no compiler: the kernels are compiled in tests of their own."""
+    """Pretend that there is no compiler: the kernels are compiled in tests of their own."""
     return package != "llvmlite" and is_installed(package)
 
 

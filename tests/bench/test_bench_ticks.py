@@ -51,7 +51,7 @@ def test_every_program_follows_the_motion(d: int, internal: float) -> None:
 
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_all_tend_to_the_same_motion(d: int) -> None:
-    """At half the period half the error: all are of first order, about one and the same truth."""
+    """Half the period has half the error: all are of first order, about one and the same truth."""
     if not is_installed("mujoco"):
         pytest.skip("MuJoCo is not installed")
     internal = ticks.EXTERNAL  # MuJoCo's springs
@@ -66,7 +66,7 @@ def test_all_tend_to_the_same_motion(d: int) -> None:
 
 
 def test_the_truth_moves() -> None:
-    """What is compared is a motion of millimetres and degrees, not rest."""
+    """The motion is one of millimetres and degrees, not rest."""
     for d in (1, 2, 3):
         g = ticks.springs(ticks.make_scene(d, ticks.INTERNAL, "native"), ticks.INTERNAL)
         assert ticks.anchor_error((np.zeros(d), np.eye(d)), ticks.anchors_after(g), g) > 1e-3

@@ -43,7 +43,7 @@ def table(d: int = 3, **hand: Any) -> dict[str, Any]:
 
 
 def own(d: int = 3, **hand: Any) -> dict[str, Any]:
-    """The same fingers; the first has a hand for itself."""
+    """Give the same fingers; the first has a hand for itself."""
     made = table(d)
     del made["hand"]
     for finger in made["finger"]:

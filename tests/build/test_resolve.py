@@ -24,9 +24,9 @@ COUNTED = '''
 from pathlib import Path
 from graspfx import plugins
 
-def connect(*, log, dimensions, fingers=1, mass=0.1, friction=0.3):
+def connect(*, log, dimensions, fingers=1, mass=0.1, damping=0.3):
     device = plugins.load("devices", "simulated").connect(
-        mass=mass, friction=friction, dimensions=dimensions, fingers=fingers, workspace=([-1.0], [1.0])
+        mass=mass, damping=damping, dimensions=dimensions, fingers=fingers, workspace=([-1.0], [1.0])
     )
     own = device.open
     def open(period):

@@ -19,12 +19,14 @@ from graspfx.build.meshes import scene_mesh
 from graspfx.certificate.plan import plan
 from graspfx.compile.machine import compiled
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import place_contact
+from graspfx.coupling.contacts import place_contact
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
 from graspfx.objects import integrators as body
 from graspfx.objects.body import fill_body
+from graspfx.objects.body_state import BodyState
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Shape, Sphere
 from tests.support.meshes import ell, plate, sheet
 from tests.support.optional import require
@@ -109,7 +111,7 @@ def turned(d: int) -> tuple[Any, FloatArray]:
         return 0.7, np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     S = np.zeros(body.SIZE)
     S[body.DIMENSIONS], S[body.QUATERNION : body.QUATERNION + 4] = 3, HALF_TURN
-    body.orient(S, 0)
+    body.orient(BodyState(S))
     return HALF_TURN, S[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
 
 
@@ -153,7 +155,7 @@ def test_a_squeeze_is_felt_with_the_internal_gain(
 def turn_body(g: GraspedObject, x: FloatArray, q: FloatArray) -> FloatArray:
     state = g.body_state
     state[body.POSITION : body.POSITION + 3], state[body.QUATERNION : body.QUATERNION + 4] = x, q / np.linalg.norm(q)
-    body.orient(state, 0)
+    body.orient(BodyState(state))
     return state[body.ROTATION : body.ROTATION + 9].reshape(3, 3).copy()
 
 
@@ -508,11 +510,11 @@ def test_compiled_contact_points_are_the_interpreted_ones_bit_for_bit() -> None:
     rng = np.random.default_rng(4)
     for shape in (BLOCK, inline(ell()), {"kind": "box", "size": [0.05, 0.04, 0.03]}):
         with grasped(table(3, shape, [[0.03, 0.0, 0.0]] * 2, radius=[0.0, 0.004])) as g:
-            S, other = memoryview(g.block), g.block.copy()
+            other = g.block.copy()
             p = np.array([0.03, 0.0, 0.0])
             for _ in range(60):
                 p = 0.9 * p + rng.normal(size=3) * 0.01
-                for i in range(2):
-                    for block in (S, other):
-                        (place_contact if block is S else kernel)(block, at.ROW + i * at.STRIDE, 3, *p.tolist())
+                for finger in g.state.fingers:
+                    place_contact(g.state, finger, Vector(*p.tolist()))
+                    kernel(other, 0, other, finger.offset, *p.tolist())
             assert np.array_equal(g.block, other)

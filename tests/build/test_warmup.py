@@ -1,4 +1,4 @@
-"""What check says of the engine, and scenes compiled beforehand."""
+"""The check's word on the engine, and scenes compiled beforehand."""
 
 from __future__ import annotations
 

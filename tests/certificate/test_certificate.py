@@ -20,7 +20,7 @@ def limit_of(certificate: Certificate, mode: str) -> float:
 
 
 def fast_motion(rec: gx.Recording) -> np.ndarray:
-    """Of the object: second differences of its velocity, in which nothing but oscillation is left, (N - 2, w)."""
+    """Give second differences of the object's velocity, in which nothing but oscillation is left, (N - 2, w)."""
     velocity, turning = rec.object_velocity, rec.objects["object"].angular_velocity
     if turning is not None:
         velocity = np.hstack([velocity, 0.03 * turning.reshape(len(rec), -1)])

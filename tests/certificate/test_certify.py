@@ -268,7 +268,7 @@ def test_sliding_takes_what_it_slides_along_from_the_stiffness() -> None:
 
 
 def test_what_sliding_could_do_is_a_note() -> None:
-    """The same loop with a normal force that grows as the contact slides: a note, and nothing of it in the radius."""
+    """A normal force that grows as the contact slides makes a note, and no difference to the radius."""
     linear = gx.stability.Linearisation(
         period=0.005,
         mass=0.15,
@@ -286,7 +286,7 @@ def test_what_sliding_could_do_is_a_note() -> None:
 
 
 def test_a_finger_without_friction_beside_others_slips() -> None:
-    """Of three, one carries forces along its normal alone, in the stiffness that limits are looked for along too."""
+    """One of three carries forces along its normal alone, also in the stiffness that limits are searched along."""
     scene = slid_grasp(33).replace({"finger.0.friction": 0.0})
     found = linearise(scene)
     assert found.at == ("squeezed",), found.assumed

@@ -1,4 +1,4 @@
-"""What `gx.check` and `graspfx check` answer: a verdict first, then limits, notes and the plan."""
+"""Answers of `gx.check` and `graspfx check`: a verdict first, then limits, notes and the plan."""
 
 from __future__ import annotations
 

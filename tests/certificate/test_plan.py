@@ -10,7 +10,8 @@ from graspfx.build.build import build
 from graspfx.build.run import run
 from graspfx.certificate.plan import PlanRow, equal_gains, packages, plan
 from graspfx.certificate.prospect import kernels
-from graspfx.coupling import approach
+from graspfx.compile.kernel import source_function
+from graspfx.coupling.contacts import refactor
 from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.scene.model import Scene
 
@@ -132,9 +133,9 @@ def test_the_split_is_made_as_often_as_the_plan_says(changes: dict[str, Any], mo
     def counted(*arguments: Any) -> Any:
         nonlocal made
         made += 1
-        return rigid_modes(*arguments)
+        return source_function(rigid_modes)(*arguments)
 
-    monkeypatch.setattr(approach, "rigid_modes", counted)
+    monkeypatch.setitem(source_function(refactor).__globals__, "rigid_modes_k", counted)
     given = scene(**changes, engine="interpreted", object__velocity=[0.0, 0.02])
     run(given, duration=20 * given.period)
     why = row(given, "split").why

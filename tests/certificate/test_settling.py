@@ -1,4 +1,4 @@
-"""What is said not to settle grows in a run by the factor that is named, and what settles is passed over."""
+"""Motions that do not settle grow in a run by the factor in the note; those that settle have none."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_with_the_mass_metric_the_gains_are_as_the_masses() -> None:
 
 
 def grown(rec: gx.Recording) -> float:
-    """By which factor a force that alternates and grows has grown per sample: that of its envelope, fitted."""
+    """Fit the factor by which an alternating force grows per sample: that of its envelope."""
     force = np.diff(rec.finger_force[:, 0, 0])  # without what the springs hold at rest
     late = np.arange(150, 390)
     peaks = late[np.abs(force[late]) >= np.maximum(np.abs(force[late - 1]), np.abs(force[late + 1]))]

@@ -195,7 +195,7 @@ def make(tmp_path: Path) -> list[str]:
 
 
 def again(make: list[str], target: str, names: list[str]) -> str:
-    """What a target prints whose files are there, as they are the second time."""
+    """Rewrite a target's output to that of its second run, when its files are there."""
     for name in names:
         Path(name).parent.mkdir(parents=True, exist_ok=True)
         Path(name).write_bytes(b"of the first time")

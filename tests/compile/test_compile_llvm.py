@@ -63,7 +63,7 @@ def arguments() -> list[tuple[float, float, int, int, bool, bool]]:
 
 
 def in_python(function: Callable[..., float], values: tuple[float, ...]) -> float | None:
-    """What Python gives; None where it refuses, or where a whole number is not one of 64 bits."""
+    """Evaluate in Python; None where it refuses, or where a whole number is not one of 64 bits."""
     try:
         found = function(*values)
     except (ArithmeticError, ValueError):

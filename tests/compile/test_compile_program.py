@@ -51,7 +51,7 @@ def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def entry(folders: Path, name: str) -> float:
-    """What the program in an environment writes."""
+    """Give the text that the program writes in an environment."""
     places = [str(folders / name), str(folders / "shared")]
     out = subprocess.run([sys.executable, "-c", ASK, *places], capture_output=True, text=True, check=True).stdout
     found: float = eval(out.partition("a[0] = ")[2].splitlines()[0])

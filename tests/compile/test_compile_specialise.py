@@ -14,19 +14,10 @@ from graspfx.build.build import build
 from graspfx.compile.native import compiled, interpreted
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory, Static
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.sample import sample
 from graspfx.errors import InputError
-from graspfx.objects import integrators as body
-from graspfx.surfaces.closed_form import proxy
 
-# What a run never changes and what picks the code's path.
-STRUCTURE = [
-    at.FINGERS, at.DIMENSIONS, at.EQUAL, at.DENSE, at.DAMPED, at.ATTACHED, at.STICK, at.FADE, at.AT_CONTACT,
-    at.IMPLICIT, at.SHAPE, at.SHIFTS, at.TURNS, at.MIXED, at.SINGULAR, at.FRICTION, at.COORDINATES, at.PROBLEM,
-    at.BRAKE, at.RAYS, at.OBSERVED, at.BODY + body.DIMENSIONS, at.BODY + body.INTEGRATOR,
-    *(at.BODY + body.FREE + k for k in range(6)),
-]  # fmt: skip
 SCENES = {  # how many states, and whether the code is optimised, which takes seconds for a large scene
     "reference-1dof": (200, False),
     "paper-waving": (200, False),
@@ -45,31 +36,27 @@ def test_a_sample_is_the_same_specialised_and_compiled(name: str) -> None:
     with build(gx.load(name)) as servo:
         grasped = servo.objects[0].grasped
         S = grasped.block
-        frozen = {("MEM", k): float(S[k]) for k in STRUCTURE}
-        if S[at.SHAPE] == proxy.MESH:
-            frozen |= {("MEM", k): float(S[k]) for k in (at.MESH, at.WALKS)}
-        program: Any = Program(frozen)
-        program.add(sample, [Memory("MEM", 0)])
+        program: Any = Program({("MEM", int(k)): float(S[k]) for k in grasped.structure})
+        program.add(sample, [Memory("MEM", 0), Static(0)])
         source = program.source()
         blocks = [S.copy() for _ in range(3)]
-        plain = memoryview(blocks[0])
+        plain = GraspState(memoryview(blocks[0]))
         runs = [lambda: sample(plain), interpreted(source).bind(blocks[1]).brief]
         runs.append(compiled(source, quick=quick).bind(blocks[2]).brief)
         n, d = grasped.fingers, grasped.dimensions
-        rows = slice(at.ROW, at.ROW + n * at.STRIDE)
-        held = S[rows].reshape(n, at.STRIDE)[:, at.CONTACT : at.CONTACT + d]
+        contacts = grasped.array(FingerState.contact)[:, :d].copy()
         pressed = 0
         for _ in range(states):
             offset = rng.normal(size=(n, d)) * 10.0 ** rng.uniform(-4.0, -1.5)
             inwards = rng.uniform(0.9, 1.05)
             for block in blocks:
-                row = block[rows].reshape(n, at.STRIDE)
-                row[:, at.POSITION : at.POSITION + d] = held * inwards + offset
-                row[:, at.VELOCITY : at.VELOCITY + d] = offset * 10.0
-                block[at.BODY + body.POSITION] = offset[0, 0]
+                grasp = GraspState(block)
+                grasp.fingers.array(FingerState.position)[:, :d] = contacts * inwards + offset
+                grasp.fingers.array(FingerState.velocity)[:, :d] = offset * 10.0
+                grasp.body.motion.position[0] = offset[0, 0]
             faults = {run() for run in runs}
             assert len(faults) == 1
-            pressed += bool(np.any(blocks[0][rows].reshape(n, at.STRIDE)[:, at.FORCE : at.FORCE + d]))
+            pressed += bool(np.any(plain.fingers.array(FingerState.force)))
             for block in blocks[1:]:
                 np.testing.assert_array_equal(block, blocks[0])
         assert pressed > states // 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import marshal
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from graspfx.compile.lower.store import Lowering, Store
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
 from graspfx.errors import InputError
-from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, outer
+from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, length, outer
 
 
 class Site(Record):
@@ -330,6 +330,17 @@ def test_a_kernel_by_itself_is_compiled() -> None:
     assert Vector(*result) == add_up(places, table)
 
 
+@kernel
+def far(a: Vector, b: Vector) -> float:
+    """Compute a length, by a function of another module that takes a root."""
+    return length(a - b)
+
+
+def test_mathematics_of_other_modules_is_written_out() -> None:
+    a, b = Vector(1.0, 2.0, 3.0), Vector(0.5, 0.25, 7.0)
+    assert far(a, b) == written(far)(a, b) == math.sqrt(0.5**2 + 1.75**2 + 16.0)
+
+
 def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
     function: Any = written(everything)
@@ -343,6 +354,6 @@ def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.M
     first.save()
     content = cache.load("lowered-test")
     assert content is not None
-    again = Store("lowered-test", json.loads(content)).find(function)
+    again = Store("lowered-test", marshal.loads(content)).find(function)
     assert again is not None
     assert (again.text, again.code, again.callees, again.files) == (text, code, names, (records.__file__,))

@@ -55,7 +55,7 @@ class Memories:
 
 @dataclass
 class Part:
-    """What a stage loops over."""
+    """A part that a stage loops over."""
 
     memory: FloatArray
     scale: float = 2.0

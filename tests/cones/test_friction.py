@@ -222,7 +222,7 @@ def test_warm_start_changes_nothing(coulomb: bool) -> None:
 
 @pytest.mark.parametrize("ratio", [0.01, 4.0, 100.0])
 def test_square_gives_what_modes_give(ratio: float) -> None:
-    """The same problem as a matrix, weights and unequal coefficients included; a finger of weight 0 has no force."""
+    """The problem as a matrix, with weights and unequal coefficients, has that answer; weight 0 has no force."""
     rng = np.random.default_rng(14)
     for _ in range(6):
         n, d = int(rng.integers(1, 5)), int(rng.integers(1, 4))

@@ -145,7 +145,7 @@ def test_contact_axes_are_a_normal_and_a_tangential_gain() -> None:
 
 
 def energy_of_sliding(seed: int, count: int) -> float:
-    """What a finger spends on a closed path deep in a locked ball, over the most that its springs hold."""
+    """Measure what a finger spends on a closed path deep in a locked ball, over the most that its springs hold."""
     K = np.diag([120.0, 30.0, 60.0])
     g = grasped(1, 3, law(K, K, form="symmetric"), Rules(fade=None), shape=Sphere(0.03), free=[False] * 6)
     rng = np.random.default_rng(seed)

@@ -9,7 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import LOST, NOT_FINITE
+from graspfx.coupling.contacts import LOST, NOT_FINITE
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError

@@ -201,7 +201,7 @@ def test_the_damping_of_the_sample_lies_between_its_share_and_all_of_it() -> Non
 
 
 def touches(rng: np.random.Generator, kind: str, depth: float) -> tuple[float, float, float, float]:
-    """What a touch adds, of |D||e'|: of our force, of (26)'s, of scaled rows and columns; and the power of scaled rows.
+    """Measure what a touch adds, of |D||e'|: of this force, of (26)'s, of scaled rows and columns; and their power.
 
     All but the last finger press, that one touches by 1e-12 m; where no force is clamped the formulas are the answer.
     """

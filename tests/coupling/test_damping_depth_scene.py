@@ -109,7 +109,7 @@ def _responses(g: Any, p: np.ndarray, rates: list[np.ndarray]) -> np.ndarray:
     for rate in rates:
         before = g.block.copy()
         g.rows[:, at.RATE : at.RATE + 4] = rate
-        assert sample_forces(g._S, False) == 0
+        assert sample_forces(g._grasp, False) == 0
         columns.append((g.rows[:, at.LOCAL : at.LOCAL + 4] - f0).ravel() / 1e-7)
         g.block[:] = before
     return np.array(columns).T
@@ -180,7 +180,7 @@ def test_a_touch_steps_by_less_with_every_solver(changes: dict[str, Any]) -> Non
 
 @pytest.mark.parametrize("changes", [SOLVERS[0], MATRICES], ids=str)
 def test_both_engines_agree(changes: dict[str, Any]) -> None:
-    """The same bits compiled and interpreted, from the first touch to the hold."""
+    """Compiled and interpreted runs have the same bits, from the first touch to the hold."""
     one, other = (gx.run(closing(**changes, engine=kind)) for kind in ("compiled", "interpreted"))
     assert np.array_equal(one.finger_force, other.finger_force)
     assert np.array_equal(one.finger_position, other.finger_position)

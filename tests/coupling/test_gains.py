@@ -37,10 +37,9 @@ def gain(rng: np.random.Generator, kind: str, n: int, d: int) -> Any:
 def matrices(g: GraspedObject) -> FloatArray:
     """K and D in world axes."""
     n, d = g.fingers, g.dimensions
-    o, m = at.dense(n, d), n * d
     start = body.NEXT_ROTATION if g.implicit else body.ROTATION
     turn = np.kron(np.eye(n), g.body_state[start : start + 9].reshape(3, 3)[:d, :d])
-    return np.asarray(turn @ g.block[o : o + 2 * m * m].reshape(2, m, m) @ turn.T)
+    return np.asarray(turn @ np.stack([g.state.stiffness.array(n * d), g.state.damping.array(n * d)]) @ turn.T)
 
 
 def sampled(g: GraspedObject, p: FloatArray) -> FloatArray:
@@ -165,7 +164,7 @@ def test_they_are_made_anew_where_something_has_changed(outer: str, axes: Any, t
     rng = np.random.default_rng(6)
     gains = law(gain(rng, outer, 3, 2), 70.0, form="symmetric")
     g = grasped(3, 2, gains, Rules(attached=True, axes=axes), contacts=rng.normal(size=(3, 2)) * 0.03)
-    o = at.dense(3, 2)
+    o = g.state.stiffness.offset
 
     def made() -> bool:
         g.block[o] = 12345.0

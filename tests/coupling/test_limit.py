@@ -11,9 +11,10 @@ import pytest
 from graspfx.compile.machine import compiled
 from graspfx.compile.native import compiled as machine_code
 from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Memory
-from graspfx.cones.cone import STICK
+from graspfx.compile.specialise.values import Memory, Static
+from graspfx.cones.problem import STICK
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.react import react
 from graspfx.coupling.rules import Rules
@@ -120,7 +121,7 @@ def test_scaling_keeps_cones_limits_and_the_wrench(kind: str) -> None:
         for _ in range(20):
             push(rng, g, rules)
             before = g.rows[:, at.LOCAL : at.LOCAL + 4].copy()
-            kernel(g.block, False)
+            kernel(g.block, 0, False)
             f = g.rows[:, at.LOCAL : at.LOCAL + 4]
             size = np.linalg.norm(before[:, :3], axis=1)
             if (size <= limits * (1.0 - 1e-13)).all():
@@ -145,10 +146,10 @@ def test_scaling_gives_up_squeezing_first() -> None:
     g.rows[:, at.NORMAL] = 1.0, -1.0
     g.touching[:] = 1.0
     g.rows[:, at.LOCAL] = 1.5, -0.6
-    scale(memoryview(g.block), False)
+    scale(g.state, False)
     np.testing.assert_allclose(g.rows[:, at.LOCAL], [1.0, -0.1], rtol=0.0, atol=1e-13)
     g.rows[:, at.LOCAL] = 1.5, -0.1  # 1.4 N of wrench is more than one finger has: the other stops pushing first
-    scale(memoryview(g.block), False)
+    scale(g.state, False)
     np.testing.assert_allclose(g.rows[:, at.LOCAL], [1.0, 0.0], rtol=0.0, atol=1e-13)
 
 
@@ -189,7 +190,7 @@ def test_fingers_that_stick_at_their_limits_make_no_energy(kep: float, kip: floa
 
     def ask(g: GraspedObject) -> int:
         fault = run()
-        shares.append(g.block[at.saturation(g.block) :][:4].mean())
+        shares.append(g.array(FingerState.saturated).mean())
         sticks.append(((g.rows[:, at.STATUS] == STICK) | rules.stick).all() and g.touching.all())
         return fault
 
@@ -204,7 +205,7 @@ def test_fingers_that_stick_at_their_limits_make_no_energy(kep: float, kip: floa
 def program(kernel: Any, g: GraspedObject) -> Callable[[], int]:
     """A kernel compiled for one object."""
     made = Program({("MEM", int(k)): float(g.block[k]) for k in g.structure})
-    made.add(kernel, [Memory("MEM", 0)])
+    made.add(kernel, [Memory("MEM", 0), Static(0)])
     run: Callable[[], int] = machine_code(made.source(), quick=True).bind(g.block).brief
     return run
 
@@ -224,7 +225,7 @@ def test_saturated_closed_motions_make_no_energy(kep: float, kip: float) -> None
     def inside(g: GraspedObject) -> int:
         nonlocal cut, count
         fault = run()
-        cut, count = cut + int(g.block[at.saturation(g.block) :][:4].sum()), count + 4
+        cut, count = cut + int(g.array(FingerState.saturated).sum()), count + 4
         return fault
 
     def clamp(g: GraspedObject) -> int:

@@ -7,13 +7,13 @@ from typing import Any
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import NonlinearConstraint, minimize
 
 import graspfx as gx
 from graspfx.compile.kernel import written
 from graspfx.compile.records import size_of
 from graspfx.coupling import pad
-from graspfx.coupling.approach import UNRESOLVED, approach
+from graspfx.coupling.contacts import UNRESOLVED, approach
 from graspfx.coupling.grasp_state import PadState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
@@ -104,7 +104,7 @@ def least(K: np.ndarray, e: np.ndarray, n: np.ndarray, k: np.ndarray, kind: str)
 
     start = along.T @ (B @ np.full(count, 0.1))
     found = minimize(
-        value, start, jac=slope, method="SLSQP", constraints={"type": "ineq", "fun": room},
+        value, start, jac=slope, method="SLSQP", constraints=NonlinearConstraint(room, 0.0, np.inf),
         options={"ftol": 1e-18, "maxiter": 2000},
     )  # fmt: skip
     return np.asarray(unit * along @ found.x).reshape(count, d)

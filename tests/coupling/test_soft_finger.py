@@ -9,6 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.certificate.plan import plan
+from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
 from graspfx.cones.mode_equations import jacobian_of_modes
 from graspfx.cones.problem import ConeContact, problem_size, set_up
@@ -17,13 +18,16 @@ from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError, SceneError
+from graspfx.grasp.contact_state import Contact
 from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
 from graspfx.spatial import exponential_numbers as exponential
 from graspfx.spatial import product
 from graspfx.surfaces.closed_form.shape import Box, Sphere
+from tests.support.contact_sets import ContactSet, contact_set, modes_of
 from tests.support.grasps import grasped, law, respond
 
 RHO = 0.006  # [m]
@@ -42,7 +46,7 @@ def turn(g: GraspedObject, x: float, y: float, z: float) -> None:
     """Turns the object by a rotation vector in world axes [rad]."""
     S = g.body_state
     S[body.QUATERNION : body.QUATERNION + 4] = product(*exponential(x, y, z), *S[body.QUATERNION : body.QUATERNION + 4])
-    orient(memoryview(S), 0)
+    orient(BodyState(memoryview(S)))
 
 
 def scaled(K: np.ndarray, n: int) -> np.ndarray:
@@ -196,7 +200,7 @@ def test_torsion_at_the_fingertip_creates_no_energy(at_contact: bool, low: float
         p = c * 0.95 + 0.004 * np.sin(t + np.arange(9).reshape(3, 3))
         S = g.body_state
         S[body.QUATERNION : body.QUATERNION + 4] = exponential(*a)
-        orient(memoryview(S), 0)
+        orient(BodyState(memoryview(S)))
         respond(g, p)
         now = (p.copy(), S[body.QUATERNION : body.QUATERNION + 4].copy(), g.force.copy(), g.wrench.copy())
         if before is not None:
@@ -228,11 +232,11 @@ def test_implicit_force_and_torsion_are_solved_with_the_objects_motion(kip: floa
 
 
 def test_kernels_with_torsion_compile_to_the_same_bits() -> None:
-    """Four coordinates a finger, 200 random blocks: the return map with both Jacobians, and the modes."""
+    """Four coordinates a finger, 200 random blocks: the return map with both Jacobians."""
     rng = np.random.default_rng(8)
     n, c, count, size = 3, 4, 6, 12
     square = problem_size(n, size)
-    twins = {kernel: compiled(kernel) for kernel in (jacobian_of_modes, jacobian_of_square, rigid_modes)}
+    twins = {kernel: compiled(kernel) for kernel in (jacobian_of_modes, jacobian_of_square)}
     for k in range(200):
         S = rng.normal(size=square + size * size)
         problem = set_up(S, 0, n, size)
@@ -246,15 +250,30 @@ def test_kernels_with_torsion_compile_to_the_same_bits() -> None:
         calls: dict[Any, tuple[Any, ...]] = {
             jacobian_of_modes: (0, c, count, *((40.0, 160.0), (160.0, 40.0))[k // 2 % 2], theta),
             jacobian_of_square: (0, c, 160.0, S, square, size, theta),
-            rigid_modes: (0, 12, 0, 3, n, 3, 60, 3, 3, 0.1, 0.2, 100, 4, 7),
         }
         for kernel, arguments in calls.items():
             a, b = S.copy(), S.copy()
             one, other = ([x if entry is S else entry for entry in arguments] for x in (memoryview(a), b))
-            if kernel is rigid_modes:
-                a[3:36:12] = b[3:36:12] = np.abs(a[3:36:12])
-            told, found = kernel(memoryview(a), *one), twins[kernel](b, *other)  # type: ignore[call-arg]
+            told, found = kernel(memoryview(a), *one), twins[kernel](b, *other)
             assert told == found and np.array_equal(a, b)
+
+
+def test_modes_with_torsion_compile_to_the_same_bits() -> None:
+    """Random contacts with normals and patches, as written, lowered and compiled."""
+    rng = np.random.default_rng(9)
+    twin = compiled(rigid_modes)
+    for _ in range(100):
+        axes = np.vstack([np.eye(3), np.eye(3)])
+        sets = [contact_set(rng.normal(size=(3, 3)), rng.uniform(0.2, 1.5, size=3), axes, 3, width=4)]
+        sets[0].contacts.array(Contact.normal)[:] = rng.normal(size=(3, 3))
+        sets[0].contacts.array(Contact.patch)[:] = rng.uniform(0.0, 0.1, size=3)
+        sets += [ContactSet(sets[0].buffer.copy()), ContactSet(sets[0].buffer.copy())]
+        counts = modes_of(sets[0], 3, 0.1, 2.0), modes_of(sets[1], 3, 0.1, 2.0, written(rigid_modes))
+        one, S = sets[2], sets[2].buffer
+        group = (S, one.contacts.offset, one.contacts.stride, 3)
+        count, blended = twin(*group, S, one.freedom.offset, 3, 0.1, 2.0, 4, S, one.modes.offset, one.modes.columns)
+        assert counts[0] == counts[1] == (count, blended)
+        assert sets[0].buffer.tobytes() == sets[1].buffer.tobytes() == S.tobytes()
 
 
 # Scenes -----------------------------------------------------------------------------------------------------------

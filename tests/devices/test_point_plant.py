@@ -210,10 +210,10 @@ def test_fingers_that_nothing_couples_move_to_the_bit_as_each_alone():
 def test_axes_and_fingers_with_the_same_gains_share_a_matrix():
     plant = made(np.zeros((2, 3)))
     plant.advance(np.zeros((2, 3)), Hand(np.zeros((2, 3)), [10.0, 20.0, 20.0]), T)
-    count, table = int(plant.state[points.GROUPS]), int(plant.state[points.TABLE])
-    groups = plant.state[table : table + count * points.GROUP].reshape(count, points.GROUP)
-    np.testing.assert_array_equal(groups[:, :2], [[0, 1], [0, 1], [1, 1], [1, 1], [2, 1], [2, 1]])
-    assert len(set(groups[:, 3])) == 2
+    block = points.PointPlantState(plant.state)
+    groups = [block.groups[k] for k in range(block.group_count)]
+    assert [(group.axis, group.count) for group in groups] == [(0, 1), (0, 1), (1, 1), (1, 1), (2, 1), (2, 1)]
+    assert len({group.matrix for group in groups}) == 2
 
 
 def test_gains_period_and_hand_may_change_between_samples():

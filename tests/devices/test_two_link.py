@@ -104,7 +104,7 @@ def test_golden_values() -> None:
 
 
 def test_golden_values_of_an_elbow_drive() -> None:
-    """The same posture: the second encoder sees -90 deg from link 1, reversed by its gear, from a zero of -45 deg on.
+    """The second encoder sees -90 deg from link 1 in that posture, reversed by its gear, from a zero of -45 deg on.
 
     -45 deg are +7500 counts through a gear of -15. Joint 1 turns both links: tau = ((-l, l) . f, (0, l) . f)
     = (0.128, 0.256) N m.

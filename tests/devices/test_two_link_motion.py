@@ -12,8 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx import plugins
+from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
-from graspfx.devices.two_link.arm import directed, turned
+from graspfx.devices.two_link.arm import Both, joint_angles, link_directions
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion.motion import Sine
@@ -39,17 +40,16 @@ ODD: dict[str, Any] = {  # nothing equal to anything else
 FREE = Hand([[0.0, 0.0]], 0.0)
 
 
-def parts(S: FloatArray) -> tuple[int, int, int, int]:
-    """Where the states, the room for more, the gains and the arms' constants stand in the block."""
-    y, work, gains, arms = (int(S[k]) for k in (dynamics.STATES, dynamics.WORK, dynamics.GAINS, dynamics.ARMS))
-    return y, work, gains, arms
-
-
-def derivative(S: FloatArray, u: float) -> FloatArray:
-    """a1', a2', a1'', a2'' of the only arm."""
-    y, work, gains, arms = parts(S)
-    dynamics.derivative(S, 1, arms, gains, gains + 2, y, work, u, T)
-    return S[work : work + 4].copy()
+def derivative(plant: Any, u: float) -> FloatArray:
+    """a1', a2', a1'', a2'' of the only arm, by the kernel as it is written and lowered."""
+    block = dynamics.ArmPlantState(plant.state)
+    block.period = T
+    stages, kind = block.stages, dynamics.ArmStages
+    dynamics.derivative(block, stages.part(kind.now), stages.part(kind.slope1), u)
+    written(dynamics.derivative)(block, stages.part(kind.now), stages.part(kind.slope2), u)
+    slope = stages[0].slope1.motion
+    assert slope == stages[0].slope2.motion
+    return np.array([slope.a1, slope.a2, slope.w1, slope.w2])
 
 
 @pytest.mark.parametrize("elbow", ["left", "right"])
@@ -81,8 +81,8 @@ def test_geometry_against_mpmath(elbow: str, drive: str) -> None:
             J = [[mp.diff(lambda b1, b2, k=k: tip(b1, b2)[k], (a1, a2), at) for at in ((1, 0), (0, 1))] for k in (0, 1)]
             np.testing.assert_allclose(arm.jacobian(a1, a2), np.array(J, dtype=float), rtol=0, atol=1e-16)
             q = (a1, a2) if drive == "base" else (a1, a2 - a1)
-            assert turned(drive == "elbow", a1, a2) == q
-            assert directed(drive == "elbow", *q) == pytest.approx((a1, a2), abs=1e-15)
+            assert joint_angles(drive == "elbow", a1, a2) == q
+            assert link_directions(drive == "elbow", *q) == pytest.approx((a1, a2), abs=1e-15)
 
 
 def kinetic_energy(s: dict[str, Any], drive: str, q: Any, w: Any) -> Any:
@@ -111,16 +111,16 @@ def test_acceleration_against_lagrange(drive: str) -> None:
     device = two_link.connect(**ODD | {"drive": drive})
     plant = type(device).plant([device])
     rng = np.random.default_rng(2)
-    S = plant.state
-    y, _, gains, o = parts(S)
+    block = dynamics.ArmPlantState(plant.state)
+    [stages], [constants] = block.stages, block.arms
     for _ in range(4):
         a, rate, tau, F = rng.uniform(-3, 3, 2), rng.uniform(-9, 9, 2), rng.normal(0, 0.3, 2), rng.normal(0, 2, 2)
-        S[y : y + 4] = *a, *rate
-        S[gains : gains + 2] = 1.0  # a unit spring, its target F away from the finger
-        S[o + dynamics.TORQUE : o + dynamics.TORQUE + 2] = tau if drive == "base" else (tau[0] - tau[1], tau[1])
+        stages.now.motion = dynamics.LinkMotion(*a, *rate)
+        block.stiffness[0, 0] = block.stiffness[1, 0] = 1.0  # a unit spring, its target F away from the finger
+        constants.torque = Both(*(tau if drive == "base" else (tau[0] - tau[1], tau[1])))
         tip = device.arm.tip(*a)
-        S[o + dynamics.COURSE], S[o + dynamics.COURSE + 6] = tip[0] + F[0], tip[1] + F[1]
-        got = derivative(S, 0.3)
+        constants.course_x, constants.course_y = (dynamics.Course(tip[k] + F[k], *[0.0] * 5) for k in (0, 1))
+        got = derivative(plant, 0.3)
         with mp.workdps(40):
             q = [mp.mpf(v) for v in ((a[0], a[1]) if drive == "base" else (a[0], a[1] - a[0]))]
             w = [mp.mpf(v) for v in ((rate[0], rate[1]) if drive == "base" else (rate[0], rate[1] - rate[0]))]
@@ -148,19 +148,18 @@ def test_acceleration_against_lagrange(drive: str) -> None:
 
 
 def test_effective_mass_and_friction() -> None:
-    """By pushing: 1 N accelerates a finger at rest by Lambda^-1; its drag in motion is the effective friction."""
+    """1 N accelerates a finger at rest by Lambda^-1; its drag in motion is the effective damping."""
     device = two_link.connect(**ODD)
     where = (0.14, 0.12)
     plant = type(device).plant([device])
-    S = plant.state
-    o = parts(S)[3]
+    [constants] = dynamics.ArmPlantState(plant.state).arms
     plant.place(np.array([where]))
     J = device.arm.jacobian(*device.arm.angles(*where))
     drag = device.effective_friction(where)
     for k in (0, 1):
         push = np.eye(2)[k]
-        S[o + dynamics.TORQUE : o + dynamics.TORQUE + 2] = J.T @ push
-        np.testing.assert_allclose(device.effective_mass(where) @ (J @ derivative(S, 0.0)[2:]), push, atol=1e-13)
+        constants.torque = Both(*(J.T @ push))
+        np.testing.assert_allclose(device.effective_mass(where) @ (J @ derivative(plant, 0.0)[2:]), push, atol=1e-13)
         w = np.linalg.solve(J, push)
         np.testing.assert_allclose(np.linalg.solve(J.T, [2e-3 * w[0], 5e-3 * w[1]]), drag @ push, rtol=1e-12)
 
@@ -261,12 +260,14 @@ def test_integrator_is_of_sixth_order() -> None:
     def end(substeps: int) -> FloatArray:
         plant.place(np.array([[0.15, 0.1]]))
         plant.hold(Hand([[0.0, 0.0]], 200.0), 0.05)
-        S = plant.state
-        y, _, _, o = parts(S)
-        S[y + 2 : y + 4] = 3.0, -4.0
-        S[o + dynamics.COURSE], S[o + dynamics.COURSE + 1], S[o + dynamics.COURSE + 6] = 0.12, 0.05, 0.11
-        dynamics.integrate(S, 0, substeps)
-        return np.array(S[y : y + 4])
+        block = dynamics.ArmPlantState(plant.state)
+        [stages], [constants] = block.stages, block.arms
+        stages.now.motion = dynamics.LinkMotion(stages.now.motion.a1, stages.now.motion.a2, 3.0, -4.0)
+        constants.course_x = dynamics.Course(0.12, 0.05, 0.0, 0.0, 0.0, 0.0)
+        constants.course_y = dynamics.Course(0.11, 0.0, 0.0, 0.0, 0.0, 0.0)
+        dynamics.integrate(block, substeps)
+        end = stages.now.motion
+        return np.array([end.a1, end.a2, end.w1, end.w2])
 
     best = end(200)
     steps = np.array([8, 16, 32])
@@ -293,7 +294,7 @@ def test_the_kernel_on_the_block_is_the_plant_to_the_bit(drives: tuple[str, ...]
 
 
 def test_the_compiled_kernel_moves_a_block_that_stands_anywhere() -> None:
-    """The same within 1e-13 m after 200 samples; only the rounding of sums and of sines may differ."""
+    """The two agree within 1e-13 m after 200 samples; only the rounding of sums and of sines may differ."""
     devices, start, hand, torques = grasped(("base", "elbow"))
     one, other = (type(devices[0]).plant(devices) for _ in range(2))
     for plant in (one, other):
@@ -322,7 +323,7 @@ def test_a_kernel_that_cannot_go_on_moves_nothing() -> None:
 
 
 def test_hand_holds_still() -> None:
-    """At the hand's rest position nothing moves, and `place` puts the tip there to 1e-15 m."""
+    """Nothing moves at the hand's rest position, and `place` puts the tip there to 1e-15 m."""
     device = two_link.connect(**LEFT)
     plant = type(device).plant([device])
     start = np.array([[-0.025, 0.01]])

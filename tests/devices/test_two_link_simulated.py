@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx import plugins
-from graspfx.devices.two_link.arm_sample import COUNTS
+from graspfx.devices.two_link.arm_sample import ArmState
 from graspfx.errors import DeviceError
 from graspfx.loop.hand import Hand
 from graspfx.loop.motion.motion import Sine
@@ -93,12 +93,12 @@ def test_counts_are_whole_and_positions_quantised() -> None:
     for p in rng.uniform((-0.09, -0.02), (0.04, 0.02), (100, 2)):
         plant.place(p[None])
         position = device.read()[0]
-        first, second = device.state[COUNTS : COUNTS + 2]
-        assert first == round(first)
-        assert second == round(second)
+        counts = ArmState(device.state).counts
+        assert counts.first == round(counts.first)
+        assert counts.second == round(counts.second)
         a1, a2 = device.arm.angles(*p)
-        assert abs(first - a1 * 60000 / math.tau) <= 0.5
-        assert abs(second - a2 * 60000 / math.tau) <= 0.5
+        assert abs(counts.first - a1 * 60000 / math.tau) <= 0.5
+        assert abs(counts.second - a2 * 60000 / math.tau) <= 0.5
         error = np.abs(position - plant.position).max()
         assert error <= bound
         worst = max(worst, error)

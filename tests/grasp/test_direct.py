@@ -11,8 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 import graspfx as gx
+from graspfx.compile.records import size_for
 from graspfx.errors import InputError, MissingPackageError, UnknownNameError
 from graspfx.grasp import direct
+from graspfx.grasp.point_grasp import PointGrasp
 from tests.support.optional import require
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +36,7 @@ def forces(law: gx.PointCoupling, points: FloatArray, e: FloatArray, de: FloatAr
 
 
 def exact_forces(points: FloatArray, e: FloatArray, de: FloatArray, line: FloatArray | None = None) -> FloatArray:
-    """At 50 digits by the 3 x 3 moments about the centroid; for contacts on a `line`, across it only. Objects."""
+    """Compute at 50 digits by the 3 x 3 moments about the centroid; on a `line`, across it only. Objects."""
     kep, ked, kip, kid = map(mp.mpf, GAINS)
     exact = np.vectorize(lambda x: mp.mpf(float(x)), otypes=[object])
     p, x, v = exact(points), exact(e), exact(de)
@@ -55,7 +57,7 @@ def exact_forces(points: FloatArray, e: FloatArray, de: FloatArray, line: FloatA
 
 
 def worst_error(sets: Sequence[FloatArray], line: FloatArray | None = None, seed: int = 3) -> float:
-    """Of the largest force of each set, at motions at random."""
+    """Find the largest error of each set, relative to its largest force, at motions at random."""
     rng = np.random.default_rng(seed)
     law, worst = point_coupling(5, 3), 0.0
     with mp.workdps(50):
@@ -199,9 +201,11 @@ def test_views_are_one_block_that_a_kernel_takes_with_an_offset() -> None:
     f = forces(law, *rng.normal(size=(3, 4, 3)))
     assert all(a is b for a, b in zip(views, (law.points, law.displacement, law.rate, law.force), strict=True))
     assert all(a.base is law.force.base for a in views)
-    block = np.concatenate([np.full(7, np.nan), require(law.force.base).ravel()[: direct.size(4, 3)]])
+    block = np.concatenate(
+        [np.full(7, np.nan), require(law.force.base).ravel()[: size_for(PointGrasp, count=4, dimensions=3)]]
+    )
     block[-12:] = 0.0
-    assert direct.couple_points(memoryview(block), 7) == 0
+    assert direct.couple_points(PointGrasp(memoryview(block), 7)) == 0
     assert np.array_equal(block[-12:], f.ravel())
 
 

@@ -9,10 +9,9 @@ import pytest
 from graspfx.compile.records import Floats, Table, numbers
 from graspfx.cones.complement import pivot
 from graspfx.cones.cone import contact_frame
-from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
+from graspfx.grasp.rigid_modes import smoothstep
 from graspfx.spatial import Vector
-
-STRIDE = 4  # a point and a weight
+from tests.support.contact_sets import contact_set, modes_of
 
 
 def external(
@@ -21,23 +20,11 @@ def external(
 ) -> np.ndarray:  # fmt: skip
     """P from the modes, (n d, n d); the blend is off unless lengths are given."""
     n, d = points.shape
-    turns = {1: 0, 2: 1, 3: 3}[d]
-    if axes is None:
-        axes = np.vstack([np.eye(3)[:d], np.eye(3)[3 - turns :]])
-        shifts = d
-    assert shifts is not None
-    w = np.ones(n) if weights is None else weights
-    S = np.zeros(n * STRIDE + 18 + 6 * (1 + 3 * n))
-    S[: n * STRIDE].reshape(n, STRIDE)[:, :d] = points
-    S[: n * STRIDE].reshape(n, STRIDE)[:, 3] = w
-    o = n * STRIDE
-    S[o : o + 3 * len(axes)] = axes.ravel()
-    count, _ = rigid_modes(
-        memoryview(S), 0, STRIDE, 0, 3, n, d, o, shifts, len(axes) - shifts, low, high, o + 18
-    )  # fmt: skip
+    contacts = contact_set(points, weights, axes, shifts)
+    count, _ = modes_of(contacts, d, low, high)
     P = np.zeros((n * d, n * d))
     for k in range(count):
-        mode = S[o + 18 + k * (1 + 3 * n) :][: 1 + 3 * n]
+        mode = contacts.modes.array(count)[k]
         q = mode[1:].reshape(n, 3)[:, :d].ravel()
         P += mode[0] * np.outer(q, q)
     return P

@@ -1,4 +1,4 @@
-"""What blocks say never changes: the entries that pick what is computed stay the same through a run of every scene."""
+"""Structure of blocks: the entries that pick what is computed stay the same through a run of every scene."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.build.build import build
+from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.surfaces.closed_form.proxy import MESH
-from graspfx.surfaces.triangles import tree
+from graspfx.surfaces.triangles import mesh_tree
 
 
 @pytest.mark.parametrize("name", sorted(plugins.names("scenes")))
@@ -49,4 +51,5 @@ def test_offsets_of_a_mesh_are_structure() -> None:
         thing = servo.objects[0].grasped
     assert thing.block[at.SHAPE] == MESH
     start = int(thing.block[at.MESH])
-    assert {at.MESH, at.WALKS, start + tree.NODES, start + tree.RINGS} <= set(thing.structure.tolist())
+    walks = [finger.offset + start_of(FingerState, "walk") for finger in thing.state.fingers]
+    assert {at.MESH, *walks, *mesh_tree.choices(start)} <= set(thing.structure.tolist())

@@ -1,4 +1,4 @@
-"""What is displayed is what is recorded: the force on the operator after limits, and nothing else on the object."""
+"""Displayed forces are recorded: the force on the operator after limits, and nothing else on the object."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ COUPLINGS: dict[str, dict[str, Any]] = {
 
 
 def require_consistent(rec: Recording, limits: np.ndarray, moment_error: float = 1e-15) -> None:
-    """What a recording promises of forces, to the last bit where it is the same number."""
+    """Require what a recording promises of forces, to the last bit where it is the same number."""
     assert rec.law_force is not None
     assert rec.saturated is not None
     assert np.array_equal(rec.displayed_force, -rec.finger_force)
@@ -165,7 +165,7 @@ def test_batches_are_single_runs() -> None:
 
 
 def test_a_limit_that_does_not_bite_changes_no_bit() -> None:
-    """At 50 N: all columns of a run without one, besides those that say so."""
+    """All columns are those of a run without a limit, at 50 N, besides those that say so."""
     for changes in COUPLINGS.values():
         free = recorded(pinch(**changes), "interpreted", ticks=60)
         far = recorded(pinch(**changes, finger__0__device__force_limit=50.0), "interpreted", ticks=60)
@@ -434,7 +434,7 @@ def test_the_plan_says_where_limits_come_from(tmp_path: Path) -> None:
         scene = pinch(**LIMIT, **changes)
         with build(scene) as servo:
             [held] = servo.objects
-            assert limits_inside(scene, scene.object[0]) == is_inside(memoryview(held.grasped.block))
+            assert limits_inside(scene, scene.object[0]) == is_inside(held.grasped.state)
     assert "inside the projection" in why
     assert "scaled" in rows(pinch(**LIMIT, object__integrator="implicit"))[0][1]
     assert "in every sample" in rows(arms(drive="elbow"))[0][1]

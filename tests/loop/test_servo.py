@@ -287,7 +287,7 @@ def test_channel_that_a_device_does_not_have() -> None:
 
 
 def test_native_and_bullet_agree_over_ten_seconds() -> None:
-    """The same scene, translation and planar rotation, semi-implicit, without viscosity: below 1e-9 m."""
+    """The two engines agree below 1e-9 m in translation and planar rotation, semi-implicit, without viscosity."""
     pytest.importorskip("pybullet", reason="PyBullet has no wheel for this Python")
     still = {"object.viscosity": 0.0, "object.rotational_viscosity": 0.0, "object.integrator": "semi-implicit"}
     native = gx.run(gx.load("paper-waving-turning", still), duration=10.0)

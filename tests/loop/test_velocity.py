@@ -7,7 +7,7 @@ import pytest
 
 from graspfx.compile.machine import compiled
 from graspfx.errors import InputError
-from graspfx.loop.velocity import SLACK, WINDOW, VelocityEstimator, estimate, size
+from graspfx.loop.velocity import SLACK, WINDOW, VelocityEstimate, VelocityEstimator, estimate, size
 
 T = 0.001
 
@@ -126,7 +126,7 @@ def test_kernel_runs_compiled_with_the_same_result():
     states = np.zeros((2, size(8)))
     states[:, :3] = T, 5e-6, 8
     for x in np.rint(np.cumsum(rng.normal(0.0, 1.0, 200))) * 1e-5:
-        assert machine_code(states[0], 0, x) == estimate(states[1].data, 0, x)
+        assert machine_code(states[0], 0, x) == estimate(VelocityEstimate(states[1].data), x)
     np.testing.assert_array_equal(*states)
 
 

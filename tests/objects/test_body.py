@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, VISCOUS_LIMIT, Body, NativeBody, create, fill_body
+from graspfx.objects.body_state import BodyState, Motion
+from graspfx.spatial import Vector
 
 Array = NDArray[np.float64]
 MOMENTS = (3e-5, 5e-5, 6e-5)
@@ -53,7 +55,7 @@ def rotation_vector(R: Array) -> Array:
 
 
 def test_defaults() -> None:
-    """At rest at the origin, unturned, free, without gravity or viscosity, semi-implicit."""
+    """A body rests at the origin, unturned, free, without gravity or viscosity, semi-implicit."""
     state = block(dimensions=3, mass=0.1, inertia=4e-5)
     expected = np.zeros(at.SIZE)
     expected[[at.DIMENSIONS, at.MASS, at.INTEGRATOR, at.QUATERNION + 3]] = 3, 0.1, at.SEMI_IMPLICIT, 1
@@ -69,13 +71,16 @@ def test_everything_given_stands_where_it_belongs() -> None:
         **SPACE, integrator="exact", free=(1, 0, 1, 0, 1, 1), gravity=(0, 0, -9.81), position=(1, 2, 3),
         orientation=(s, 0, 0, s), velocity=(4, 0, 6), angular_velocity=(0, 8, 9),
     )  # fmt: skip
-    np.testing.assert_array_equal(state[:8], [3, 0.1, *MOMENTS, 0.8, 3e-4, at.EXACT])
-    np.testing.assert_array_equal(state[8:14], [1, 0, 1, 0, 1, 1])
-    np.testing.assert_array_equal(state[14:20], [0, 0, -9.81, 1, 2, 3])
-    np.testing.assert_allclose(state[20:25], [s, 0, 0, s, 0], rtol=1e-15)
-    np.testing.assert_array_equal(state[25:31], [4, 0, 6, 0, 8, 9])
+    body = BodyState(state)
+    motion = body.motion
+    assert (body.dimensions, body.mass, body.inertia) == (3, 0.1, Vector(*MOMENTS))
+    assert (body.viscosity, body.rotational_viscosity, body.integrator) == (0.8, 3e-4, at.EXACT)
+    assert (body.free_translation, body.free_rotation) == (Vector(1, 0, 1), Vector(0, 1, 1))
+    assert (body.gravity, motion.position) == (Vector(0, 0, -9.81), Vector(1, 2, 3))
+    np.testing.assert_allclose(motion.array(Motion.quaternion), [s, 0, 0, s], rtol=1e-15)
+    assert (motion.angle, motion.velocity, motion.angular_velocity) == (0.0, Vector(4, 0, 6), Vector(0, 8, 9))
     # a quarter turn about x takes y to z
-    np.testing.assert_allclose(state[at.ROTATION : at.ROTATION + 9], [1, 0, 0, 0, 0, -1, 0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(motion.array(Motion.rotation), [1, 0, 0, 0, 0, -1, 0, 1, 0], atol=1e-15)
 
 
 def test_free_is_in_the_order_of_the_rows_of_G() -> None:
@@ -242,8 +247,8 @@ def test_buffers_of_both_kinds_give_the_same_bits() -> None:
             wrench = rng.normal(size=6) * 1e-3
             state[at.FORCE : at.FORCE + 6] = large[5 + at.FORCE : 5 + at.FORCE + 6] = wrench
             for S, o in ((view, 0), (large, 5)):
-                at.predict(S, o, 0.005)
-                at.step(S, o, 0.005)
+                at.predict(BodyState(S, o), 0.005)
+                at.step(BodyState(S, o), 0.005)
         np.testing.assert_array_equal(large[5:-3], state)
 
 
@@ -260,7 +265,7 @@ def test_locked_freedoms_stay_exactly_where_they_are(integrator: str) -> None:
         first = state.copy()
         push(state, (1, 1, 1), (1e-3, 1e-3, 1e-3))
         for _ in range(50):
-            at.step(state, 0, 0.005)
+            at.step(BodyState(state), 0.005)
         locked = np.flatnonzero(free[:3] == 0)
         np.testing.assert_array_equal(state[at.POSITION + locked], first[at.POSITION + locked])
         np.testing.assert_array_equal(state[at.VELOCITY + locked], 0.0)
@@ -288,8 +293,8 @@ def test_a_knob_is_the_plane_body(integrator: str, axis: int) -> None:
     )
     push(plane, (), (0, 0, 1e-4))
     for _ in range(50):
-        at.step(state, 0, 0.005)
-        at.step(plane, 0, 0.005)
+        at.step(BodyState(state), 0.005)
+        at.step(BodyState(plane), 0.005)
     assert state[at.ANGULAR_VELOCITY + axis] == pytest.approx(plane[at.ANGULAR_VELOCITY + 2], rel=1e-13)
     turned = state[at.ROTATION : at.ROTATION + 9].reshape(3, 3) @ R.T
     np.testing.assert_allclose(rotation_vector(turned), plane[at.ANGLE] * e, atol=2e-14)
@@ -310,7 +315,7 @@ def test_momentum_and_energy_of_a_free_top() -> None:
     L, energy = world_inertia(state) @ w, w @ world_inertia(state) @ w
     least = 10.0
     for _ in range(2000):
-        at.step(state, 0, 0.005)
+        at.step(BodyState(state), 0.005)
         R = state[at.ROTATION : at.ROTATION + 9].reshape(3, 3)
         least = min(least, float((R.T @ w)[1]))
     assert least < -9.0  # about the middle axis it turns over
@@ -332,7 +337,7 @@ def test_a_step_is_the_prediction_plus_compliance_times_force(d: int) -> None:
     )  # fmt: skip
     if d == 2:
         state[at.ANGLE], state[at.ANGULAR_VELOCITY + 2] = 0.3, 2.0
-        at.orient(state, 0)
+        at.orient(BodyState(state))
     body, T = NativeBody(state), 0.005
     for _ in range(5):
         f = rng.normal(size=d)
@@ -426,7 +431,7 @@ def test_viscosity_slows_the_body_below_the_limit_that_scenes_are_checked_for(in
             )
             stable = z < VISCOUS_LIMIT or integrator in ("exact", "implicit")
             for _ in range(100 if d < 3 or z < 100 else 2):
-                at.step(state, 0, T)
+                at.step(BodyState(state), T)
             o = at.VELOCITY if slow == "viscosity" else at.ANGULAR_VELOCITY + (2 if d == 2 else 0)
             assert bool(abs(state[o]) < 1e-3) is stable
 
@@ -435,12 +440,12 @@ def test_viscosity_slows_the_body_below_the_limit_that_scenes_are_checked_for(in
 def test_what_is_kept_of_the_exact_step_follows_its_parameters(d: int) -> None:
     state = block(dimensions=d, mass=0.1, inertia=0.02, integrator="exact", viscosity=0.3, rotational_viscosity=0.01)
     push(state, np.full(d, 0.4))
-    at.step(state.data, 0, 0.01)
+    at.step(BodyState(state.data), 0.01)
     for entry, value in ((at.VISCOSITY, 0.0), (at.ROTATIONAL_VISCOSITY, 0.5), (at.MASS, 3.0)):
         state[entry] = value
         anew = state.copy()
         anew[at.HELD :] = 0.0  # nothing kept
         for T in (0.01, 0.02):
-            at.step(state.data, 0, T)
-            at.step(anew.data, 0, T)
+            at.step(BodyState(state.data), T)
+            at.step(BodyState(anew.data), T)
             assert state[: at.HELD].tobytes() == anew[: at.HELD].tobytes()

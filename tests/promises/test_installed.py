@@ -1,4 +1,4 @@
-"""What is installed, against importlib.metadata."""
+"""Installed distributions, against importlib.metadata."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ SHELVES = ("devices", "scenes")
 
 
 def tree(*folders: str) -> dict[str, bytes]:
-    """What the source tree holds, without what Python, an operating system or an editor leaves there."""
+    """List the source tree, without what Python, an operating system or an editor leaves there."""
     files = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file())
     kept = (path for path in files if path.suffix != ".pyc" and not path.name.startswith("."))
     return {path.relative_to(ROOT).as_posix(): path.read_bytes() for path in kept}
@@ -69,7 +69,15 @@ def test_the_source_distribution_holds_the_shelves_and_gives_the_same_wheel(
     unpacked = tmp_path / f"graspfx-{graspfx.__version__}"
     held = {path.relative_to(unpacked).as_posix() for path in unpacked.rglob("*") if path.is_file()}
     assert tree("graspfx", "tests", "docs", *SHELVES).keys() <= held
-    assert {"LICENSE", "README.md", "CHANGELOG.md", "CITATION.cff", "Makefile", "pyproject.toml"} <= held
+    assert {
+        "LICENSE",
+        "README.md",
+        "CHANGELOG.md",
+        "CITATION.cff",
+        "CONTRIBUTING.md",
+        "Makefile",
+        "pyproject.toml",
+    } <= held
     monkeypatch.chdir(unpacked)
     again = tmp_path / build.build_wheel(str(tmp_path))
     assert contents(again) == contents(built["wheel"])

@@ -23,9 +23,16 @@ PUBLIC = {  # names that other people's code has
     "graspfx/testing/promise.py": {"found"},
 }
 OPENINGS = re.compile(r"(Of|What|At|By|As|The same)\b")
-NO_VERBS = re.compile(r"(A|An|The|All|Each|Every|How|Whether|Which|Where|Who|Its|If|One|Two|Both|Those|\w+ly)\b")
-ROOMS_TO_COME: tuple[str, ...] = (  # others rewrite them now; each leaves this list as it lands
+NO_VERBS = re.compile(r"(A|An|The|All|Each|Every|How|Whether|Which|Where|Who|Its|If|One|Two|Both|Those)\b")
+ROOMS_TO_COME: tuple[str, ...] = (  # to be cleaned as their kernels take records; a room leaves the list with that
     "devices/",
+    "graspfx/analysis/maps/map_kernel.py",
+    "graspfx/loop/energy/",
+    "graspfx/loop/hand.py",
+    "graspfx/loop/motion/",
+    "graspfx/loop/tick/targets.py",
+    "graspfx/objects/",
+    "graspfx/spatial.py",
 )
 
 SHELVES = ("graspfx", "devices", "scenes")
@@ -42,6 +49,13 @@ def names(tree: ast.AST) -> Iterator[str]:
                 yield name
             case ast.alias(asname=str(name)) | ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)):
                 yield name
+
+
+def docstrings(tree: ast.AST) -> Iterator[str]:
+    """List the first lines of a file's docstrings."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
+            yield text.splitlines()[0]
 
 
 def openings(tree: ast.AST) -> Iterator[str]:
@@ -62,6 +76,16 @@ def test_words(file: str) -> None:
     words = {name for name in names(tree) if name.strip("_").lower() in BANNED} - PUBLIC.get(file, set())
     assert words == set()
     assert list(openings(tree)) == []
+
+
+@pytest.mark.parametrize("room", sorted(path.name for path in (ROOT / "tests").iterdir() if path.is_dir()))
+def test_docstrings_of_tests_begin_as_sentences(room: str) -> None:
+    texts = [
+        text
+        for path in (ROOT / "tests" / room).rglob("*.py")
+        for text in docstrings(ast.parse(path.read_text("utf-8")))
+    ]
+    assert [text for text in texts if OPENINGS.match(text)] == []
 
 
 def test_banned_words_and_openings_are_seen() -> None:

@@ -1,4 +1,4 @@
-"""What a reader takes: whatever stands in a scene, one clear error comes soon and takes little memory."""
+"""Budget of a reader: whatever stands in a scene, one clear error comes soon and takes little memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the shelf picks up, carries and turns keeps its momentum, the law of the lever and the law of its drag."""
+"""Scenes that pick up, carry and turn keep momentum, the law of the lever and the law of drag."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def volume(v: Any, f: Any) -> float:
 
 
 def test_the_files_are_what_the_maker_makes(maker: ModuleType, name: str) -> None:
-    """The same corners to the rounding of the file and the same volume; which way a flat face is cut is free."""
+    """The corners agree to the rounding of the file, and the volume does; how a flat face is cut is free."""
     made, kept = maker.MAKERS[name](), loaded(name)
     corners, ours = np.unique(made.vertices, axis=0), 1e3 * kept.vertices
     for a, b in ((corners, ours), (ours, corners)):
@@ -91,7 +91,7 @@ def test_the_mug_holds_what_its_parts_do(maker: ModuleType) -> None:
     ring, tube = maker.RING, maker.TUBE
 
     def beyond_wall(y: float) -> float:
-        """Of the torus at this y, an annulus of radii RING -+ h about x = R, what lies at x > sqrt(R^2 - y^2)."""
+        """Compute what of the torus at this y, an annulus of radii RING -+ h about x = R, lies beyond the wall."""
         h, wall = (tube**2 - y**2) ** 0.5, (R**2 - y**2) ** 0.5 - R
 
         def disc(a: float) -> float:

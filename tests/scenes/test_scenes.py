@@ -72,7 +72,7 @@ def turned_in_the_end(recording: Recording) -> FloatArray:
 
 
 def depth_once_squeezed(recording: Recording) -> FloatArray:
-    """Of each finger at every tick from 0.35 s on [m]."""
+    """Give the depth of each finger at every tick from 0.35 s on [m]."""
     gap = recording.gap
     assert gap is not None
     return -gap[recording.time >= 0.35]
@@ -118,7 +118,7 @@ def touching_in_the_end(recording: Recording) -> NDArray[np.bool_]:
 
 
 def loads(recording: Recording) -> list[float]:
-    """What the left hand and the right hand carry in the end [N]."""
+    """Give what the left hand and the right hand carry in the end [N]."""
     lift = recording.finger_force[-1, :, 2]
     names = recording.layout.fingers
     return [
@@ -150,7 +150,7 @@ def turned_while_pushed(recording: Recording) -> float:
 
 
 def first_slip(recording: Recording) -> FloatArray:
-    """What each finger pushes with when the first one begins to slip in torsion and shear."""
+    """Give each finger's push when the first one begins to slip in torsion and shear."""
     assert recording.status is not None
     return normal_forces(recording)[np.argmax((recording.status == 2).any(axis=1))]
 
@@ -177,7 +177,7 @@ def change_of_squeeze(recording: Recording) -> FloatArray:
 
 
 def pinch_and_weight(recording: Recording) -> FloatArray:
-    """What each finger pushes with and carries in the end."""
+    """Give each finger's push and load in the end."""
     f = recording.finger_force[-1]
     return np.stack([np.hypot(f[:, 0], f[:, 1]), f[:, 2]], axis=1)
 

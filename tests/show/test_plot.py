@@ -46,7 +46,7 @@ def legend(axes: Any) -> list[str]:
 
 
 def inside(picture: Figure, axes: Any) -> Any:
-    """What is painted within a panel, clear of its edges, (rows, columns, 3)."""
+    """Cut out what is painted within a panel, clear of its edges, (rows, columns, 3)."""
     pixels = np.asarray(picture.canvas.buffer_rgba())[..., :3] / 255.0  # type: ignore[attr-defined]
     box = axes.get_window_extent()
     top, bottom = len(pixels) - int(box.y1) + 4, len(pixels) - int(box.y0) - 4

@@ -183,7 +183,7 @@ def test_units_do_not_matter_to_the_last_bit(cases: int) -> None:
 
 
 def unit_of(length: float, weight: float, time: float) -> FloatArray:
-    """What each entry of a block is multiplied by in other units."""
+    """Give the factor of each entry of a block in other units."""
     units = np.ones(at.SIZE)
     force = weight * length / time**2
     for first, count, unit in (

@@ -1,4 +1,4 @@
-"""What no argument should swallow silently: NaN, infinities, numbers too large or too small, other kinds and shapes."""
+"""Values that no argument should swallow silently: NaN, infinities, too large or too small, other kinds and shapes."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import integrators as body
+from graspfx.objects.body_state import BodyState
 
 STEPS = 256  # of a smooth loop: the trapezoid rule is exact to rounding there
 
@@ -50,7 +51,7 @@ def gain_per_loop(
         q, w = turned(*turns.at(phase))
         S[body.POSITION : body.POSITION + 3] = x
         S[body.QUATERNION : body.QUATERNION + 4] = q
-        body.orient(S.data, 0)
+        body.orient(BodyState(S.data))
         R = S[body.ROTATION : body.ROTATION + 9].reshape(3, 3)
         e, de = fingers.at(phase)
         arm = start @ R.T + e @ R.T

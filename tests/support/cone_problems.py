@@ -101,7 +101,7 @@ class Problem:
         return friction_force(self.cones, self.d, Gains(self.external, self.internal), coulomb, RESTARTS)
 
     def solve_square(self, coulomb: bool, K: np.ndarray | None = None) -> tuple[int, np.ndarray]:
-        """The same problem with K as a square: the law of the answer and the force (m,)."""
+        """Solve it with K as a square: the law of the answer and the force (m,)."""
         square = set_up(memoryview(np.zeros(problem_size(self.n, self.m))), 0, self.n, self.m)
         square.limited = self.cones.limited
         for one, other in zip(square.contacts, self.cones.contacts, strict=True):

@@ -1,4 +1,4 @@
-"""What was tried in each family of stress tests, the worst error that was found, and where."""
+"""Report of the stress tests: what was tried in each family, the worst error, and where."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Arena:
 
 
 def called(device: Any, plant: Any, hand: Any, T: float, force: Callable[[FloatArray, FloatArray], FloatArray]) -> Any:
-    """The same sample by the methods."""
+    """Run the sample by the methods."""
     x, v, _ = device.read()
     device.write(force(x, v))
     effort = np.array(device.effort)
@@ -91,7 +91,7 @@ def on_memory(kernel: Any) -> Any:
 
 
 def advanced(plant: FusedPlant, efforts: FloatArray, hand: Hand, T: float) -> FloatArray:
-    """The same by `advance`."""
+    """Run it by `advance`."""
     rows = []
     for effort in efforts:
         plant.advance(effort, hand, T)

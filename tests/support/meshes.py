@@ -89,7 +89,7 @@ def flat(name: str) -> FloatArray:
 
 
 def shifted(M: FloatArray, m: int) -> FloatArray:
-    """The same from entry m on, with nothing before it."""
+    """Shift everything from entry m on, with nothing before it."""
     return np.concatenate([np.full(m, np.nan), M])
 
 

@@ -23,7 +23,7 @@ values = rows(made, 1500)
 
 
 def script(code: str, folder: Path, *arguments: str) -> Any:
-    """What a program of its own prints as JSON; it must come to its end by itself."""
+    """Run a program of its own and read the JSON that it prints; it must come to its end by itself."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=900)
@@ -32,7 +32,7 @@ def script(code: str, folder: Path, *arguments: str) -> Any:
 
 
 def abandon(sink: FileSink) -> None:
-    """What the system does with the file of a process that ends."""
+    """Do what the system does with the file of a process that ends."""
     sink._journal.file.close()
 
 

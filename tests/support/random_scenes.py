@@ -150,7 +150,7 @@ def random_case(seed: int, size: float = 1e-9) -> Case:
 
 
 def scaled(case: Case, factor: float) -> Case:
-    """The same grasp with both stiffnesses times a factor; the squeeze's forces grow with them."""
+    """Scale both stiffnesses of a grasp by a factor; the squeeze's forces grow with them."""
     table = {**case.table, "coupling": dict(case.table["coupling"])}
     for name in ("external", "internal"):
         pair = dict(table["coupling"][name])

@@ -29,7 +29,7 @@ COLUMNS: dict[str, tuple[int, int, int]] = {
 
 
 def factor(powers: tuple[int, int, int], units: tuple[float, float, float]) -> float:
-    """What a quantity is multiplied by."""
+    """Give the factor of a quantity."""
     return float(np.prod([unit**power for unit, power in zip(units, powers, strict=True)]))
 
 

@@ -2,13 +2,14 @@
 
 `make durations` measures and writes the list: the mean seconds of a function's cases, for each function whose cases
 take longer together than `BUDGET`. Of these the first ones that fit into the budget are run, the others are marked
-`slow`.
+`slow`. Seconds are those of the processor, which are the same on a busy machine.
 """
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,10 @@ import pytest
 ROOT = Path(__file__).parents[2]
 LIST = ROOT / "tests" / "slow.txt"
 BUDGET = 0.4  # of a function's cases together [s]
+USED = "processor_seconds"  # of a report
 
 seconds: defaultdict[str, defaultdict[str, float]] = defaultdict(lambda: defaultdict(float))  # by function and case
+began = 0.0  # the case at hand [s]
 
 
 def function(case: str) -> str:
@@ -42,9 +45,31 @@ def mark(cases: Iterable[pytest.Item]) -> None:
             case.add_marker(pytest.mark.slow)
 
 
+def clock() -> float:
+    """Return the processor time of this process and those that it started and that ended [s]."""
+    return sum(os.times()[:4])
+
+
+def pytest_collection_finish() -> None:
+    """Start the clock of the first case."""
+    global began
+    began = clock()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Write the time since the last report into a report: a process that shares the tests sends it on."""
+    global began
+    report = yield
+    now = clock()
+    setattr(report, USED, now - began)
+    began = now
+    return report
+
+
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Add up set-up, call and tear-down of a case."""
-    seconds[function(report.nodeid)][report.nodeid] += report.duration
+    seconds[function(report.nodeid)][report.nodeid] += getattr(report, USED)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
@@ -52,4 +77,5 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput"):
         return
     rows = [(sum(cases.values()) / len(cases), name) for name, cases in seconds.items() if sum(cases.values()) > BUDGET]
-    LIST.write_text("".join(f"{mean:.2f} {name}\n" for mean, name in sorted(rows, key=lambda row: row[1])))
+    text = "".join(f"{mean:.2f} {name}\n" for mean, name in sorted(rows, key=lambda row: row[1]))
+    LIST.write_text(text, encoding="utf-8")

@@ -11,11 +11,13 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of
+from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.velocity import RING
+from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
-from graspfx.objects.floor import rest
+from graspfx.objects.body_state import BodyState
+from graspfx.objects.floor.planes import FloorState
 from graspfx.spatial import exponential_numbers as exponential
 from graspfx.spatial import product
 
@@ -114,17 +116,20 @@ class RestedRun:
                 plant: Any = moved.plant
                 state, start = plant.state, getattr(plant.ports, which)
                 found += [(state, start + k) for k in range(plant.position.size)]
+        newest = start_of(VelocityEstimate, "positions")
         for station in self.servo.stations:
             device: Any = station.device
-            found += [(device.state, int(s) + RING) for s in device._starts]
+            found += [(device.state, estimate.offset + newest) for estimate in device._estimates]
         for first, axes in ((body.POSITION, range(d)), (body.VELOCITY, range(d)), (body.ANGULAR_VELOCITY, turns)):
             found += [(self.state, first + a) for a in axes]
         floor = getattr(self.servo.movers[0].body, "buffer", None)
         if floor is not None:
-            _, _, memory, rows = rest.offsets(floor)
-            found += [(floor, k) for k in range(memory, rows) if d == 3 or (k - memory) % 2 == 0]
+            block = FloorState(floor)
+            memory, end = block.memory.offset, block.contacts.offset
+            found += [(floor, k) for k in range(memory, end) if d == 3 or (k - memory) % 2 == 0]
             if self.grasped.implicit:
-                found += [(floor, rest.WRENCH + a) for a in (*range(d), *(3 + a for a in turns))]
+                force, moment = start_of(FloorState, "force"), start_of(FloorState, "moment")
+                found += [(floor, force + a) for a in range(d)] + [(floor, moment + a) for a in turns]
         return found
 
     def _read(self, origin: np.ndarray | None = None) -> np.ndarray:
@@ -153,4 +158,4 @@ class RestedRun:
             turn[i - len(parts)] = length
             q = self.state[body.QUATERNION : body.QUATERNION + 4]
             q[:] = product(*exponential(*turn), *q.tolist())
-        body.orient(self.state, 0)
+        body.orient(BodyState(self.state))

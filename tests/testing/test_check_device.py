@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from graspfx.devices.simulated import PointDevice, connect
-from graspfx.devices.simulated.point_sample import LIMITED
+from graspfx.devices.simulated.point_sample import PointDeviceState
 from graspfx.devices.simulated.points import PointPlant
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Features
@@ -208,13 +208,13 @@ class FirstFingerOnly(PointDevice):
 
 class NoLimit(PointDevice):
     def write(self, forces):
-        self.state[LIMITED] = 0.0
+        PointDeviceState(self.state).limited = False
         super().write(forces)
 
 
 class LimitPerComponentTwice(PointDevice):
     def write(self, forces):
-        self.state[LIMITED] = 0.0
+        PointDeviceState(self.state).limited = False
         twice = 2.0 * self.features.peak_force
         super().write(np.clip(forces, -twice, twice) if np.isfinite(forces).all() else forces)
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling import block
+from graspfx.compile.kernel import kernel
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.sample import conclude
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
-from graspfx.objects import integrators as body
 from graspfx.testing import ConformanceError, check_scene
 from graspfx.testing.scene_promises import _check_recording, _check_wrench
 
@@ -145,17 +146,18 @@ def test_a_body_that_breaks_a_promise(fault: str, tmp_path: Path, monkeypatch: p
         check_scene(scene(2, away=0.07).replace({"object.dynamics": str(driver)} | light), duration=0.1)
 
 
+@kernel
+def conclude_twice(grasp: GraspState, fault: int) -> int:
+    """Give the object twice the wrench of the forces."""
+    code = conclude(grasp, fault)
+    grasp.body.force = 2.0 * grasp.body.force
+    grasp.body.moment = 2.0 * grasp.body.moment
+    return code
+
+
 def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forces computed from twice the distance they are told of: half of what the object gets comes from nowhere."""
-    from graspfx.coupling.sample import conclude as sound
-
-    def conclude(S: Any, fault: int) -> int:
-        code = sound(S, fault)
-        for a in (body.FORCE, body.FORCE + 1, body.MOMENT + 2):
-            S[block.BODY + a] *= 2.0
-        return code
-
-    monkeypatch.setattr("graspfx.loop.tick.tick.conclude", conclude)
+    monkeypatch.setattr("graspfx.loop.tick.tick.conclude", conclude_twice)
     monkeypatch.setattr("graspfx.testing.scene_promises._check_wrench", lambda *_: None)
     waved = gx.load("paper-waving")
     with pytest.raises(ConformanceError, match="the coupling gives no more than the fingers put in"):

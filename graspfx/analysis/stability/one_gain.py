@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from graspfx.analysis import characteristic
-from graspfx.analysis.arguments import count, lag_of_object, number, one_of, samples
-from graspfx.analysis.discrete import INTEGRATORS
+from typing import Unpack
+
+from graspfx.analysis.arguments import number
 from graspfx.analysis.linearisation import Linearisable, Linearisation
+from graspfx.analysis.sampled_plant import ObjectOptions, plant_on_wall, plant_with_object
 from graspfx.analysis.stability.fullloop import radius_of
 from graspfx.analysis.stability.limits import Limits, limits_of
 from graspfx.analysis.stability.modal import Mode
@@ -60,16 +61,8 @@ def wall_limits(
     spring_damping: float = 0.0,
 ) -> Limits:
     """Find all stable stiffnesses of a wall; the arguments are those of `wall_limit`."""
-    m, b, T, k_s, b_s = _device(mass, damping, period, spring, spring_damping)
-    D, N = characteristic.wall(
-        m,
-        b + b_s,
-        T,
-        spring=k_s,
-        damping=number("wall_damping", wall_damping, "N s/m", negative=True),
-        delay=samples("delay", delay),
-    )
-    return limits_of(D, N, m / T**2, T)
+    plant = plant_on_wall(number, mass, damping, period, spring, wall_damping, delay, spring_damping)
+    return limits_of(*plant.polynomials(), plant.unit, plant.period)
 
 
 def external_limit(
@@ -138,31 +131,11 @@ def external_limits(
     period: float,
     object_mass: float,
     object_damping: float,
-    *,
-    fingers: int = 2,
-    spring: float = 0.0,
-    integrator: str = "exact",
-    delay: int = 0,
-    object_delay: int = 0,
-    coupling_damping: float = 0.0,
-    spring_damping: float = 0.0,
+    **options: Unpack[ObjectOptions],
 ) -> Limits:
     """Find all stable k_ep of fingers that move an object; the arguments are those of `external_limit`."""
-    m, b, T, k_s, b_s = _device(mass, damping, period, spring, spring_damping)
-    n = count("fingers", fingers, 1)
-    D, N = characteristic.external(
-        m,
-        b + b_s,
-        T,
-        number("object_mass", object_mass, "kg", zero=False) / n,
-        number("object_damping", object_damping, "N s/m") / n,
-        spring=k_s,
-        damping=number("coupling_damping", coupling_damping, "N s/m", negative=True),
-        integrator=one_of("integrator", integrator, INTEGRATORS),
-        delay=samples("delay", delay),
-        object_delay=lag_of_object(object_delay, integrator),
-    )
-    return limits_of(D, N, m / T**2, T)
+    plant = plant_with_object(number, mass, damping, period, object_mass, object_damping, **options)
+    return limits_of(*plant.polynomials(), plant.unit, plant.period)
 
 
 def stable_intervals(
@@ -172,33 +145,14 @@ def stable_intervals(
     object_mass: float,
     object_damping: float,
     *,
-    fingers: int = 2,
-    spring: float = 0.0,
-    integrator: str = "exact",
-    delay: int = 0,
-    object_delay: int = 0,
-    coupling_damping: float = 0.0,
-    spring_damping: float = 0.0,
     upper: float = 1e4,
+    **options: Unpack[ObjectOptions],
 ) -> list[tuple[float, float]]:
     """List the intervals of stable k_ep up to `upper` [N/m]; the other arguments are those of `external_limit`.
 
     There can be several: more stiffness may stabilise again what less has made unstable.
     """
-    limits = external_limits(
-        mass,
-        damping,
-        period,
-        object_mass,
-        object_damping,
-        fingers=fingers,
-        spring=spring,
-        integrator=integrator,
-        delay=delay,
-        object_delay=object_delay,
-        coupling_damping=coupling_damping,
-        spring_damping=spring_damping,
-    )
+    limits = external_limits(mass, damping, period, object_mass, object_damping, **options)
     top = number("upper", upper, "N/m", zero=False)
     return [(low, min(high, top)) for low, high in limits.intervals if low < top]
 
@@ -222,13 +176,3 @@ def _linear(subject: Linearisation | Linearisable) -> Linearisation:
     if isinstance(subject, Linearisable):
         return subject.linearise()
     raise InputError("linear", subject, "a Linearisation, or what has a method `linearise` that gives one")
-
-
-def _device(m: float, b: float, T: float, k_s: float, b_s: float) -> tuple[float, float, float, float, float]:
-    return (
-        number("mass", m, "kg", zero=False),
-        number("damping", b, "N s/m"),
-        number("period", T, "s", zero=False),
-        number("spring", k_s, "N/m"),
-        number("spring_damping", b_s, "N s/m"),
-    )

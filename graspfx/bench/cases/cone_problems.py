@@ -107,5 +107,5 @@ def _near(K: FloatArray, e: FloatArray, mu: float, law: Law) -> FloatArray | Non
     problem.contacts.array(ConeContact.coefficient)[:] = mu
     problem.contacts.array(ConeContact.displacement)[:, :3] = e.reshape(n, 3)
     answer = friction_force_square(problem, 3, Table(memoryview(K.ravel()), 0, m), True, law == "coulomb", 2)
-    wanted = COULOMB if law == "coulomb" else ASSOCIATED
-    return problem.unknowns.array(Unknown.value).copy() if answer.law == wanted else None
+    law_number = COULOMB if law == "coulomb" else ASSOCIATED
+    return problem.unknowns.array(Unknown.value).copy() if answer.law == law_number else None

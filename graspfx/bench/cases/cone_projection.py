@@ -140,7 +140,7 @@ def _ours(kind: Problems) -> Iterator[Method]:
 
 
 def _both(name: str, pose: Callable[[], Posed], kind: Problems) -> Iterator[Method]:
-    """A kernel that does all problems of a kind, interpreted and compiled."""
+    """Make a kernel that does all problems of a kind, interpreted and compiled."""
     run, arguments, force = pose()
     views = [memoryview(a) if isinstance(a, np.ndarray) else a for a in arguments]
     yield _kernel(f"{name}, interpreted", source_function(run), views, force, kind)
@@ -152,7 +152,7 @@ def _both(name: str, pose: Callable[[], Posed], kind: Problems) -> Iterator[Meth
 
 
 def _kernel(name: str, run: Callable[..., Any], arguments: Sequence[Any], force: FloatArray, kind: Problems) -> Method:
-    """A kernel for all problems of a kind, whose forces (problems, fingers, coordinates) stand in `force`."""
+    """Make a kernel for all problems of a kind, whose forces (problems, fingers, coordinates) stand in `force`."""
 
     def call() -> None:
         run(*arguments)
@@ -258,7 +258,7 @@ def _modes(kind: Problems, d: int, coulomb: bool, off: float) -> Posed:
 
 
 def _problems(kind: Problems, d: int, room: int) -> tuple[FloatArray, FloatArray]:
-    """Blocks with a friction problem each, and a view of their forces (problems, fingers, d)."""
+    """Pose blocks with a friction problem each; view their forces (problems, fingers, d)."""
     n = kind.fingers
     blocks = np.zeros((len(kind.members), problem_size(n, room)))
     for block, p in zip(blocks, kind.members, strict=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +17,15 @@ from graspfx.bench.oracles.exact import split_force
 from graspfx.bench.peers.eq4_peers import PEERS, GraspMatrix, Project, closed_form
 from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import size_for
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.law import bilateral
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import resplit
-from graspfx.grasp import direct
+from graspfx.grasp.direct import couple_points
 from graspfx.grasp.point_coupling import PointCoupling
+from graspfx.grasp.point_grasp import PointGrasp
 from graspfx.objects import integrators as body
 
 FloatArray = NDArray[np.float64]
@@ -128,25 +129,27 @@ def _direct(
         return one.force.copy()
 
     yield force_method("GraspFX PointCoupling, compiled, written and read", written, pairs, exact)
-    size = direct.size(n, 3)
+    size = size_for(PointGrasp, count=n, dimensions=3)
     block = np.zeros((N, size))
-    block[:, : direct.RANK] = [n, 3, EXTERNAL, 0.0, INTERNAL, 0.0, contacts.tolerance]
-    block[:, direct.POINTS : direct.POINTS + 6 * n] = np.hstack(
-        [contacts.points.reshape(N, -1), contacts.displacements.reshape(N, -1)]
-    )
-    kernel, flat = compiled(couple_all), block.ravel()
+    for row, points, e in zip(block, contacts.points, contacts.displacements, strict=True):
+        grasp = PointGrasp(row)
+        grasp.count, grasp.dimensions, grasp.tolerance = n, 3, contacts.tolerance
+        grasp.external_stiffness, grasp.internal_stiffness = EXTERNAL, INTERNAL
+        row[grasp.points.offset :][: 6 * n] = np.concatenate([points.ravel(), e.ravel()])
+    run, flat = compiled(couple_all), block.ravel()
 
     def error() -> float:
-        kernel(flat, N, size)
-        return relative_error(block[:, direct.POINTS + 9 * n :].reshape(N, n, 3), exact)
+        run(flat, N, size)
+        return relative_error(block[:, size - 3 * n :].reshape(N, n, 3), exact)
 
-    yield Method("GraspFX direct kernel, compiled", lambda: kernel(flat, N, size), error, calls=N)
+    yield Method("GraspFX direct kernel, compiled", lambda: run(flat, N, size), error, calls=N)
 
 
-def couple_all(S: Any, N: int, size: int) -> None:
-    """Compute forces of N blocks of one size from their points, in one call."""
+@kernel
+def couple_all(blocks: FloatArray, N: int, size: int) -> None:
+    """Compute the forces of N blocks of one size from their points, in one call."""
     for k in range(N):
-        direct.couple_points(S, k * size)
+        couple_points(PointGrasp(blocks, k * size))
 
 
 @kernel

@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.oracles.brute_force import perpendicular_feet, winding_number
 from graspfx.bench.peers.mesh_peers import ByCoal, ByPyBullet, ByTrimesh, MeshPeer
+from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
-from graspfx.surfaces.triangles.ball import STATE
+from graspfx.compile.records import Many, Record, size_of
+from graspfx.spatial import Vector
 from graspfx.surfaces.triangles.mesh import new_fingers
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import FloatArray, flatten
 from graspfx.surfaces.triangles.walk import mesh_contact
 
@@ -161,15 +165,14 @@ def peer(name: str, path: Path, make: Callable[[FloatArray, IntArray], MeshPeer]
 
 def ours(path: Path) -> list[Method]:
     """Walk on the mesh: interpreted; compiled with a call for each tick; and compiled with one call for all of them."""
-    M = flatten(path.vertices, path.faces, closed=True)
     bound = 32.0 * EXACT * float(np.ptp(path.vertices, axis=0).max())
-    one = _method("GraspFX, interpreted", path, memoryview(M), fingers_on_mesh, memoryview, 1, bound)
+    one = _method("GraspFX, interpreted", path, source_function(fingers_on_mesh), memoryview, 1, bound)
     if not is_installed("llvmlite"):
         return [missing("GraspFX, compiled", "llvmlite"), one]
-    kernel = compiled(fingers_on_mesh)
+    run = compiled(fingers_on_mesh)
     return [
-        _method("GraspFX, compiled", path, M, kernel, np.asarray, 1, bound),
-        _method("GraspFX, compiled, one call", path, M, kernel, np.asarray, TICKS, bound),
+        _method("GraspFX, compiled", path, run, np.asarray, 1, bound),
+        _method("GraspFX, compiled, one call", path, run, np.asarray, TICKS, bound),
         one,
     ]
 
@@ -177,23 +180,24 @@ def ours(path: Path) -> list[Method]:
 def _method(
     name: str,
     path: Path,
-    M: Any,
-    kernel: Callable[..., None],
+    run: Callable[..., None],
     view: Callable[[FloatArray], Any],
     ticks: int,
     bound: float,
 ) -> Method:
-    points, results = path.points.ravel(), np.zeros(TICKS * FINGERS * 7)
-    state = new_fingers(FINGERS, REACH).reshape(-1)
-    S, P, out = view(state), view(points), view(results)
+    answers = np.zeros(TICKS * FINGERS * size_of(Answer))
+    M = view(flatten(path.vertices, path.faces, closed=True))
+    S, P, out = view(new_fingers(FINGERS, REACH).reshape(-1)), view(path.points.ravel()), view(answers)
+    fingers = S, 0, size_of(MeshFinger), FINGERS
+    places, rows = (P, 0, size_of(Place), TICKS * FINGERS), (out, 0, size_of(Answer), TICKS * FINGERS)
 
     def call() -> None:
         for k in range(0, TICKS, ticks):
-            kernel(M, S, P, out, k, ticks, FINGERS)
+            run(M, 0, *fingers, *places, *rows, k, ticks)
 
     def error() -> float:
         call()
-        contacts = results.reshape(TICKS, FINGERS, 7)
+        contacts = answers.reshape(TICKS, FINGERS, 7)
         touching = contacts[:, :, 6:] < 0.0
         ways = np.where(touching, contacts[:, :, :3] - path.points, 0.0)
         return path.error([ways[k] for k in path.ticks])
@@ -201,11 +205,27 @@ def _method(
     return Method(name, call, error, calls=TICKS, bound=bound)
 
 
-def fingers_on_mesh(M: Any, S: Any, P: Any, out: Any, first: int, ticks: int, fingers: int) -> None:
-    """Find contacts of the fingers (STATE entries of S each) at positions P of some ticks, seven numbers each."""
-    for k in range(first * fingers, (first + ticks) * fingers):
-        o = k % fingers * STATE
-        cx, cy, cz, nx, ny, nz, gap = mesh_contact(M, 0, S, o, P[3 * k], P[3 * k + 1], P[3 * k + 2])
-        r = 7 * k
-        out[r], out[r + 1], out[r + 2] = cx, cy, cz
-        out[r + 3], out[r + 4], out[r + 5], out[r + 6] = nx, ny, nz, gap
+class Place(Record):
+    """Where a finger is at a tick."""
+
+    position: Vector
+
+
+class Answer(Record):
+    """The contact of a finger at a tick."""
+
+    point: Vector
+    normal: Vector
+    gap: float
+
+
+@kernel
+def fingers_on_mesh(
+    mesh: MeshTree, fingers: Many[MeshFinger], places: Many[Place], answers: Many[Answer], first: int, ticks: int
+) -> None:
+    """Find the contacts of all fingers at their places in some ticks."""
+    count = fingers.count
+    for k in range(first * count, (first + ticks) * count):
+        place, answer = places[k], answers[k]
+        contact = mesh_contact(mesh, fingers[k % count], place.position)
+        answer.point, answer.normal, answer.gap = contact.point, contact.normal, contact.gap

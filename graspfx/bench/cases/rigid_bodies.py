@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.oracles.closed_forms import turned_freely, turned_steadily, viscous_motion
 from graspfx.bench.peers.rigid import InMuJoCo, InPyBullet, Rigid, RigidPeer
+from graspfx.compile.kernel import kernel, source_function
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import Floats
 from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, VISCOUS_LIMIT, fill_body
+from graspfx.objects.body_state import BodyState, Motion
 from graspfx.objects.integrators import step
 
 TITLE = "Rigid bodies over the time step"
@@ -127,11 +130,13 @@ def _ours(
     else:
         yield missing(name, "llvmlite")
     if integrator == "exact" or not has_llvm:
-        yield _native(f"{name}, interpreted", advance, memoryview, state, T, forces, error, bound, note)
+        yield _native(
+            f"{name}, interpreted", source_function(advance), memoryview, state, T, forces, error, bound, note
+        )
 
 
 def _native(
-    name: str, kernel: Callable[..., None], view: Callable[[FloatArray], Any], start: FloatArray, T: float,
+    name: str, move: Callable[..., None], view: Callable[[FloatArray], Any], start: FloatArray, T: float,
     forces: Sequence[float], error: Error, bound: float | None, note: str,
 ) -> Method:  # fmt: skip
     state, pushes = start.copy(), np.array(forces)
@@ -139,12 +144,12 @@ def _native(
 
     def call() -> None:
         state[:] = start
-        kernel(S, 0, T, F, len(pushes))
+        move(S, 0, T, F, 0, len(pushes))
 
     def error_of_run() -> float:
         call()
-        q = at.QUATERNION
-        return error(float(state[at.POSITION]), state[q : q + 4].tolist())
+        motion = BodyState(state).motion
+        return error(motion.position.x, motion.array(Motion.quaternion).tolist())
 
     return Method(name, call, error_of_run, note, len(pushes), bound)
 
@@ -161,11 +166,12 @@ def _peer(name: str, body: RigidPeer, forces: Sequence[float], error: Error) -> 
     return Method(name, call, error_of_run, calls=len(forces))
 
 
-def advance(S: Any, o: int, T: float, F: Any, steps: int) -> None:
-    """Step the body at o, each time under the force F[k] along x."""
+@kernel
+def advance(body: BodyState, T: float, force: Floats, steps: int) -> None:
+    """Move the body by steps of T [s], each under its force along x."""
     for k in range(steps):
-        S[o + at.FORCE] = F[k]
-        step(S, o, T)
+        body.force[0] = force[k]
+        step(body, T)
 
 
 def angle_between(p: FloatArray, q: FloatArray) -> float:

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.build.build import build
+from graspfx.compile.records import Many
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.tick.engine import Compiled
 from graspfx.loop.tick.memory import CHUNK
 from graspfx.scene.model import Scene
-from graspfx.surfaces.triangles import walk
-from graspfx.surfaces.triangles.ball import STATE
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 
 TITLE = "Steps that a scene does not need"
 LIMITS = """
@@ -176,8 +177,8 @@ def ball(changes: Mapping[str, Any] = MappingProxyType({}), n: int = 5, d: int =
 
 def look_as_far_as_it_takes(block: FloatArray) -> None:
     """Make the gap of a finger on a mesh the exact one, however large."""
-    walks = int(block[at.WALKS])
-    block[walks + walk.REACH : int(block[at.MESH]) : STATE] = np.inf
+    grasp = GraspState(block)
+    Many(MeshFinger, block, grasp.fingers[0].walk.offset, grasp.count).array(MeshFinger.reach)[:] = np.inf
 
 
 def facetted() -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from graspfx.bench.peers.paper import FloatArray, Springs, rotation_matrix
 from graspfx.bench.peers.rigid import free_body
 from graspfx.objects.bullet.bullet import new_client, pybullet
-from graspfx.objects.integrators import held
+from graspfx.objects.decay import decay_integrals
 
 Three = tuple[float, float, float]
 
@@ -31,11 +31,11 @@ class BareBullet:
         self._body = free_body(bullet, client, scene.mass, [scene.inertia] * 3, T)
         count = len(wrench)
         pushes, twists = np.zeros((count, 3)), np.zeros((count, 3))
-        share = held(scene.viscosity * T / scene.mass)[1]
+        share = decay_integrals(scene.viscosity * T / scene.mass)[1]
         pushes[:, :d] = share * (wrench[:, :d] - scene.viscosity * velocity)
         if spin is not None:
             b = scene.rotational_viscosity
-            share = held(b * T / scene.inertia)[1]
+            share = decay_integrals(b * T / scene.inertia)[1]
             twists[:, 2 if d == 2 else 0 :] = share * (wrench[:, d:] - b * spin.reshape(count, -1))
         self._pushes: list[Three] = [(x, y, z) for x, y, z in pushes.tolist()]
         self._twists: list[Three] = [(x, y, z) for x, y, z in twists.tolist()]

@@ -1,1 +1,1 @@
-"""Notes on a scene that is valid and yet may not be meant."""
+"""Warnings about likely mistakes in a valid scene."""

@@ -1,4 +1,4 @@
-"""Notes on a scene that is valid and yet may not be meant."""
+"""All warnings about likely mistakes in a valid scene."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from graspfx.coupling import block as at
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
 from graspfx.objects import integrators as body
+from graspfx.objects.body_state import BodyState
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -80,7 +81,7 @@ def set_pose(grip: Grip, recording: Recording, name: str) -> None:
         state[body.ANGLE] = motion.orientation[-1]
     elif motion.orientation is not None:
         state[body.QUATERNION : body.QUATERNION + 4] = motion.orientation[-1]
-    body.orient(state, 0)
+    body.orient(BodyState(state))
 
 
 def set_contacts(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) -> None:
@@ -104,14 +105,14 @@ def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
     rows = grip.grasped.rows
     state = grip.grasped.body_state
     rows[:, at.ANCHOR : at.ANCHOR + 9] = state[body.ROTATION : body.ROTATION + 9]
-    rows[:, at.KEPT] = 0.0
+    rows[:, at.TORSION_AT_ANCHOR] = 0.0
     soft = np.flatnonzero(rows[:, at.PATCH] > 0.0)
     if moments is None or not len(soft):
         return
     torsions = (moments[-1, fingers] * grip.grasped.inward()).sum(axis=1)[soft] / rows[soft, at.PATCH]
 
     def torsion(retained: FloatArray) -> FloatArray:
-        rows[soft, at.KEPT] = retained
+        rows[soft, at.TORSION_AT_ANCHOR] = retained
         grip.forces()
         return np.array(rows[soft, at.LOCAL + 3])
 
@@ -119,7 +120,7 @@ def set_torsions(grip: Grip, recording: Recording, fingers: NDArray[np.intp]) ->
     with grip.frozen():  # torsion is linear in what the anchors keep
         none = torsion(np.zeros(len(soft)))
         slopes = np.stack([torsion(length * e) - none for e in np.eye(len(soft))], axis=1) / length
-        rows[soft, at.KEPT] = np.linalg.solve(slopes, torsions - none)
+        rows[soft, at.TORSION_AT_ANCHOR] = np.linalg.solve(slopes, torsions - none)
 
 
 def differences(

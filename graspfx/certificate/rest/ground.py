@@ -13,8 +13,10 @@ from graspfx.build import encounters
 from graspfx.build.resolve import Parts
 from graspfx.certificate.rest.resting import Grip
 from graspfx.objects import integrators as body
-from graspfx.objects.floor import rest
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor.floor import FLAT_KINDS, FloorBody
+from graspfx.objects.floor.planes import FloorState, PlaneContact
+from graspfx.objects.floor.rest import meet
 from graspfx.objects.surroundings import Meeting, Member
 from graspfx.scene.model import Scene
 
@@ -59,21 +61,20 @@ def ground_under(parts: Parts, index: int, grip: Grip, *, lower: float = 0.0) ->
     world = scene.world
     meeting = Meeting(world.friction, 0.0, world.stiffness)
     floor = FloorBody(Member(state, part.solid.shape), obstacles, meeting)
-    F, names = floor.buffer, []
+    block, names = FloorState(floor.buffer), []
     K, B = np.zeros((grip.r, grip.r)), np.zeros((grip.r, grip.r))
-    first, _, _, rows = rest.offsets(F)
-    count = rest.meet(state, 0, F, 0.0)
     points = 0
-    for contact in F[rows : rows + count * rest.CONTACT].reshape(count, rest.CONTACT):
-        if contact[rest.GAP] >= 0.0:
+    for i in range(meet(BodyState(state), block, 0.0)):
+        contact = block.contacts[i]
+        if contact.gap >= 0.0:
             continue
-        arm = contact[rest.ARM : rest.ARM + 3]
+        arm = contact.array(PlaneContact.arm)
         J = np.hstack([np.eye(3), -cross(arm)])[:d, grip.axes]
-        share = contact[rest.BEARS] * J.T @ J
-        K += F[rest.STIFFNESS] * share
-        B += F[rest.DAMPING] * share
+        share = contact.share * J.T @ J
+        K += block.stiffness * share
+        B += block.damping * share
         points += 1
-        names.append(obstacles[(int(contact[rest.FRAME]) - first) // rest.PLANE].name)
+        names.append(obstacles[contact.plane].name)
     return Ground(tuple(dict.fromkeys(names)), K, B, points) if points else None
 
 

@@ -7,10 +7,15 @@ from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from types import FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graspfx.compile.lower.store import Lowering, store
 from graspfx.compile.marks import LOWERED, parameter_kinds
+
+if TYPE_CHECKING:
+    import ast
+
+    from graspfx.compile.lower.statements import Body
 
 
 @cache
@@ -31,7 +36,8 @@ def lowered(function: FunctionType) -> FunctionType:
         text, code, files = stored.text, stored.code, stored.files
         callees = {alias: attrgetter(name)(import_module(module)) for alias, (module, name) in stored.callees.items()}
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    namespace = {**function.__globals__, **{name: _executed(callee) for name, callee in callees.items()}}
+    namespace = {**function.__globals__, **callees}
+    namespace |= {name: _on_call(namespace, name, f) for name, f in callees.items() if hasattr(f, LOWERED)}
     exec(code, namespace)
     result = namespace[function.__name__]
     assert isinstance(result, FunctionType)
@@ -42,21 +48,41 @@ def lowered(function: FunctionType) -> FunctionType:
     return result
 
 
-def _executed(function: Any) -> Any:
-    """Lower a kernel; give any other function as it is."""
-    original = getattr(function, LOWERED, None)
-    return function if original is None else lowered(original)
+def _on_call(namespace: dict[str, Any], name: str, kernel: Any) -> Any:
+    """Make a function that stands for a kernel until it is called: most scenes call few of those that they name."""
+    original = getattr(kernel, LOWERED)
+
+    def first(*arguments: Any, **keywords: Any) -> Any:
+        namespace[name] = lowered(original)
+        return namespace[name](*arguments, **keywords)
+
+    setattr(first, LOWERED, original)
+    return first
 
 
 def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:
     """Give a kernel's lowered text, the functions that it calls by other names, and the files that it comes from."""
-    import ast
+    import ast  # only for a kernel that is not in the cache
 
-    from graspfx.compile.lower.scratch import Frame  # only for a kernel that is not in the cache
+    node, body = _lower(function)
+    return ast.unparse(node) + "\n", body.callees, tuple(sorted(body.files))
+
+
+def written_lines(function: FunctionType) -> list[int]:
+    """Give the line of a kernel that each line of its lowered text comes from."""
+    from graspfx.compile.specialise.syntax import unparsed_statements
+
+    lines = [function.__code__.co_firstlineno]
+    for statement in unparsed_statements(_lower(function)[0].body):
+        lines.append(vars(statement).get("origin", lines[-1]))
+    return lines
+
+
+def _lower(function: FunctionType) -> tuple[ast.FunctionDef, Body]:
+    from graspfx.compile.lower.scratch import Frame
     from graspfx.compile.lower.statements import Body
     from graspfx.compile.specialise.definitions import definition
 
     body = Body(function.__qualname__, function.__code__.co_filename)
     frame = Frame({}, function.__globals__)
-    node = body.lower(definition(function), frame, parameter_kinds(function))
-    return ast.unparse(node) + "\n", body.callees, tuple(sorted(body.files))
+    return body.lower(definition(function), frame, parameter_kinds(function)), body

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
+from graspfx.compile.lower.lowering import written_lines
 from graspfx.compile.specialise.specialise import Program
+from graspfx.compile.specialise.syntax import unparsed_statements
 
 Origin = tuple[str, int]  # file and line
 
@@ -50,7 +52,13 @@ def _listing(node: ast.FunctionDef, names: Container[str]) -> Listing:
     _, *text = ast.unparse(node).splitlines()
     calls = [(name, arguments) for name, arguments in _calls(node) if name in names]
     parameters = tuple(a.arg for a in node.args.args)
-    lines = tuple(zip(text, _origins(node.body), strict=True))
+    origins: list[Origin | None] = [vars(statement).get("origin") for statement in unparsed_statements(node.body)]
+    written = vars(node).get("written")
+    if written is not None:  # its lines are those of the lowered text
+        places = written_lines(written)
+        file = written.__code__.co_filename
+        origins = [None if origin is None else (file, places[origin[1] - 1]) for origin in origins]
+    lines = tuple(zip(text, origins, strict=True))
     return Listing(node.name, parameters, vars(node).get("origin"), lines, tuple(dict.fromkeys(calls)))
 
 
@@ -60,16 +68,3 @@ def _calls(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield node.func.id, tuple(map(ast.unparse, node.args))
     for part in ast.iter_child_nodes(node):
         yield from _calls(part)
-
-
-def _origins(statements: Sequence[ast.stmt]) -> Iterator[Origin | None]:
-    """Trace where each line of some statements comes from; `ast.unparse` sets them one line each."""
-    for statement in statements:
-        origin = vars(statement).get("origin")
-        yield origin
-        if isinstance(statement, ast.If | ast.For | ast.While):
-            yield from _origins(statement.body)
-            other = statement.orelse
-            if other and not (isinstance(statement, ast.If) and len(other) == 1 and isinstance(other[0], ast.If)):
-                yield origin  # else:
-            yield from _origins(other)

@@ -74,9 +74,10 @@ class Program:
             self._specialised[key] = None
             self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
             kernel = Kernel(definition(function), function.__globals__, code.co_filename)
-            source = getattr(function, "__written__", function).__code__
+            written = getattr(function, "__written__", None)
             new = self._make(kernel, arguments, f"{function.__name__}_{len(self._specialised)}")
-            vars(new.node)["origin"] = (source.co_filename, source.co_firstlineno)
+            source = (written or function).__code__
+            vars(new.node).update(origin=(source.co_filename, source.co_firstlineno), written=written)
             self._specialised[key] = new
         specialised = self._specialised.get(key)
         if specialised is None:

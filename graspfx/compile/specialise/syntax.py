@@ -75,6 +75,18 @@ def inner(statement: ast.stmt) -> list[ast.stmt]:
     return [*getattr(statement, "body", ()), *getattr(statement, "orelse", ())]
 
 
+def unparsed_statements(statements: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
+    """Give the statement that each line of some statements belongs to, as `ast.unparse` sets them, one line each."""
+    for statement in statements:
+        yield statement
+        if isinstance(statement, ast.If | ast.For | ast.While):
+            yield from unparsed_statements(statement.body)
+            other = statement.orelse
+            if other and not (isinstance(statement, ast.If) and len(other) == 1 and isinstance(other[0], ast.If)):
+                yield statement  # else:
+            yield from unparsed_statements(other)
+
+
 def size(statements: Sequence[ast.stmt]) -> int:
     """Count statements, inner ones included."""
     return len(statements) + sum(size(inner(s)) for s in statements if isinstance(s, ast.If | ast.For | ast.While))

@@ -45,7 +45,7 @@ def rewrite_code(function: FunctionType) -> CodeType:
 
 @cache
 def _definitions(file: str) -> dict[int, ast.FunctionDef]:
-    """The functions of a file by the line on which they begin; none of one that cannot be read."""
+    """Index the functions of a file by their first line; none where it cannot be read."""
     try:
         tree = ast.parse(Path(file).read_bytes())
     except (OSError, SyntaxError):
@@ -144,7 +144,7 @@ class Rewriter:
         raise self.cannot(node, "a name or an entry to change")
 
     def branch(self, node: ast.If) -> list[ast.stmt]:
-        """Both sides of a choice, of which the frame runs one now, or writes both down."""
+        """Write both sides of a choice, of which the frame runs one now, or writes both down."""
         place = self.place
         self.choices += 1
         choice = f"_choice{self.choices}"
@@ -161,7 +161,7 @@ class Rewriter:
         return [*lines, close]
 
     def hand_over(self, choice: str, method: str, changed: Sequence[str]) -> ast.stmt:
-        """The values that variables have from here on, by a choice and what they are now."""
+        """Hand over the values that variables have from here on, by a choice and what they are now."""
         call = self.call(choice, method, *map(self.name, changed))
         if not changed:
             return ast.Expr(call, **self.place)
@@ -169,7 +169,7 @@ class Rewriter:
         return ast.Assign([names], call, **self.place)
 
     def leave(self, choices: Sequence[str]) -> list[ast.stmt]:
-        """A check that no choice which the program makes stands around what leaves it."""
+        """Check that no choice which the program makes stands around a way out."""
         names = [self.name(name) for name in choices if name]
         return [ast.Expr(self.frame("leave", *names), **self.place)] if names else []
 
@@ -247,7 +247,7 @@ def _parameters(names: Sequence[str], place: Place) -> ast.arguments:
 
 
 def _assigned(statements: Sequence[ast.stmt]) -> Iterator[str]:
-    """The names that some statements assign to."""
+    """List the names that some statements assign to."""
     for node in statements:
         targets: Sequence[ast.expr] = ()
         if isinstance(node, ast.Assign):

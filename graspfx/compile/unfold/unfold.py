@@ -49,7 +49,7 @@ def unfold(function: Callable[..., None], names: Names, **parts: object) -> list
 
 
 def _place(error: BaseException) -> str:
-    """The file and the line of the innermost stage in which an error happened."""
+    """Give the file and the line of the innermost stage in which an error happened."""
     place, trace = "stage", error.__traceback__
     while trace is not None:
         code = trace.tb_frame.f_code

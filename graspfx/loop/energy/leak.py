@@ -1,11 +1,8 @@
 """Energy of a grasp told apart while it runs: squeezing, shifting and turning, and the least brake where it leaks.
 
-Every function takes the buffer `S` (float64) and integer offsets, allocates nothing and uses scalars only, so that
-the same source runs interpreted and compiled. Fingers stand in rows of `stride` entries that start at `rows`: `force`
-and `step` of `width` entries (3, or 4 with torsion in units of the patch length), and the `weight` w_i of the metric
-W. `modes` are those of `graspfx.grasp.rigid_modes.rigid_modes`: `count`, of which `shifts` translations come first,
-each its share beta and then its components q_k on displacements scaled by sqrt(w). Forces, steps and modes
-are in one frame.
+Vectors of fingers are those of one frame, with torsion in units of the patch length as the fourth entry of soft
+fingers; w_i is the weight of finger i in the metric W. Rigid modes are those of `graspfx.grasp.rigid_modes`: a share
+beta_k, then the components of q_k on displacements scaled by sqrt(w).
 
     Q_k = W^-1/2 beta_k q_k q_k' W^1/2,   f'D = sum_k f'Q_k D + f'(I - sum_k Q_k) D
 
@@ -17,179 +14,218 @@ contacts for the object port, and the difference, D of e = p - c, for the coupli
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
-# The accounts, in this order wherever three or four numbers stand for them.
-INTERNAL, TRANSLATION, ROTATION, WHOLE = 0, 1, 2, 3
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Many, Record, Table, floats, many, table
+from graspfx.grasp.contact_state import Contact
+from graspfx.spatial import Vector, Vector4
 
-# A ledger's entries, offsets from its start [J].
-WORK = 0  # taken by each account so far, four
-CARRY = 4  # what rounding left out of them, four
-SPENT = 8  # taken by the friction beside it, at least: three
-STORED = 11  # now in the springs, three, written by the caller
-OPENED = 14  # in the springs when the ledger was opened, three
-SIZE = 17
+INTERNAL, TRANSLATION, ROTATION = 0, 1, 2  # the accounts, in this order wherever three numbers stand for them
 
 
-def reach(
-    S: Any, rows: int, stride: int, n: int, width: int, step: int, weight: int, modes: int, count: int, row: int
-) -> None:
-    """beta_k q_k'W^1/2 D for each mode, written to `row` (`count` entries)."""
-    size = 1 + width * n
-    for k in range(count):
-        m = modes + k * size
+class ModeSplit(Record):
+    """The rigid modes that tell the accounts apart."""
+
+    fingers: int  # n
+    width: int  # entries of a finger: 3, or 4 with torsion
+    count: int  # modes
+    shifts: int  # of which so many come first that are translations
+    reach: Floats = floats("6")  # beta_k q_k'W^1/2 D
+    modes: Table = table("6", "1 + width * fingers")
+
+
+class Sum(Record):
+    """A sum, and what rounding left out of it."""
+
+    value: float
+    carry: float
+
+
+class Account(Record):
+    """What one part of the motion took and holds [J]."""
+
+    work: Sum  # taken so far
+    spent: float  # taken by the friction beside it, at least
+    stored: float  # now in the springs, written by the caller
+    opened: float  # in the springs when the ledger was opened
+
+
+class Accounts(Record):
+    """The accounts of internal motion, translation and rotation, and the work of all of it."""
+
+    parts: Many[Account] = many("3")
+    whole: Sum
+
+
+@dataclass(frozen=True, slots=True)
+class Works:
+    """The work f'D by accounts, and the whole [J]."""
+
+    internal: float
+    translation: float
+    rotation: float
+    whole: float
+
+
+@kernel
+def reach(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> None:
+    """Compute beta_k q_k'W^1/2 D for each mode."""
+    width, modes = split.width, split.modes
+    for k in range(split.count):
         total = 0.0
-        for i in range(n):
-            r = rows + i * stride
-            w = math.sqrt(S[r + weight])
+        for i, contact in enumerate(contacts):
+            w = math.sqrt(contact.weight)
             for a in range(width):
-                total += w * S[m + 1 + width * i + a] * S[r + step + a]
-        S[row + k] = S[m] * total
+                total += w * modes[k, 1 + width * i + a] * steps[i][a]
+        split.reach[k] = modes[k, 0] * total
 
 
-def works(
-    S: Any, rows: int, stride: int, n: int, width: int, force: int, step: int, weight: int,
-    modes: int, shifts: int, count: int, row: int,
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """f'(I - Q) D, sum over translations of f'Q_k D, the same over rotations, and f'D [J].
+@kernel
+def works(split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4]) -> Works:
+    """Compute f'(I - Q) D, sum over translations of f'Q_k D, the same over rotations, and f'D [J].
 
     Each is summed by itself: that the first three make the fourth is a check, not a definition. A finger of weight zero
-    is internal. `row` is scratch of `count` entries.
+    is internal.
     """
-    reach(S, rows, stride, n, width, step, weight, modes, count, row)
-    size = 1 + width * n
+    reach(split, contacts, steps)
+    width, modes = split.width, split.modes
     translation = rotation = internal = whole = 0.0
-    for k in range(count):
-        m = modes + k * size
+    for k in range(split.count):
         push = 0.0
-        for i in range(n):
-            r = rows + i * stride
-            w = S[r + weight]
+        for i, contact in enumerate(contacts):
+            w = contact.weight
             if w > 0.0:
                 w = 1.0 / math.sqrt(w)
                 for a in range(width):
-                    push += w * S[m + 1 + width * i + a] * S[r + force + a]
-        if k < shifts:
-            translation += push * S[row + k]
+                    push += w * modes[k, 1 + width * i + a] * forces[i][a]
+        if k < split.shifts:
+            translation += push * split.reach[k]
         else:
-            rotation += push * S[row + k]
-    for i in range(n):
-        r = rows + i * stride
-        w = S[r + weight]
+            rotation += push * split.reach[k]
+    for i, contact in enumerate(contacts):
+        w = contact.weight
         if w > 0.0:
             w = 1.0 / math.sqrt(w)
         for a in range(width):
-            left = S[r + step + a]
-            whole += S[r + force + a] * left
-            for k in range(count):
-                left -= w * S[modes + k * size + 1 + width * i + a] * S[row + k]
-            internal += S[r + force + a] * left
-    return internal, translation, rotation, whole
+            left = steps[i][a]
+            whole += forces[i][a] * left
+            for k in range(split.count):
+                left -= w * modes[k, 1 + width * i + a] * split.reach[k]
+            internal += forces[i][a] * left
+    return Works(internal, translation, rotation, whole)
 
 
-def squares(
-    S: Any, rows: int, stride: int, n: int, width: int, step: int, weight: int,
-    modes: int, shifts: int, count: int, row: int,
-) -> tuple[float, float, float]:  # fmt: skip
-    """D'W Q D of the internal part, of translations and of rotations [m^2], not negative.
+@kernel
+def squares(split: ModeSplit, contacts: Many[Contact], steps: Many[Vector4]) -> Vector:
+    """Compute D'W Q D of the internal part, of translations and of rotations [m^2], not negative.
 
     Half the gain times these is what a spring of that gain stores at the displacement e; b/T times these what a
     friction b w_i at each finger takes on the step D, at least.
     """
-    reach(S, rows, stride, n, width, step, weight, modes, count, row)
-    size = 1 + width * n
+    reach(split, contacts, steps)
+    width, modes = split.width, split.modes
     translation = rotation = whole = 0.0
-    for k in range(count):
-        share = S[modes + k * size]
+    for k in range(split.count):
+        share = modes[k, 0]
         if share > 0.0:
-            if k < shifts:
-                translation += S[row + k] * S[row + k] / share
+            if k < split.shifts:
+                translation += split.reach[k] * split.reach[k] / share
             else:
-                rotation += S[row + k] * S[row + k] / share
-    for i in range(n):
-        r = rows + i * stride
+                rotation += split.reach[k] * split.reach[k] / share
+    for i, contact in enumerate(contacts):
+        w = contact.weight
         for a in range(width):
-            left = S[r + step + a]
-            for k in range(count):
-                w = S[r + weight]
+            left = steps[i][a]
+            for k in range(split.count):
                 if w > 0.0:
-                    left -= S[modes + k * size + 1 + width * i + a] * S[row + k] / math.sqrt(w)
-            whole += S[r + weight] * left * S[r + step + a]  # D'W (I - Q) D, without a difference of large sums
-    return max(whole, 0.0), translation, rotation
+                    left -= modes[k, 1 + width * i + a] * split.reach[k] / math.sqrt(w)
+            whole += w * left * steps[i][a]  # D'W (I - Q) D, without a difference of large sums
+    return Vector(max(whole, 0.0), translation, rotation)
 
 
+@kernel
 def store(
-    S: Any, ledger: int, rows: int, stride: int, n: int, width: int, displacement: int, weight: int,
-    modes: int, shifts: int, count: int, row: int, external: float, internal: float,
+    accounts: Accounts, split: ModeSplit, contacts: Many[Contact], displacements: Many[Vector4], external: float,
+    internal: float,
 ) -> None:  # fmt: skip
-    """Writes 1/2 k e'W Q e of each part to the ledger: what springs of eq. (4) with these gains hold at e [J]."""
-    squeezed, shifted, turned = squares(
-        S, rows, stride, n, width, displacement, weight, modes, shifts, count, row
-    )  # fmt: skip
-    S[ledger + STORED + INTERNAL] = 0.5 * internal * squeezed
-    S[ledger + STORED + TRANSLATION] = 0.5 * external * shifted
-    S[ledger + STORED + ROTATION] = 0.5 * external * turned
+    """Write 1/2 k e'W Q e of each part to the accounts: what springs of eq. (4) with these gains hold at e [J]."""
+    square = squares(split, contacts, displacements)
+    accounts.parts[INTERNAL].stored = 0.5 * internal * square.x
+    accounts.parts[TRANSLATION].stored = 0.5 * external * square.y
+    accounts.parts[ROTATION].stored = 0.5 * external * square.z
 
 
-def open_ledger(S: Any, ledger: int) -> None:
-    """Begins anew: nothing taken, and what the springs hold now counts as there from the start."""
-    for j in range(STORED):
-        S[ledger + j] = 0.0
-    for j in range(3):
-        S[ledger + OPENED + j] = S[ledger + STORED + j]
+@kernel
+def open_accounts(accounts: Accounts) -> None:
+    """Begin anew: nothing taken, and what the springs hold now counts as there from the start."""
+    for account in accounts.parts:
+        account.work.value = account.work.carry = account.spent = 0.0
+        account.opened = account.stored
+    accounts.whole.value = accounts.whole.carry = 0.0
 
 
+@kernel
 def observe(
-    S: Any, ledger: int, rows: int, stride: int, n: int, width: int, force: int, step: int, weight: int,
-    modes: int, shifts: int, count: int, row: int, drag: float,
+    accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
+    drag: float,
 ) -> None:  # fmt: skip
-    """Books one sample: the held force's work on the step, and `drag` = b/T [N/m] times the step's squares.
+    """Book one sample: the held force's work on the step, and `drag` = b/T [N/m] times the step's squares.
 
     b is friction of the devices, b w_i at finger i [N s/m], and nothing else takes it; 0 books none.
     """
-    taken = works(S, rows, stride, n, width, force, step, weight, modes, shifts, count, row)
-    book(S, ledger, INTERNAL, taken[0])
-    book(S, ledger, TRANSLATION, taken[1])
-    book(S, ledger, ROTATION, taken[2])
-    book(S, ledger, WHOLE, taken[3])
+    work = works(split, contacts, forces, steps)
+    book(accounts.parts[INTERNAL].work, work.internal)
+    book(accounts.parts[TRANSLATION].work, work.translation)
+    book(accounts.parts[ROTATION].work, work.rotation)
+    book(accounts.whole, work.whole)
     if drag > 0.0:
-        moved = squares(S, rows, stride, n, width, step, weight, modes, shifts, count, row)
-        S[ledger + SPENT + INTERNAL] += drag * moved[0]
-        S[ledger + SPENT + TRANSLATION] += drag * moved[1]
-        S[ledger + SPENT + ROTATION] += drag * moved[2]
+        spend(accounts, drag, squares(split, contacts, steps))
 
 
-def book(S: Any, ledger: int, account: int, energy: float) -> None:
-    """Adds to an account and keeps what rounding drops (Neumaier 1974), so that long runs close as short ones do."""
-    old = S[ledger + WORK + account]
+@kernel
+def spend(accounts: Accounts, drag: float, square: Vector) -> None:
+    """Add what friction of `drag` [N/m] takes on a step of these squares [m^2]."""
+    accounts.parts[INTERNAL].spent += drag * square.x
+    accounts.parts[TRANSLATION].spent += drag * square.y
+    accounts.parts[ROTATION].spent += drag * square.z
+
+
+@kernel
+def book(account: Sum, energy: float) -> None:
+    """Add to a sum and store what rounding drops (Neumaier 1974), so that long runs close as short ones do."""
+    old = account.value
     new = old + energy
     if abs(old) >= abs(energy):
-        S[ledger + CARRY + account] += (old - new) + energy
+        account.carry += (old - new) + energy
     else:
-        S[ledger + CARRY + account] += (energy - new) + old
-    S[ledger + WORK + account] = new
+        account.carry += (energy - new) + old
+    account.value = new
 
 
-def balance(S: Any, ledger: int, account: int) -> float:
-    """Taken, and spent by friction, less what the springs gained [J]: below zero the held coupling has made energy."""
-    taken = S[ledger + WORK + account] + S[ledger + CARRY + account]
-    gained = S[ledger + STORED + account] - S[ledger + OPENED + account]
-    return float(taken + S[ledger + SPENT + account] - gained)
+@kernel
+def balance(account: Account) -> float:
+    """Compute taken, and spent by friction, less what the springs gained [J]: below zero it has made energy."""
+    work = account.work.value + account.work.carry
+    gained = account.stored - account.opened
+    return work + account.spent - gained
 
 
-def gap(S: Any, ledger: int) -> float:
-    """By how much the three accounts miss the whole [J]: rounding, or the ledger was kept wrong."""
-    total = -(S[ledger + WORK + WHOLE] + S[ledger + CARRY + WHOLE])
-    for j in range(3):
-        total += S[ledger + WORK + j] + S[ledger + CARRY + j]
-    return float(total)
+@kernel
+def gap(accounts: Accounts) -> float:
+    """Compute by how much the three accounts miss the whole [J]: rounding, or the ledger was kept wrong."""
+    total = -(accounts.whole.value + accounts.whole.carry)
+    for account in accounts.parts:
+        total += account.work.value + account.work.carry
+    return total
 
 
-def brake(
-    S: Any, ledger: int, rows: int, stride: int, n: int, width: int, force: int, step: int, weight: int,
-    modes: int, shifts: int, count: int, row: int, T: float, most: float,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Adds a W Q_m D/T to the forces of each account m in debt, with the least a that pays in one more such step.
+@kernel
+def add_damping(
+    accounts: Accounts, split: ModeSplit, contacts: Many[Contact], forces: Many[Vector4], steps: Many[Vector4],
+    T: float, most: float,
+) -> Vector:  # fmt: skip
+    """Add a W Q_m D/T to the forces of each account m in debt, with the least a that pays in one more such step.
 
     a = min(most, T debt/(D'W Q_m D)) [N s/m] (Hannaford and Ryu 2002, one controller per mode): a leak of squeezing
     puts no damping on moving the object. What is owed beyond `most` stays in the books. The brake is held over a sample
@@ -198,25 +234,24 @@ def brake(
     Returns:
         a of internal, translation, rotation [N s/m].
     """
-    moved = squares(S, rows, stride, n, width, step, weight, modes, shifts, count, row)
-    squeezing = rate(-balance(S, ledger, INTERNAL), moved[0], T, most)
-    shifting = rate(-balance(S, ledger, TRANSLATION), moved[1], T, most)
-    turning = rate(-balance(S, ledger, ROTATION), moved[2], T, most)
-    size = 1 + width * n
-    for i in range(n):
-        r = rows + i * stride
-        w = S[r + weight]
+    square = squares(split, contacts, steps)
+    squeezing = damping_for(-balance(accounts.parts[INTERNAL]), square.x, T, most)
+    shifting = damping_for(-balance(accounts.parts[TRANSLATION]), square.y, T, most)
+    turning = damping_for(-balance(accounts.parts[ROTATION]), square.z, T, most)
+    width, modes = split.width, split.modes
+    for i, contact in enumerate(contacts):
+        w = contact.weight
         for a in range(width):
-            pushed = squeezing * w * S[r + step + a]
-            for k in range(count):
-                b = shifting if k < shifts else turning
-                pushed += (b - squeezing) * math.sqrt(w) * S[modes + k * size + 1 + width * i + a] * S[row + k]
-            S[r + force + a] += pushed / T
-    return squeezing, shifting, turning
+            pushed = squeezing * w * steps[i][a]
+            for k in range(split.count):
+                b = shifting if k < split.shifts else turning
+                pushed += (b - squeezing) * math.sqrt(w) * modes[k, 1 + width * i + a] * split.reach[k]
+            forces[i][a] += pushed / T
+    return Vector(squeezing, shifting, turning)
 
 
-def rate(debt: float, square: float, T: float, most: float) -> float:
-    """The damping that takes `debt` [J] on a step of this square [m^2], at most `most` [N s/m]."""
+def damping_for(debt: float, square: float, T: float, most: float) -> float:
+    """Give the damping that takes `debt` [J] on a step of this square [m^2], at most `most` [N s/m]."""
     if debt <= 0.0 or square <= 0.0:
         return 0.0
     if debt * T >= most * square:

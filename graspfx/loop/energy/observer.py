@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.coupling import block as at
+from graspfx.compile.records import layout, size_for, start_of
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.loop.energy import ledger
+from graspfx.loop.energy.books import EnergyReport, LedgerState
+from graspfx.loop.energy.leak import ModeSplit
 from graspfx.loop.energy.watch import watch
-from graspfx.objects import energy
 from graspfx.objects.body import NativeBody
+from graspfx.objects.energy import SampleStart
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -20,7 +22,7 @@ Index = NDArray[np.intp]
 BY_MODE = ("work", "stored", "damped", "slipped", "reshaped", "leaked", "balance", "braked", "damping")
 OF_OBJECT = ("fingers", "wrench", "kinetic", "gravity", "contact", "viscous", "defect", "gap")
 
-MET = ledger.BODY + energy.CONTACT
+MET = start_of(LedgerState, "start") + start_of(SampleStart, "contact_force")
 
 
 class Observer:
@@ -52,37 +54,40 @@ class Observer:
         mass: FloatArray,
     ) -> None:
         self._T = period
-        n, S = grasped.fingers, grasped.block
-        self._S: Any = memoryview(S)
-        given = grasped.matrices and not S[at.ATTACHED]
-        self.buffer = B = np.zeros(ledger.size(n, n * grasped.dimensions if given else 0))
-        self._B: Any = memoryview(B)
-        S[at.OBSERVED] = 1.0
-        share = grasped.rows[:, at.SHARE]
+        n, block = grasped.fingers, GraspState(grasped.block.data)
+        matrices = grasped.matrices and not block.attached
+        width = block.width
+        room = size_for(ModeSplit, fingers=n, width=width)
+        sizes = {"count": n, "components": n * grasped.dimensions if matrices else 0, "split_entries": room}
+        self.buffer = B = np.zeros(size_for(LedgerState, **sizes))
+        self._grasp, self._ledger = block, LedgerState(B.data)
+        ledger = self._ledger
+        ledger.count, ledger.components, ledger.split_entries = n, sizes["components"], room
+        B[start_of(LedgerState, "split")] = ledger.split_room.offset
+        split = ledger.split
+        split.fingers, split.width, split.shifts = n, width, block.freedom.shifts
+        block.observed = True
+        share = block.fingers.array(FingerState.share)
         native = isinstance(body, NativeBody)
-        B[ledger.DRAG] = min(friction / share, default=0.0)
-        B[ledger.LIGHT] = max(share / mass, default=0.0)
-        B[ledger.OTHERS] = not native
-        B[ledger.GIVEN] = given
-        B[ledger.CONTROL] = control
+        ledger.drag, ledger.mobility = min(friction / share, default=0.0), max(share / mass, default=0.0)
+        ledger.foreign, ledger.control = not native, control
         self.met: FloatArray | None = getattr(body, "contact_wrench", None) if native else None
-        self.where = self._entries()
+        first = start_of(LedgerState, "report")
+        self.where = {
+            name: np.arange(int(field.size)) + first + int(field.offset) for name, field in layout(EnergyReport).items()
+        }
 
     @property
     def structure(self) -> Index:
         """Entries of `buffer` that never change and choose what is computed."""
-        fixed = [ledger.OTHERS, ledger.GIVEN, ledger.CONTROL]
-        return np.array(fixed if self.buffer[ledger.DRAG] else [ledger.DRAG, *fixed], dtype=np.intp)
+        fixed = ["count", "components", "control", "foreign", "split"]
+        if not self._ledger.drag:
+            fixed.append("drag")
+        split = [start_of(ModeSplit, name) + self._ledger.split.offset for name in ("fingers", "width", "shifts")]
+        return np.array([*(start_of(LedgerState, name) for name in fixed), *split], dtype=np.intp)
 
     def sample(self) -> None:
         """Books the sample that has ended, brakes if asked to, and keeps what the next one holds."""
         if self.met is not None:
             self.buffer[MET : MET + 6] = self.met
-        watch(self._S, self._B, self._T)
-
-    def _entries(self) -> dict[str, Index]:
-        """Which entries of the buffer hold what a recording asks for."""
-        o = ledger.OUT
-        found = {name: np.arange(o + 3 * k, o + 3 * k + 3) for k, name in enumerate(BY_MODE)}
-        o += 3 * len(BY_MODE)
-        return found | {name: np.array([o + k]) for k, name in enumerate(OF_OBJECT)}
+        watch(self._grasp, self._ledger, self._T)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from graspfx.compile.kernel import kernel
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.loop.energy.books import LedgerState
+from graspfx.loop.energy.brake import control
+from graspfx.loop.energy.ledger import hold, observe, report
 
-from graspfx.loop.energy import brake, ledger
 
+@kernel
+def watch(grasp: GraspState, ledger: LedgerState, T: float) -> int:
+    """Book the sample that has ended, brake if asked to, store what the next one holds, and report; give 0.
 
-def watch(S: Any, B: Any, T: float) -> int:
-    """Books the sample that has ended, brakes if asked to, keeps what the next one holds, and reports; returns 0.
-
-    What obstacles did to the body in that sample has to stand in B before (`Observer.met`).
+    What obstacles did to the body in that sample has to stand in the ledger before (`Observer.met`).
     """
-    ledger.observe(S, B, T)
-    if B[ledger.CONTROL] != 0.0:
-        brake.control(S, B, T)
-    ledger.hold(S, B)
-    ledger.report(S, B)
+    observe(grasp, ledger, T)
+    if ledger.control:
+        control(grasp, ledger, T)
+    hold(grasp, ledger)
+    report(grasp, ledger)
     return 0

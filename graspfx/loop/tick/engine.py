@@ -1,4 +1,4 @@
-"""What runs the script of a tick: CPython as it stands, or a program specialised for it and compiled."""
+"""Engines of a tick's script: CPython as it stands, or a program specialised for it and compiled."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class Engine(Protocol):
         ...
 
     def expect(self, ticks: int) -> None:
-        """So many are to come."""
+        """Expect so many ticks."""
 
     def write_to(self, rows: FloatArray) -> None:
-        """The block of rows (r, width) that the coming ticks are recorded in."""
+        """Set the block of rows (r, width) that the coming ticks are recorded in."""
 
     def run(self, k: int, count: int, row: int) -> int:
-        """Ticks k, ..., k + count - 1, recorded from a row on; how many were done.
+        """Run ticks k, ..., k + count - 1, recorded from a row on; return how many were done.
 
         The one with the first fault is the last, so that it can be asked how things stand.
         """
@@ -52,14 +52,14 @@ class Engine(Protocol):
         ...
 
     def begin(self, k: int) -> None:
-        """Tick k up to what the devices display."""
+        """Run tick k up to what the devices display."""
 
     def end(self, k: int, row: int) -> None:
-        """The rest of it."""
+        """Run the rest of it."""
 
 
 def whole_text(tick: Tick, *, pausing: bool = False) -> str:
-    """The definition of run(k, count, r).
+    """Write the definition of run(k, count, r).
 
     Args:
         tick: the tick.
@@ -73,19 +73,19 @@ def whole_text(tick: Tick, *, pausing: bool = False) -> str:
 
 
 def part_text(name: str, parameters: str, lines: list[str]) -> str:
-    """The definition of a part of one tick."""
+    """Write the definition of a part of one tick."""
     return "\n".join([f"def {name}({parameters}):", *(f"    {line}" for line in lines)])
 
 
 def texts(tick: Tick) -> dict[str, str]:
-    """The functions that run a tick, by name: one for any number of ticks, or two for one where code comes between."""
+    """Write the functions of a tick, by name: one for any number of ticks, or two where code comes between."""
     if not tick.ports:
         return {"run": whole_text(tick, pausing=True)}
     return {"begin": part_text("begin", "k", tick.begin), "end": part_text("end", "k, r", tick.end)}
 
 
 def sources(tick: Tick, *, make: bool = True) -> dict[str, str]:
-    """The same as programs, specialised; LookupError if they are not yet and are not to be made."""
+    """Specialise the same texts as programs; LookupError if they are not yet and are not to be made."""
     from graspfx.compile.program import program_source
 
     script = tick.script
@@ -179,7 +179,7 @@ class Compiled:
             self._brief: Run = whole.brief
 
     def _bound(self, program: Any, rows: FloatArray) -> Any:
-        """A program on the script's arrays and these rows."""
+        """Bind a program to the script's arrays and these rows."""
         before = self._bounds.get(program)
         if before is None:
             arrays = {**self._tick.script.arrays, "rows": rows.reshape(-1)}
@@ -208,7 +208,7 @@ COMPILING = 1.0  # one that is to be compiled in a short time,
 OPTIMISING = 10.0  # and one that is compiled at its best
 
 
-class Either:
+class AutoEngine:
     """Begins with the script as it stands, and goes on with its program where the ticks to come are worth it.
 
     Both compute the same bits, so that it does not matter to a recording when it changes.
@@ -222,13 +222,13 @@ class Either:
         self._tick = tick
         self._known_cost = cost
         self._engine: Engine = Interpreted(tick)
-        self._left, self._done, self._spent = 0, 0, 0.0
+        self._left, self._ticks, self._spent = 0, 0, 0.0
         self._ran = self._after = 0  # ticks so far, and those before the program
 
     @property
     def cost(self) -> float:
         """Seconds that a tick takes as it stands, by the first ones unless it was given."""
-        return self._spent / self._done if self._known_cost is None else self._known_cost
+        return self._spent / self._ticks if self._known_cost is None else self._known_cost
 
     @property
     def patience(self) -> int:
@@ -240,8 +240,8 @@ class Either:
         return engine if engine == Interpreted.name else f"{engine} after {self._after} ticks"
 
     def expect(self, ticks: int) -> None:
-        self._left = self._done + ticks
-        if self._done >= FIRST and isinstance(self._engine, Interpreted):
+        self._left = self._ticks + ticks
+        if self._ticks >= FIRST and isinstance(self._engine, Interpreted):
             self._choose()
 
     def write_to(self, rows: FloatArray) -> None:
@@ -249,20 +249,20 @@ class Either:
         self._engine.write_to(rows)
 
     def run(self, k: int, count: int, row: int) -> int:
-        trial = min(count, FIRST - self._done)
+        trial = min(count, FIRST - self._ticks)
         if trial > 0:
             began = perf_counter()
-            done = self._engine.run(k, trial, row)
-            self._ran = k + done
-            self._judge(done, perf_counter() - began)
-            return done
-        done = self._engine.run(k, count, row)
-        self._ran = k + done
-        return done
+            code = self._engine.run(k, trial, row)
+            self._ran = k + code
+            self._judge(code, perf_counter() - began)
+            return code
+        code = self._engine.run(k, count, row)
+        self._ran = k + code
+        return code
 
     @property
     def each(self) -> Run:
-        return self.run if self._done < FIRST else self._engine.each
+        return self.run if self._ticks < FIRST else self._engine.each
 
     def begin(self, k: int) -> None:
         self._engine.begin(k)
@@ -271,17 +271,17 @@ class Either:
         began = perf_counter()
         self._engine.end(k, row)
         self._ran = k + 1
-        if self._done < FIRST:
+        if self._ticks < FIRST:
             self._judge(1, perf_counter() - began)
 
     def _judge(self, ticks: int, seconds: float) -> None:
         self._spent += seconds
-        self._done += ticks
-        if self._done == FIRST:
+        self._ticks += ticks
+        if self._ticks == FIRST:
             self._choose()
 
     def _choose(self) -> None:
-        saving = (self._left - self._done) * self.cost
+        saving = (self._left - self._ticks) * self.cost
         if saving > LOADING:
             with suppress(MissingPackageError, InputError, LookupError):  # then the script goes on as it stands
                 engine = Compiled(self._tick, make=saving > COMPILING, quick=saving < OPTIMISING)
@@ -289,4 +289,4 @@ class Either:
                 self._engine, self._after = engine, self._ran
 
 
-ENGINES: dict[str, Callable[[Tick], Engine]] = {"auto": Either, "compiled": Compiled, "interpreted": Interpreted}
+ENGINES: dict[str, Callable[[Tick], Engine]] = {"auto": AutoEngine, "compiled": Compiled, "interpreted": Interpreted}

@@ -10,10 +10,10 @@ KIND = 2  # what could not go on,
 INDEX = 3  # which of its kind,
 CODE = 4  # and why
 PERIOD = 5  # T [s]
-AHEAD = 6  # the tick that the targets of hands without kernels begin with
+LOOKED_UP = 6  # the tick that the targets of hands without kernels begin with
 STUCK = 7  # one for each mover, then for each plant; each finger's displayed force, place and energy follow
 
-STATION, OBJECT_, MOVER, PLANT, TOLD = range(5)  # TOLD: by code that is no kernel, in words
+STATION, OBJECT_, MOVER, PLANT, FOREIGN = range(5)  # TOLD: by code that is no kernel, in words
 
 CHUNK = 1024  # ticks for which the targets of a hand without a kernel are known ahead
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import name_of
+from graspfx.compile.records import Record, name_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.device import FusedDevice
 from graspfx.loop.parts import Parts
@@ -17,12 +17,15 @@ from graspfx.loop.tick import memory
 from graspfx.loop.tick.script import Script, Tick
 
 FloatArray = NDArray[np.float64]
-Named = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
+NamedEntry = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
 AXES = "xyz"
 
 
 class Names:
-    """What each memory of a script is called, and each of its entries.
+    """Names of a script's memories, and of their entries.
+
+    An object's block is declared by `GraspState`. A device, plant, hand, body or ledger may say by an attribute
+    `declaration` which record its memory is; of others the entries at their ports have names.
 
     Attributes:
         memories: names of arrays, such as `object[0]`.
@@ -31,35 +34,34 @@ class Names:
     def __init__(self, parts: Parts, tick: Tick) -> None:
         script, self.memories = tick.script, _memories(tick.script)
         arrays = {id(array): name for name, array in script.arrays.items()}
-        self._objects = {arrays[id(held.grasped.block)]: held for held in parts.objects}
-        entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
-        self._known = {
-            (arrays[id(array)], entry): f"{self.memories[arrays[id(array)]]}{name}" if name[0] == "." else name
-            for array, entry, name in entries
-            if id(array) in arrays
+        self._arrays = script.arrays
+        self._fingers = {arrays[id(part.grasped.block)]: part.fingers.tolist() for part in parts.objects}
+        self._declarations = {
+            arrays[id(array)]: declaration for array, declaration in _declarations(parts) if id(array) in arrays
         }
+        entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
+        self._entries = {(arrays[id(array)], k): name for array, k, name in entries if id(array) in arrays}
 
     def entry(self, array: str, k: int) -> str:
         """Name an entry of an array; one that nothing declares by its number."""
-        if (array, k) not in self._known:
-            self._known[array, k] = self._object(array, k) if array in self._objects else f"{self.memories[array]}[{k}]"
-        return self._known[array, k]
-
-    def _object(self, array: str, k: int) -> str:
-        """Name an entry by its block's declaration, fingers by their numbers in the scene."""
-        held = self._objects[array]
-        text = name_of(GraspState, k, held.grasped.block)
-        if not text.startswith("fingers["):
-            return _inside(self.memories[array], text)
-        j, _, rest = text.removeprefix("fingers[").partition("]")
-        return f"finger[{held.fingers[int(j)]}]{rest}"
+        name = self._declared(array, k)
+        if array in self._fingers and name.startswith(".fingers["):  # by their numbers in the scene
+            j, _, rest = name.removeprefix(".fingers[").partition("]")
+            return f"finger[{self._fingers[array][int(j)]}]{rest}"
+        return name if name[0] not in ".[" else f"{self.memories[array]}{name}"
 
     def shared(self, array: str, k: int) -> str:
         """Name an entry where a function serves several memories of a kind: without the number of this one."""
-        kind = self.memories[array].partition("[")[0]
-        if array in self._objects:
-            return _inside(kind, name_of(GraspState, k, self._objects[array].grasped.block))
-        return self.entry(array, k).replace(self.memories[array], kind, 1)
+        name = self._declared(array, k)
+        return name if name[0] not in ".[" else f"{self.memories[array].partition('[')[0]}{name}"
+
+    def _declared(self, array: str, k: int) -> str:
+        """Name an entry in full, or from the point or bracket after its memory's name on."""
+        if array in self._declarations:
+            name = name_of(self._declarations[array], k, self._arrays[array])
+            if not name.startswith("["):
+                return f".{name}"
+        return self._entries.get((array, k), f"[{k}]")
 
 
 def columns(layout: Layout) -> Mapping[int, str]:
@@ -76,7 +78,7 @@ def columns(layout: Layout) -> Mapping[int, str]:
 
 
 def _memories(script: Script) -> dict[str, str]:
-    """The arrays' names with numbers that begin anew for each kind."""
+    """Name the arrays with numbers that begin anew for each kind."""
     counts: dict[str, int] = {}
     names = {}
     for array in script.arrays:
@@ -86,8 +88,22 @@ def _memories(script: Script) -> dict[str, str]:
     return names
 
 
-def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
-    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "AHEAD"):
+def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
+    """List memories with the records that they are."""
+    yield from ((part.grasped.block, GraspState) for part in parts.objects)
+    owners: list[tuple[object, object]] = [(s.device, getattr(s.device, "state", None)) for s in parts.stations]
+    for m in parts.plants:
+        owners += [(part, getattr(part, "state", None)) for part in (m.plant, m.hand)]
+    owners += [(mover.body, getattr(mover.body, "buffer", None)) for mover in parts.movers]
+    owners += [(observer, observer.buffer) for observer in parts.observers]
+    for owner, array in owners:
+        declaration = getattr(owner, "declaration", None)
+        if declaration is not None and isinstance(array, np.ndarray):
+            yield array, declaration
+
+
+def _servo(parts: Parts, servo: FloatArray) -> Iterator[NamedEntry]:
+    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "LOOKED_UP"):
         yield servo, getattr(memory, name), f"servo.{name.lower()}"
     stuck = [f"body[{i}].stuck" for i in range(len(parts.movers))]
     stuck += [f"plant[{j}].stuck" for j in range(len(parts.plants))]
@@ -100,7 +116,7 @@ def _servo(parts: Parts, servo: FloatArray) -> Iterator[Named]:
         start += n * width
 
 
-def _devices(parts: Parts) -> Iterator[Named]:
+def _devices(parts: Parts) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for station in parts.stations:
         if isinstance(station.device, FusedDevice):
@@ -110,7 +126,7 @@ def _devices(parts: Parts) -> Iterator[Named]:
                 yield from _vectors(state, getattr(ports, quantity), f".{quantity}", k, d)
 
 
-def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
+def _ports(parts: Parts, tick: Tick) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for port in tick.ports:
         k = len(port.position)
@@ -121,7 +137,7 @@ def _ports(parts: Parts, tick: Tick) -> Iterator[Named]:
             yield from _vectors(port.memory, 1 + 3 * k * d, ".limit", k, 1)
 
 
-def _plants(parts: Parts) -> Iterator[Named]:
+def _plants(parts: Parts) -> Iterator[NamedEntry]:
     d = parts.layout.dimensions
     for m in parts.plants:
         if isinstance(m.plant, FusedPlant):
@@ -134,7 +150,7 @@ def _plants(parts: Parts) -> Iterator[Named]:
                     yield from _vectors(state, first + n * d, f".{quantity}.velocity", n, d)
 
 
-def _hands(parts: Parts) -> Iterator[Named]:
+def _hands(parts: Parts) -> Iterator[NamedEntry]:
     for m in parts.plants:
         if isinstance(m.hand, FusedHand):
             for quantity in ("position", "velocity"):
@@ -142,20 +158,16 @@ def _hands(parts: Parts) -> Iterator[Named]:
                 yield from _vectors(m.hand.state, first, f".{quantity}", len(m.fingers), parts.layout.dimensions)
 
 
-def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[Named]:
-    """Some vectors one after another."""
+def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[NamedEntry]:
+    """Name some vectors one after another."""
     for i in range(count):
         for a, suffix in enumerate(_components((d,))):
             yield state, first + i * d + a, f"{name}{f'[{i}]' if count > 1 else ''}{suffix}"
 
 
 def _components(shape: Sequence[int]) -> list[str]:
-    """Suffixes of a number, of a vector's components, or of many numbers."""
+    """List suffixes of a number, of a vector's components, or of many numbers."""
     width = shape[0] if shape else 1
     if width == 1:
         return [""]
     return [f".{AXES[a]}" for a in range(width)] if width <= len(AXES) else [f"[{a}]" for a in range(width)]
-
-
-def _inside(memory: str, name: str) -> str:
-    return f"{memory}{'' if name.startswith('[') else '.'}{name}"

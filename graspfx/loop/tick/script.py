@@ -29,35 +29,35 @@ class Script:
         self._addresses: list[tuple[int, str]] = []  # of the arrays' first entries, in order
 
     def memory(self, kind: str, array: FloatArray, structure: Iterable[int] = ()) -> str:
-        """The name of an array, the same whenever it is the same memory; entries in `structure` never change.
+        """Name an array, the same whenever it is the same memory; entries in `structure` never change.
 
         Raises:
             InputError: no flat float64 array, or one that shares a part of its memory with another.
         """
         if array.dtype != np.float64 or not array.flags.c_contiguous or array.ndim != 1:
             raise InputError(kind, f"an array {array.shape} of {array.dtype}", "a flat contiguous float64 array")
-        name = next((name for name, known in self.arrays.items() if known is array), None) or self._named(kind, array)
+        name = next((name for name, each in self.arrays.items() if each is array), None) or self._new_name(kind, array)
         self.arrays[name] = array
         self.frozen |= {(name, int(k)): float(array[k]) for k in structure}
         return name
 
-    def _named(self, kind: str, array: FloatArray) -> str:
-        """A name for an array that is another object than all before: maybe one's memory, shown anew."""
-        for name, known in self.arrays.items():
-            if np.may_share_memory(known, array):
-                if known.ctypes.data == array.ctypes.data and known.size == array.size:
+    def _new_name(self, kind: str, array: FloatArray) -> str:
+        """Name an array that is another object than all before: maybe one's memory, shown anew."""
+        for name, each in self.arrays.items():
+            if np.may_share_memory(each, array):
+                if each.ctypes.data == array.ctypes.data and each.size == array.size:
                     return name
                 raise InputError(kind, array.shape, f"a block of its own, which shares nothing with {name}")
         return f"{kind}{len(self.arrays)}"
 
     def place(self, array: FloatArray) -> tuple[str, int]:
-        """The name of the memory that a flat array is a piece of, and the entry that is its first.
+        """Find the name of the memory that a flat array is a piece of, and the entry that is its first.
 
         Raises:
             InputError: it is a piece of none.
         """
         if len(self._addresses) != len(self.arrays):
-            self._addresses = sorted((_address(known), name) for name, known in self.arrays.items())
+            self._addresses = sorted((_address(each), name) for name, each in self.arrays.items())
         address = _address(array)
         k = bisect_right(self._addresses, address, key=lambda pair: pair[0]) - 1
         if k >= 0:
@@ -68,14 +68,14 @@ class Script:
         raise InputError("array", f"one of {len(array)} entries", "a piece of a memory of the script")
 
     def kernel(self, function: Callable[..., Any]) -> str:
-        """The name of a function."""
+        """Name a function."""
         name = function.__name__
         while name in self.variables or self.kernels.setdefault(name, function) is not function:
             name += "_"
         return name
 
     def variable(self, name: str) -> str:
-        """A name of a number that is no memory's and no kernel's, this one if it can be."""
+        """Name a number that is no memory's and no kernel's, by this name if it is free."""
         while name in self.kernels or name in self.arrays:
             name += "_"
         self.variables.add(name)

@@ -21,7 +21,7 @@ OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "res
 def sources(
     parts: Parts, servo: FloatArray, own: Mapping[str, tuple[int, int]]
 ) -> Iterator[tuple[int, FloatArray, int]]:
-    """Numbers of a row, each with the memory and the entry that it shows.
+    """List the numbers of a row, each with the memory and the entry that it shows.
 
     Args:
         parts: of the scene.
@@ -35,17 +35,17 @@ def sources(
             places = numbers[columns[column].where]
             yield from ((int(p), source, int(e)) for p, e in zip(places, entries.ravel(), strict=True))
 
-    for held in parts.objects:
-        block, where = held.grasped.block, held.grasped.where
+    for part in parts.objects:
+        block, where = part.grasped.block, part.grasped.where
         for quantity in COMPUTED:
             if quantity in columns:
-                places = numbers[columns[quantity].where].reshape(columns[quantity].shape)[held.fingers]
+                places = numbers[columns[quantity].where].reshape(columns[quantity].shape)[part.fingers]
                 for p, e in zip(places.ravel(), where[quantity].ravel(), strict=True):
                     yield int(p), block, int(e)
         for quantity in OBJECT:
-            yield from pairs(f"objects/{held.name}/{quantity}", block, where[quantity])
-    for held, observer in zip(parts.objects, parts.observers, strict=False):
+            yield from pairs(f"objects/{part.name}/{quantity}", block, where[quantity])
+    for part, observer in zip(parts.objects, parts.observers, strict=False):
         for quantity in (*BY_MODE, *OF_OBJECT):
-            yield from pairs(f"objects/{held.name}/energy/{quantity}", observer.buffer, observer.where[quantity])
+            yield from pairs(f"objects/{part.name}/energy/{quantity}", observer.buffer, observer.where[quantity])
     for column, (first, count) in own.items():
         yield from pairs(column, servo, np.arange(first, first + count))

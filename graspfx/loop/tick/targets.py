@@ -26,7 +26,7 @@ HANDS, WHOLE, SPACE, JOINED = range(4)
 
 
 def minimum_jerk(s: float) -> tuple[float, float]:
-    """10 s^3 - 15 s^4 + 6 s^5 and its derivative by s; 0 before s = 0, 1 after s = 1.
+    """Compute 10 s^3 - 15 s^4 + 6 s^5 and its derivative by s; 0 before s = 0, 1 after s = 1.
 
     The step with the least integral of squared jerk between two states of rest (T. Flash and N. Hogan, The coordination
     of arm movements, J. Neuroscience 5(7), 1985).
@@ -39,7 +39,7 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 def later(S: Any, first: int, count: int, t: float) -> int:
-    """How many of the increasing times from `first` on are not after t."""
+    """Count the increasing times from `first` on that are not after t."""
     low, high = 0, count
     while low < high:
         middle = (low + high) // 2
@@ -51,7 +51,7 @@ def later(S: Any, first: int, count: int, t: float) -> int:
 
 
 def sine(S: Any, o: int, t: float, x: int, d: int) -> None:
-    """Own numbers: a, 2 pi f, begin, ramp, u (d)."""
+    """Add a sine; own numbers: a, 2 pi f, begin, ramp, u (d)."""
     since = t - S[o + 2]
     if since < 0.0:
         return
@@ -69,7 +69,7 @@ def sine(S: Any, o: int, t: float, x: int, d: int) -> None:
 
 
 def reach(S: Any, o: int, t: float, x: int, d: int) -> None:
-    """Own numbers: begin, duration, displacement (d)."""
+    """Add a reach; own numbers: begin, duration, displacement (d)."""
     s, ds = minimum_jerk((t - S[o]) / S[o + 1])
     ds /= S[o + 1]
     for j in range(d):
@@ -78,7 +78,7 @@ def reach(S: Any, o: int, t: float, x: int, d: int) -> None:
 
 
 def path(S: Any, o: int, count: int, t: float, x: int, d: int) -> None:
-    """Own numbers: times (count), cubics (count - 1, 4, d) from the highest power on, the last position (d)."""
+    """Add a path; own numbers: times (count), cubics (count - 1, 4, d) from the highest power on, last position (d)."""
     cubics = o + count
     if t >= S[cubics - 1]:
         last = cubics + 4 * d * (count - 1)
@@ -98,7 +98,7 @@ def path(S: Any, o: int, count: int, t: float, x: int, d: int) -> None:
 
 
 def levels(S: Any, o: int, count: int, t: float, x: int) -> None:
-    """Own numbers: begins (count), durations (count), levels (count + 1) from the zero before the first; d = 1."""
+    """Add levels; own numbers: begins (count), durations (count), levels (count + 1) from the first zero; d = 1."""
     k = later(S, o, count, t) - 1
     level = S[o + 2 * count + k + 1]
     if k >= 0:
@@ -114,13 +114,13 @@ def levels(S: Any, o: int, count: int, t: float, x: int) -> None:
 
 
 def given(S: Any, o: int, x: int, d: int) -> None:
-    """Own numbers: offset (d) and velocity (d) at the time that is asked for, which the caller has written."""
+    """Add a motion of the caller's; own numbers: offset (d) and velocity (d) at the time, which the caller writes."""
     for j in range(2 * d):
         S[x + j] += S[o + j]
 
 
 def motion_at(S: Any, o: int, t: float, x: int, d: int) -> None:
-    """The offset (d) at `x`, followed by its velocity (d), of the motion that stands at `o`, at the time t."""
+    """Compute the offset (d) at `x`, followed by its velocity (d), of the motion that stands at `o`, at the time t."""
     for j in range(2 * d):
         S[x + j] = 0.0
     part = o + 1
@@ -140,7 +140,7 @@ def motion_at(S: Any, o: int, t: float, x: int, d: int) -> None:
 
 
 def turn(S: Any, o: int, t: float, r: int, v: int, n: int, d: int) -> int:
-    """Positions (n, d) at `r` and velocities at `v` turned in place; 0 if there was nothing to turn.
+    """Turn positions (n, d) at `r` and velocities at `v` in place; return 0 if there was nothing to turn.
 
     r -> c + R (r - c), v -> R v + angle' u x R (r - c), R = u u' + cos (I - u u') + sin [u]x.
     """
@@ -182,7 +182,7 @@ def turn(S: Any, o: int, t: float, r: int, v: int, n: int, d: int) -> int:
 
 
 def target(S: Any, o: int, t: float) -> None:
-    """r (n, d), then r' (n, d), of the hand whose block starts at `o`, at the time t (`graspfx.loop.hand.Hand`)."""
+    """Compute r (n, d), then r' (n, d), of the hand whose block starts at `o`, at time t (`graspfx.loop.hand.Hand`)."""
     n, d = int(S[o + FINGERS]), int(S[o + DIMENSIONS])
     squeeze, motion, turns = o + int(S[o + SQUEEZE]), o + int(S[o + MOTION]), int(S[o + TURNS])
     if turns == 0 and int(S[motion]) == 0 and int(S[squeeze]) == 0:
@@ -216,7 +216,7 @@ def target(S: Any, o: int, t: float) -> None:
 
 
 def joined_target(S: Any, o: int, t: float) -> None:
-    """The same for hands joined (`graspfx.loop.hand.JoinedHands`)."""
+    """Compute r and r' of joined hands (`graspfx.loop.hand.JoinedHands`)."""
     hands, n, d = int(S[o + HANDS]), int(S[o + WHOLE]), int(S[o + SPACE])
     for h in range(hands):
         at = int(S[o + JOINED + h])

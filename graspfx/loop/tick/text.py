@@ -12,7 +12,7 @@ from graspfx.loop.tick.wire_parts import Wirer
 
 
 def write(parts: Parts, *, record: bool = True) -> Tick:
-    """The tick of these parts.
+    """Write the tick of these parts.
 
     Args:
         record: whether a row is written, to the array `rows` at row r.
@@ -24,7 +24,7 @@ def write(parts: Parts, *, record: bool = True) -> Tick:
 
 
 def lines_of(parts: Parts, tick: Tick, *, record: bool = True) -> tuple[list[Line], list[Line]]:
-    """Both halves of a tick, each line with the line of the code that it comes from; its memories go to the script."""
+    """Write both halves of a tick, each line with its line of code; its memories go to the script."""
     wiring = Wirer(parts, tick).wire(record=record)
     halves = unfold(begin, tick.script, scene=wiring), unfold(end, tick.script, scene=wiring)
     keep_stages()

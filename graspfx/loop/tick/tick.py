@@ -11,11 +11,12 @@ from collections.abc import Sequence
 
 from graspfx.compile.unfold.stage import stage
 from graspfx.coupling import block as at
-from graspfx.coupling.approach import LOST
+from graspfx.coupling.contacts import LOST
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.loop.energy.watch import watch
-from graspfx.loop.tick.memory import AHEAD, FAULTED, MOVER, OBJECT_, PERIOD, PLANT, STATION, latch
+from graspfx.loop.tick.memory import FAULTED, LOOKED_UP, MOVER, OBJECT_, PERIOD, PLANT, STATION, latch
 from graspfx.loop.tick.wires import (
     BodyWires,
     Channel,
@@ -87,7 +88,7 @@ def read(scene: Wiring, k: int) -> None:
             if device.readable[0] != 0.0:
                 take_reading(device.channels)
         else:
-            for a, entry in enumerate(device.seen):
+            for a, entry in enumerate(device.sensed_entries):
                 device.sensed[a] = device.plant[entry]
             code = device.reading(device.state, 0)
             if code != 0:
@@ -115,7 +116,7 @@ def predict(scene: Wiring) -> None:
     """Tell couplings under the implicit integrator where their bodies would be without them."""
     for body in scene.bodies:
         if isinstance(body, BodyWires) and body.predicting is not None:
-            body.predicting(body.block, at.BODY, body.floor, scene.servo[PERIOD])
+            body.predicting(body.block, at.BODY, body.floor, 0, scene.servo[PERIOD])
 
 
 @stage
@@ -135,15 +136,15 @@ def couple_objects(scene: Wiring, k: int) -> None:
                 if code == LOST:
                     servo[grasp.stuck] = 1.0
             if grasp.ledger is not None and servo[FAULTED] == 0.0:
-                watch_energy(grasp.block, grasp.ledger, servo)
+                watch_energy(grasp.state, grasp.ledger, servo)
 
 
 @stage
-def watch_energy(block: FloatArray, ledger: LedgerWires, servo: FloatArray) -> None:
+def watch_energy(grasp: GraspState, ledger: LedgerWires, servo: FloatArray) -> None:
     """Watch the energies of a grasp."""
     if ledger.met is not None and ledger.contact_wrench is not None:
         copy(ledger.met, ledger.contact_wrench)
-    watch(block, ledger.book, servo[PERIOD])
+    watch(grasp, ledger.state, servo[PERIOD])
 
 
 @stage
@@ -222,7 +223,7 @@ def move(scene: Wiring, k: int) -> None:
                 for part in body.parts:
                     body.handing(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
             else:
-                code = body.stepping(body.block, at.BODY, body.floor, servo[PERIOD])
+                code = body.stepping(body.block, at.BODY, body.floor, 0, servo[PERIOD])
                 if code != 0:
                     latch(servo, k, MOVER, body.index, code)
                     servo[body.stuck] = 1.0
@@ -266,17 +267,17 @@ def aim(to: Target, target: Target) -> None:
 @stage
 def look_up(plant: PlantWires, table: TableWires, k: int, servo: FloatArray) -> None:
     """Look up the targets that a hand in plain Python gave beforehand."""
-    ahead = (k - int(servo[AHEAD])) * table.width
+    row = (k - int(servo[LOOKED_UP])) * table.width
     if plant.middle is not None:
-        look_up_target(plant.middle, table, ahead, table.width // 2)
-    look_up_target(plant.end, table, ahead, 0)
+        look_up_target(plant.middle, table, row, table.width // 2)
+    look_up_target(plant.end, table, row, 0)
 
 
 @stage
-def look_up_target(to: Target, table: TableWires, ahead: int, start: int) -> None:
+def look_up_target(to: Target, table: TableWires, row: int, start: int) -> None:
     """Hand a plant one row of a table: r, then r'."""
     size = len(to.position)
     for a in range(size):
-        to.position[a] = table.memory[ahead + (start + a)]
+        to.position[a] = table.memory[row + (start + a)]
     for a in range(size):
-        to.velocity[a] = table.memory[ahead + (start + size + a)]
+        to.velocity[a] = table.memory[row + (start + size + a)]

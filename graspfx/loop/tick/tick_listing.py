@@ -42,7 +42,7 @@ def listing(parts: Parts) -> list[str]:
         functions = listings(program)
         words, memories = _Words(names, row, _function_names(functions)), _memories_of(functions)
         for function in functions:
-            shared = {parameter for parameter, several in memories[function.name].items() if len(several) > 1}
+            shared = {parameter for parameter, uses in memories[function.name].items() if len(uses) > 1}
             out += [*_function(function, halves[name] if function.name == name else [], words, shared), ""]
     return out[:-1]
 
@@ -72,7 +72,7 @@ class _Words:
 
 
 def _function_names(program: Sequence[Listing]) -> dict[str, str]:
-    """The kernels' own names, with a number where a kernel was specialised several times."""
+    """Name kernels by their own names, with a number where a kernel was specialised several times."""
     kernels: dict[str, list[str]] = {}
     for function in program:
         name = function.name if function.origin is None else function.name.rpartition("_")[0]
@@ -87,7 +87,7 @@ def _function_names(program: Sequence[Listing]) -> dict[str, str]:
 def _function(
     function: Listing, sources: Sequence[Line | None], words: _Words, shared: Container[str]
 ) -> Iterator[str]:
-    """The lines of a function, those of the tick under the name of the stage that wrote them.
+    """List the lines of a function, those of the tick under the name of the stage that wrote them.
 
     Args:
         function: of the program.
@@ -111,7 +111,7 @@ def _function(
 
 
 def _memories_of(program: Sequence[Listing]) -> dict[str, dict[str, set[str]]]:
-    """The memories that the parameters of functions stand for, from the first caller on."""
+    """Find the memories that the parameters of functions stand for, from the first caller on."""
     functions = {function.name: function for function in program}
     memories: dict[str, dict[str, set[str]]] = {
         function.name: {parameter: set() for parameter in function.parameters} for function in program
@@ -139,7 +139,7 @@ def _place(file: str, line: int) -> str:
 
 
 def _file(file: str) -> str:
-    """A file as it stands in the source tree, or in full if it is not ours."""
+    """Name a file as it stands in the source tree, or in full if it is not GraspFX's."""
     for root in graspfx.__path__:
         folder = Path(root).parent if Path(root).name == "graspfx" else Path(root)
         if Path(file).is_relative_to(folder):

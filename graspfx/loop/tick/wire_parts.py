@@ -12,6 +12,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
 from graspfx.loop.device import Device, FusedDevice, LimitedDevice, fused, limit_port
+from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.observer import MET
 from graspfx.loop.parts import BodyGroup, DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
@@ -54,8 +55,8 @@ class Wirer:
         self.servo = tick.own = np.zeros(self.first + 2 * n * d + n)
         self.servo[PERIOD] = parts.period
         self.script.memory("servo", self.servo, [PERIOD])
-        for held in parts.objects:
-            self.script.memory("object", held.grasped.block, held.grasped.structure)
+        for part in parts.objects:
+            self.script.memory("object", part.grasped.block, part.grasped.structure)
         for observer in parts.observers:
             self.script.memory("ledger", observer.buffer, observer.structure)
         for m in parts.plants:
@@ -68,7 +69,7 @@ class Wirer:
         self.plants = [self._memory(m) for m in parts.plants]
 
     def wire(self, *, record: bool) -> Wiring:
-        """The wiring of all parts, recorded or not."""
+        """Wire all parts, recorded or not."""
         for mover in self.parts.movers:
             if (guest := guest_of(mover.body)) is not None:
                 self.script.memory("guest", guest.buffer, guest.structure)
@@ -93,11 +94,11 @@ class Wirer:
         displayed, before = self.servo[first : first + 2 * n * d].reshape(2, n, d)
         energy = self.servo[first + 2 * n * d :]
         fingers: dict[int, FingerWires] = {}
-        for held in self.parts.objects:
-            block, limited = held.grasped.block, held.grasped.limit is not None
+        for part in self.parts.objects:
+            block, limited = part.grasped.block, part.grasped.limit is not None
             group = GraspState(block).fingers
             quantities = [group.array(q) for q in (FingerState.position, FingerState.velocity, FingerState.force)]
-            for j, f in enumerate(held.fingers.tolist()):
+            for j, f in enumerate(part.fingers.tolist()):
                 position, velocity, force = (rows[j, :d] for rows in quantities)
                 fingers[f] = FingerWires(
                     position=position,
@@ -112,7 +113,7 @@ class Wirer:
         return [fingers[f] for f in range(n)]
 
     def _tip(self, f: int, position: FloatArray) -> FloatArray:
-        """Where the fingertip truly is, or where it was read if that is not known."""
+        """Find where the fingertip truly is, or where it was read if that is not known."""
         if self.parts.layout.simulated:
             for m, memory in zip(self.parts.plants, self.plants, strict=True):
                 if f in m.fingers:
@@ -132,7 +133,7 @@ class Wirer:
             state=state,
             sensed=state[port.sensed : port.sensed + len(device.sensed)],
             plant=plant,
-            seen=device.sensed.tolist(),
+            sensed_entries=device.sensed.tolist(),
             channels=self._channels(
                 station, fingers, state, port.position, port.velocity, port.command, limit_port(device)
             ),
@@ -162,7 +163,7 @@ class Wirer:
         command: int,
         limit: int | None,
     ) -> list[Channel]:
-        """The channels that the scene uses, by where a device's memory has the first of each quantity."""
+        """List the channels that the scene uses, by where a device's memory has the first of each quantity."""
 
         def vector(start: int, c: int) -> FloatArray:
             return memory[start + c * self.d :][: self.d]
@@ -190,7 +191,7 @@ class Wirer:
             if observer.met is not None:
                 self._floor(self.parts.movers[number])
             met = None if observer.met is None else observer.buffer[MET : MET + 6]
-            ledger = LedgerWires(observer.buffer, met, observer.met)
+            ledger = LedgerWires(LedgerState(observer.buffer), met, observer.met)
         return GraspWires(i, grasped.block, grasped.state, grasped.limit is not None, STUCK + number, ledger)
 
     def _bodies(self) -> Iterator[BodyWires | GuestWires]:
@@ -212,7 +213,7 @@ class Wirer:
                 self.tick.bodies.append(i)
 
     def _floor(self, mover: BodyGroup) -> FloatArray:
-        """What stands beside a native body's block, or the block again."""
+        """Find the floor beside a native body's block, or the block again."""
         buffer: FloatArray | None = mover.body.buffer
         if buffer is None:
             return self.parts.objects[mover.objects[0]].grasped.block
@@ -222,13 +223,13 @@ class Wirer:
     # Plants and hands ---------------------------------------------------------------------------------------------
 
     def _is_native(self, m: PlantWiring) -> bool:
-        """Whether kernels do all that a plant needs."""
-        known = {id(station.device) for station in self.parts.stations}
+        """Tell whether kernels do all that a plant needs."""
+        wired = {id(station.device) for station in self.parts.stations}
         devices = [cast("Device", device) for device in m.devices]
-        return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in known for d in devices)
+        return plants.fused(m.plant) is not None and all(fused(d) is not None and id(d) in wired for d in devices)
 
     def _memory(self, m: PlantWiring) -> FloatArray:
-        """A plant's block, or its fingertips' positions, flat."""
+        """Give a plant's block, or its fingertips' positions, flat."""
         if isinstance(m.plant, FusedPlant):
             self.script.memory("plant", m.plant.state, m.plant.structure)
             return m.plant.state
@@ -243,7 +244,7 @@ class Wirer:
         return flat
 
     def _plant_of(self, device: Device) -> FloatArray | None:
-        """The block of the native plant that moves a device."""
+        """Find the block of the native plant that moves a device."""
         for m, memory, native in zip(self.parts.plants, self.plants, self.native, strict=True):
             if native and id(device) in map(id, m.devices):
                 return memory
@@ -278,7 +279,7 @@ class Wirer:
             start += size
 
     def _hand(self, j: int, m: PlantWiring, targets: list[Target]) -> HandWires | TableWires | None:
-        """A hand, for the targets that its plant takes in a sample; one that keeps still is done with now."""
+        """Wire a hand for its plant's targets in a sample; one that keeps still needs nothing from now on."""
         hand = m.hand if isinstance(m.hand, FusedHand) else None
         size = len(m.fingers) * self.d
         if hand is None:
@@ -287,18 +288,18 @@ class Wirer:
             self.tick.tables.append(table)
             self.script.memory("targets", table.memory)
             return TableWires(table.memory, width)
-        shown = _target(hand.state, hand.ports.position, hand.ports.velocity, size)
+        port = _target(hand.state, hand.ports.position, hand.ports.velocity, size)
         if plants.is_still(hand):
             for target in targets:
-                target.position[:], target.velocity[:] = shown.position, shown.velocity
+                target.position[:], target.velocity[:] = port.position, port.velocity
             return None
         self.script.memory("hand", hand.state, hand.structure)
-        return HandWires(hand.state, hand.kernel, shown)
+        return HandWires(hand.state, hand.kernel, port)
 
     # The recording ------------------------------------------------------------------------------------------------
 
     def _columns(self) -> list[tuple[int, FloatArray, int]]:
-        """Each number of a row, with the memory and the entry that it shows."""
+        """List each number of a row, with the memory and the entry that it shows."""
         size, displayed = self.n * self.d, self.first
         before, energy = displayed + size, displayed + 2 * size
         own = {

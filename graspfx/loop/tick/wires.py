@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.grasp_state import GraspState
+from graspfx.loop.energy.books import LedgerState
 
 FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
@@ -48,7 +49,7 @@ class DeviceWires:
     state: FloatArray
     sensed: FloatArray  # what its sensors see, in its block
     plant: FloatArray  # the block of what it is read from
-    seen: Sequence[int]  # the entries of it that the sensors see
+    sensed_entries: Sequence[int]  # the entries of it that the sensors see
     channels: Sequence[Channel]
     reading: Kernel
     writing: Kernel
@@ -68,8 +69,8 @@ class PortWires:
 class LedgerWires:
     """The energies of an object's grasp; on planes also what these did to the body."""
 
-    book: FloatArray
-    met: FloatArray | None  # where the book takes it, (6,) [N, N m]
+    state: LedgerState
+    met: FloatArray | None  # where the ledger takes it, (6,) [N, N m]
     contact_wrench: FloatArray | None  # where the planes' memory has it, (6,) [N, N m]
 
 

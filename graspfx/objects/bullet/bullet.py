@@ -16,11 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.records import Record, start_of
 from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import guest
-from graspfx.objects import integrators as at
 from graspfx.objects.body import BlockBody, FloatArray
-from graspfx.spatial import rotate_numbers as rotate
+from graspfx.objects.body_state import BodyState, Motion
+from graspfx.objects.decay import decay_integrals
+from graspfx.objects.guest import GuestState
+from graspfx.spatial import Quaternion, Vector, rotate
 
 BANNER = b"pybullet build time"
 Call = Callable[[], None]
@@ -54,14 +57,15 @@ class Carried(BlockBody):
     def __init__(self, state: FloatArray, part: FloatArray, client: int, collision: int = -1) -> None:
         super().__init__(state)
         d = self.dimensions
-        free = state[at.FREE : at.FREE + 6] != 0.0
+        own = BodyState(state)
+        free = np.append(own.array(BodyState.free_translation), own.array(BodyState.free_rotation)) != 0.0
         self.fixed = not free.any()
         self._turns = tuple(int(a) for a in range(3) if free[3 + a])
-        self._start = (0.0, 0.0, 0.0, 1.0) if d == 2 else _four(state, at.QUATERNION)
+        self._start = (0.0, 0.0, 0.0, 1.0) if d == 2 else _numbers(own.motion, Motion.quaternion)
         moments = self._seen_moments()
-        mass = float(state[at.MASS])
+        mass = own.mass
         bullet = pybullet()
-        where = _three(state, at.POSITION)
+        where = _numbers(own.motion, Motion.position)
         shaped = collision >= 0
         moving = not (shaped and self.fixed)
         self.body: int = bullet.createMultiBody(
@@ -84,44 +88,44 @@ class Carried(BlockBody):
             physicsClientId=client,
         )
         bullet.resetBaseVelocity(
-            self.body, _three(state, at.VELOCITY), _three(state, at.ANGULAR_VELOCITY), physicsClientId=client
+            self.body,
+            _numbers(own.motion, Motion.velocity),
+            _numbers(own.motion, Motion.angular_velocity),
+            physicsClientId=client,
         )
         part[:] = 0.0
-        part[guest.BY_SPIN] = shaped  # the friction of PyBullet's contacts does not see a torque, but a velocity
-        part[guest.SHIFTS : guest.SHIFTS + d] = free[:d]
-        part[guest.TURNS : guest.TURNS + 3] = free[3:]
-        part[guest.TURNING] = len(self._turns)
-        part[guest.AXIS] = self._turns[0] if self._turns else 0
-        part[guest.MOMENTS : guest.MOMENTS + 3] = moments
-        part[guest.START : guest.START + 4] = self._start
-        part[guest.FIRST] = state[at.ANGLE]
-        self._part = part
-        self._F: Any = memoryview(part)
-        self.push, self.read = _calls(self._F, client, self.body, where)
+        told = self._guest = GuestState(memoryview(part))
+        told.by_spin = shaped  # the friction of PyBullet's contacts does not see a torque, but a velocity
+        told.array(GuestState.free_translation)[:d] = free[:d]
+        told.free_rotation = Vector(*free[3:])
+        told.turns, told.axis = len(self._turns), self._turns[0] if self._turns else 0
+        told.moments, told.start = Vector(*moments), Quaternion(*self._start)
+        told.start_angle = self._body.motion.angle
+        self.push, self.read = _calls(told, client, self.body, where)
 
     def hold(self, T: float) -> None:
         """Viscosity's shares over samples of T [s]."""
-        S, F = self._S, self._F
-        F[guest.SHARE] = at.held(S[at.VISCOSITY] * T / S[at.MASS])[1]
-        for a in range(3):
-            F[guest.SHARES + a] = at.held(S[at.ROTATIONAL_VISCOSITY] * T / F[guest.MOMENTS + a])[1]
+        body, told = self._body, self._guest
+        told.share = decay_integrals(body.viscosity * T / body.mass)[1]
+        b, J = body.rotational_viscosity, told.moments
+        told.shares = Vector(*(decay_integrals(b * T / moment)[1] for moment in (J.x, J.y, J.z)))
 
     def hand_over(self, T: float) -> None:
         """The wrench in the block, with gravity and viscosity, to be pushed with over T [s]."""
-        guest.hand_over(self._S, 0, self._F, 0, T)
+        guest.hand_over(self._body, self._guest, T)
 
     def take_over(self, T: float) -> int:
         """The motion that was read after a step of T [s], into the block; 0, or a code if the body cannot go on."""
-        return guest.take_over(self._S, 0, self._F, 0, T)
+        return guest.take_over(self._body, self._guest, T)
 
     @property
     def speed(self) -> float:
         """Of rotation, as it was read last [rad/s]."""
-        return float(np.linalg.norm(self._part[guest.SPIN : guest.SPIN + 3]))
+        return float(np.linalg.norm(self._guest.array(GuestState.spin)))
 
-    def _seen_moments(self) -> tuple[float, float, float]:
+    def _seen_moments(self) -> tuple[float, ...]:
         """The moments that PyBullet is given, so that the free rotations move as they should."""
-        moments = _three(self.state, at.INERTIA)
+        moments = _numbers(self._body, BodyState.inertia)
         if len(self._turns) == 3 or moments[0] == moments[1] == moments[2] > 0.0:
             return moments
         if not self._turns:
@@ -135,13 +139,13 @@ class Carried(BlockBody):
             )
         axis = [1.0 if a in self._turns else 0.0 for a in range(3)]
         if self.dimensions == 3:
-            x, y, z, w = self._start
-            axis = list(rotate(-x, -y, -z, w, *axis))
+            own = rotate(Quaternion(*self._start).conjugate, Vector(*axis))
+            axis = [own.x, own.y, own.z]
         J = sum(moment * e * e for moment, e in zip(moments, axis, strict=True))
         return J, J, J
 
 
-def _calls(F: Any, client: int, body: int, where: Sequence[float]) -> tuple[Call, Call]:
+def _calls(told: GuestState, client: int, body: int, where: Sequence[float]) -> tuple[Call, Call]:
     """What hands a body's push to PyBullet, and what reads its motion: little more than PyBullet's own calls.
 
     Names are bound once and arguments are positional, which saves 0.2 us a call.
@@ -150,7 +154,8 @@ def _calls(F: Any, client: int, body: int, where: Sequence[float]) -> tuple[Call
     force, torque, spin = bullet.applyExternalForce, bullet.applyExternalTorque, bullet.resetBaseVelocity
     place, motion, frame = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity, bullet.WORLD_FRAME
     three = struct.Struct("3d").unpack_from
-    push_at, twist_at, told_at = 8 * guest.PUSH, 8 * guest.TWIST, 8 * guest.VELOCITY
+    F = told.buffer
+    push_at, twist_at, told_at = (8 * start_of(GuestState, name) for name in ("push", "twist", "velocity"))
     all_of_it, velocity_alone = struct.Struct("13d").pack_into, struct.Struct("3d").pack_into
     centre, own_frame = (0.0, 0.0, 0.0), bullet.LINK_FRAME
 
@@ -175,9 +180,9 @@ def _calls(F: Any, client: int, body: int, where: Sequence[float]) -> tuple[Call
         velocity, spin = motion(body, client)
         all_of_it(F, told_at, *velocity, *where, *turn, *spin)
 
-    if F[guest.TURNING] == 0.0:  # its frame is never turned, and PyBullet's x+ = x + T v+ is ours to the last bit
+    if told.turns == 0:  # its frame is never turned, and PyBullet's x+ = x + T v+ is ours to the last bit
         return push, read_velocity
-    return push_and_spin if F[guest.BY_SPIN] else push_and_twist, read
+    return push_and_spin if told.by_spin else push_and_twist, read
 
 
 class Carrier:
@@ -302,12 +307,9 @@ def new_client() -> int:
     return client
 
 
-def _three(S: Any, o: int) -> tuple[float, float, float]:
-    return float(S[o]), float(S[o + 1]), float(S[o + 2])
-
-
-def _four(S: Any, o: int) -> tuple[float, float, float, float]:
-    return float(S[o]), float(S[o + 1]), float(S[o + 2]), float(S[o + 3])
+def _numbers(record: Record, field: Any) -> tuple[float, ...]:
+    """Give the numbers of a field as PyBullet takes them."""
+    return tuple(record.array(field).tolist())
 
 
 def pybullet() -> Any:

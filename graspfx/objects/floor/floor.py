@@ -8,14 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from graspfx.compile.records import numbers
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Many, size_for, size_of, start_of
 from graspfx.cones.cone import contact_frame
-from graspfx.cones.problem import choices, set_up
+from graspfx.cones.problem import choices, problem_size, set_up
 from graspfx.errors import GraspFXError, InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor import rest
-from graspfx.objects.floor.lowest import BALL, ELLIPSOID, FEATURE, NOTCH, RIM, SIDES, lowest
+from graspfx.objects.floor.lowest import BALL, ELLIPSOID, NOTCH, RIM, lowest
+from graspfx.objects.floor.planes import MOST, SIDES, Feature, FloorState
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
 from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
@@ -24,16 +27,18 @@ FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
 SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
 
 
-def advance(S: Any, o: int, F: Any, T: float) -> int:
-    """One step of the body on its planes; 1 if their forces did not settle, and then it has not moved."""
-    return 1 if rest.step_on_planes(S, o, F, T) < 0 else 0
+@kernel
+def advance(body: BodyState, floor: FloorState, T: float) -> int:
+    """Move the body on its planes by one sample; 1 if their forces did not settle, and then it has not moved."""
+    return 1 if rest.step_on_planes(body, floor, T) < 0 else 0
 
 
-def expect(S: Any, o: int, F: Any, T: float) -> None:
-    """The implicit integrator's motion without a wrench of the fingers, the planes' last forces held."""
-    at.predict(S, o, T)
-    if F[rest.TOUCHING] != 0.0:
-        rest.predict_on_planes(S, o, F, T)
+@kernel
+def expect(body: BodyState, floor: FloorState, T: float) -> None:
+    """Predict the implicit integrator's motion without a wrench of the fingers, with the planes' last forces."""
+    at.predict(body, T)
+    if floor.touching != 0:
+        rest.predict_on_planes(body, floor, T)
 
 
 class FloorBody(NativeBody):
@@ -60,38 +65,37 @@ class FloorBody(NativeBody):
             raise InputError("restitution", meeting.restitution, "0: a native body does not bounce", "use bullet")
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
-        F = self.buffer = np.zeros(rest.size(len(planes), len(points)))
-        o = rest.problem_place(len(planes), len(points))
-        set_up(F, o, 0)
-        self.structure = (rest.PLANES, rest.FEATURES, *choices(o))
-        self._F: Any = memoryview(F)
-        mass = float(self.state[at.MASS])
-        F[rest.PLANES], F[rest.FEATURES] = len(planes), len(points)
-        F[rest.STIFFNESS], F[rest.FRICTION] = meeting.stiffness, meeting.friction
-        F[rest.DAMPING] = 2.0 * math.sqrt(meeting.stiffness * mass)
-        F[rest.REACH] = reach(points)
-        first, rows, _, _ = rest.offsets(self._F)
-        for p, (normal, distance) in enumerate(planes):
-            o = first + p * rest.PLANE
-            F[o : o + 3] = normal
-            F[o : o + 9] = list(numbers(contact_frame(Vector(*F[o : o + 3].tolist()), max(self.dimensions, 2))))
-            F[o + 9] = distance
-        F[rows : rows + points.size] = points.ravel()
+        sizes = {"plane_count": len(planes), "feature_count": len(points)}
+        room = problem_size(len(planes) * MOST + len(points))
+        self.buffer = np.zeros(size_for(FloorState, **sizes, problem_entries=room))
+        floor = self._floor = FloorState(memoryview(self.buffer))
+        floor.plane_count, floor.feature_count, floor.problem_entries = len(planes), len(points), room
+        self.buffer[start_of(FloorState, "problem")] = problem = floor.problem_room.offset
+        set_up(self.buffer, problem, 0)
+        self.structure = (*(start_of(FloorState, name) for name in (*sizes, "problem")), *choices(problem))
+        floor.stiffness, floor.friction, floor.reach = meeting.stiffness, meeting.friction, reach(points)
+        floor.damping = 2.0 * math.sqrt(meeting.stiffness * self._body.mass)
+        for plane, (normal, distance) in zip(floor.planes, planes, strict=True):
+            plane.frame = contact_frame(Vector(*normal.tolist()), max(self.dimensions, 2))
+            plane.distance = distance
+        first = floor.features.offset
+        self.buffer[first : first + points.size] = points.ravel()
+        self._wrench = self.buffer[start_of(FloorState, "force") : start_of(FloorState, "unknowns")]
 
     @property
     def contact_wrench(self) -> FloatArray:
         """Force and moment of all planes on the body in the last sample, world axes, (6,) [N, N m]."""
-        return self.buffer[rest.WRENCH : rest.WRENCH + 6]
+        return self._wrench
 
     @property
     def touching(self) -> int:
         """Contact points that bore a force in the last sample."""
-        return int(self.buffer[rest.TOUCHING])
+        return self._floor.touching
 
     @property
     def associated(self) -> int:
         """Samples so far in which no answer of Coulomb's law was found: slipping then also lifts."""
-        return int(self.buffer[rest.OTHER_LAW])
+        return self._floor.associated
 
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block and the planes' forces, all held.
@@ -99,7 +103,7 @@ class FloorBody(NativeBody):
         Raises:
             GraspFXError: the contact forces did not settle.
         """
-        code = advance(self._S, 0, self._F, T)
+        code = advance(self._body, self._floor, T)
         if code:
             raise GraspFXError(self.fault_text(code))
 
@@ -113,7 +117,7 @@ class FloorBody(NativeBody):
             InputError: for another integrator than "implicit", whose step they would not describe.
         """
         super().free_motion(T)
-        expect(self._S, 0, self._F, T)
+        expect(self._body, self._floor, T)
 
 
 def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, float]:
@@ -134,7 +138,7 @@ def plane_of(obstacle: Obstacle, seen_from: FloatArray) -> tuple[FloatArray, flo
 
 
 def features(shape: Any, d: int) -> FloatArray:
-    """What of a shape can touch a plane, (features, FEATURE): as `lowest` takes them.
+    """List what of a shape can touch a plane, (features, 5): kind, place and radius of each as `Feature` has them.
 
     A box has its corners, a sphere itself, a capsule its two ends, a cylinder its two rims with eight fixed points each
     to stand on, an ellipsoid itself, a mesh the corners of its convex hull.
@@ -142,7 +146,7 @@ def features(shape: Any, d: int) -> FloatArray:
     Raises:
         InputError: a shape without end.
     """
-    return np.array(list(_features(shape, d)), dtype=float).reshape(-1, FEATURE)
+    return np.array(list(_features(shape, d)), dtype=float).reshape(-1, size_of(Feature))
 
 
 def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
@@ -194,7 +198,9 @@ def reach(points: FloatArray) -> float:
 def clearance(shape: Any, d: int, state: FloatArray, obstacle: Obstacle) -> float:
     """Height of the body's lowest point over a half-space or plane [m]; negative where it is inside."""
     normal, distance = plane_of(obstacle, state[at.POSITION : at.POSITION + 3])
+    body, n = BodyState(state), Vector(*normal.tolist())
     points = features(shape, d)
-    found = [lowest(state, 0, points.ravel(), f * FEATURE, *normal.tolist()) for f in range(len(points))]
+    own: Many[Feature] = Many(Feature, points.ravel(), 0, len(points))
+    touches = [lowest(body, feature, n) for feature in own]
     height = float(normal @ state[at.POSITION : at.POSITION + 3]) - distance
-    return height + min(float(normal @ arm) for bears, *arm in found if bears)
+    return height + min(float(normal @ np.array([arm.x, arm.y, arm.z])) for share, arm in touches if share)

@@ -1,4 +1,4 @@
-"""One sample of a body on fixed planes: its contact forces, and its motion under them, on flat buffers.
+"""One sample of a body on fixed planes: its contact forces, and its motion under them.
 
 A contact is a spring and a damper with Coulomb friction, taken at the end of the sample:
 
@@ -16,401 +16,214 @@ plane can reach in the sample takes the same step as without planes, bit by bit.
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from graspfx.compile.records import size_of, start_of
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Table
 from graspfx.cones.friction import ASSOCIATED, UNRESOLVED, friction_force
-from graspfx.cones.problem import FREE as APART
-from graspfx.cones.problem import MODES, ConeContact, FrictionProblem, ModePart, Unknown, problem_size
-from graspfx.objects.floor.lowest import FEATURE, MOST, lowest, thin
-from graspfx.objects.integrators import (
-    ANGULAR_VELOCITY,
-    DIMENSIONS,
-    EXACT,
-    EXPLICIT,
-    FORCE,
-    FREE,
-    GRAVITY,
-    IMPLICIT,
-    INERTIA,
-    INTEGRATOR,
-    MASS,
-    NEXT_ANGULAR_VELOCITY,
-    NEXT_ROTATION,
-    POSITION,
-    QUATERNION,
-    ROTATION,
-    ROTATIONAL_COMPLIANCE,
-    ROTATIONAL_VISCOSITY,
-    VELOCITY,
-    VISCOSITY,
-    coefficients,
-    predict,
-    spin_of,
-    step,
-)
-from graspfx.spatial import exponential_numbers as exponential
-from graspfx.spatial import rotate_numbers as rotate
-from graspfx.spatial import write_orthogonal as orthogonalise
-
-# The buffer beside the body's block.
-PLANES = 0
-FEATURES = 1
-STIFFNESS = 2  # k of a contact point [N/m]
-DAMPING = 3  # b [N s/m]
-FRICTION = 4  # mu
-REACH = 5  # from the centre to the farthest point [m]
-TOUCHING = 6  # contacts in the last sample
-OTHER_LAW = 7  # samples in which no answer of Coulomb's law was found and the associated one stands
-WRENCH = 8  # force and moment of the planes on the body in the last sample [N, N m]
-START = 14  # the unknowns that the next search starts from
-HELD = 20  # FORCE and MOMENT of the fingers while those of the planes are added
-KEPT = 26  # POSITION ... ROTATION before the sample
-TABLE = KEPT + ROTATION - POSITION + 9
-
-PLANE = 10  # entries: normal and two tangents, then the plane's distance from the origin
-CONTACT = 10  # entries of a contact; offsets from its start:
-WHICH = 0  # where its memory stands
-ARM = 1  # from the body's centre [m]
-GAP = 4  # at the end of the sample without contact [m]
-SPEED = 5  # there, along the plane's normal and tangents [m/s]
-FRAME = 8  # where its plane's frame stands
-BEARS = 9  # its share of the stiffness
+from graspfx.cones.problem import FREE, Gains
+from graspfx.objects.body_state import EXACT, EXPLICIT, BodyState, Motion, copy_motion
+from graspfx.objects.floor.compliance import contact_modes
+from graspfx.objects.floor.lowest import lowest, thin
+from graspfx.objects.floor.planes import FloorState
+from graspfx.objects.integrators import predict, step
+from graspfx.spatial import ZERO, Matrix, Vector, cross, dot, exponential, rotate
 
 NEAR = 0.05  # of the body's reach: points so near a plane are contacts as soon as any point touches it
-NO_MODE = 1e-20  # squared length of a mode that is none, relative to the longest
 RESTARTS = 4  # of the search for an answer of Coulomb's law
 
 
-# Of the friction problem's contacts and unknowns.
-CONE = size_of(ConeContact)
-CONE_STATUS = start_of(ConeContact, "status")
-CONE_COEFFICIENT = start_of(ConeContact, "coefficient")
-CONE_DISPLACEMENT = start_of(ConeContact, "displacement")
-CONE_BASE = start_of(ConeContact, "base_force")
-CONE_FORCE = start_of(ConeContact, "force")
-CONE_SLIP = start_of(ConeContact, "slip")
-CONE_MODES = start_of(ConeContact, "modes")
-CONE_MODE = size_of(ModePart)
-STARTED = start_of(FrictionProblem, "started")
-IN_USE = start_of(FrictionProblem, "modes")
-UNKNOWNS = start_of(FrictionProblem, "unknowns")
-UNKNOWN = size_of(Unknown)
-SHARE = start_of(Unknown, "share")
-FIRST = problem_size(0)  # offset of a problem's first contact
-
-
-def problem_place(planes: int, features: int) -> int:
-    """Offset of the friction problem, behind the rows and modes of as many contacts as there can be."""
-    most = planes * MOST + features
-    first = TABLE + planes * PLANE + features * FEATURE + 2 * planes * features
-    return first + most * CONTACT + MODES * (1 + 3 * most)
-
-
-def offsets(F: Any) -> tuple[int, int, int, int]:
-    """Where planes, features, memories and contacts start."""
-    planes, features = int(F[PLANES]), int(F[FEATURES])
-    first = TABLE + planes * PLANE
-    memory = first + features * FEATURE
-    return TABLE, first, memory, memory + 2 * planes * features
-
-
-def size(planes: int, features: int) -> int:
-    """Entries of the buffer."""
-    return problem_place(planes, features) + problem_size(planes * MOST + features)
-
-
 def lookahead(kind: int, T: float) -> float:
-    """How far beyond the end of the sample the gap is taken, so that all integrators meet it as x + T v+."""
+    """Give how far beyond the end of the sample the gap is taken, so that all integrators meet it as x + T v+."""
     if kind == EXPLICIT:
         return T
     return 0.5 * T if kind == EXACT else 0.0
 
 
-def step_on_planes(S: Any, o: int, F: Any, T: float) -> int:
-    """Advances the body by T [s]; returns how many contacts there are, -1 if their forces did not settle."""
-    for k in range(ROTATION - POSITION):
-        F[KEPT + k] = S[o + POSITION + k]
-    for k in range(9):
-        F[KEPT + ROTATION - POSITION + k] = S[o + ROTATION + k]
-    step(S, o, T)
-    count = meet(S, o, F, T)
+@kernel
+def step_on_planes(body: BodyState, floor: FloorState, T: float) -> int:
+    """Move the body by T [s]; give how many contacts there are, -1 if their forces did not settle."""
+    copy_motion(body.motion, floor.before)
+    step(body, T)
+    count = meet(body, floor, T)
     if count == 0:
-        if F[TOUCHING] > 0.0:
-            part(F)
+        if floor.touching > 0:
+            part(floor)
         return 0
-    if not solve(S, o, F, T, count):
+    if not solve(body, floor, T, count):
         return -1
-    for k in range(ROTATION - POSITION):
-        S[o + POSITION + k] = F[KEPT + k]
-    for k in range(9):
-        S[o + ROTATION + k] = F[KEPT + ROTATION - POSITION + k]
-    for k in range(6):
-        F[HELD + k] = S[o + FORCE + k]
-        S[o + FORCE + k] += F[WRENCH + k]
-    step(S, o, T)
-    for k in range(6):
-        S[o + FORCE + k] = F[HELD + k]
-    remember(S, o, F, T, count)
+    copy_motion(floor.before, body.motion)
+    floor.finger_force, floor.finger_moment = body.force, body.moment
+    body.force += floor.force
+    body.moment += floor.moment
+    step(body, T)
+    body.force, body.moment = floor.finger_force, floor.finger_moment
+    remember(body, floor, T, count)
     return count
 
 
-def part(F: Any) -> None:
-    """No contact: no force and no memory."""
-    _, _, memory, rows = offsets(F)
-    for k in range(memory, rows):
-        F[k] = 0.0
+@kernel
+def part(floor: FloorState) -> None:
+    """Leave no contact: no force and no memory."""
+    forget(floor)
+    floor.force = floor.moment = ZERO
     for k in range(6):
-        F[WRENCH + k] = 0.0
-        F[START + k] = 0.0
-    F[TOUCHING] = 0.0
+        floor.unknowns[k] = 0.0
+    floor.touching = 0
 
 
-def speed_at(S: Any, o: int, F: Any, r: int, direction: int) -> float:
-    """The velocity of the body at the arm at r, along a direction in the buffer."""
-    v, w = o + VELOCITY, o + ANGULAR_VELOCITY
-    x, y, z = F[r], F[r + 1], F[r + 2]
-    return float(
-        F[direction] * (S[v] + S[w + 1] * z - S[w + 2] * y)
-        + F[direction + 1] * (S[v + 1] + S[w + 2] * x - S[w] * z)
-        + F[direction + 2] * (S[v + 2] + S[w] * y - S[w + 1] * x)
+@kernel
+def forget(floor: FloorState) -> None:
+    """Set the stretch of every pair of a plane and a feature to zero."""
+    for k in range(floor.plane_count * floor.feature_count):
+        floor.memory[k, 0] = 0.0
+        floor.memory[k, 1] = 0.0
+
+
+@inline
+def point_velocity(motion: Motion, arm: Vector) -> Vector:
+    """Compute v + w x r, component by component from the left."""
+    v, w = motion.velocity, motion.angular_velocity
+    return Vector(
+        v.x + w.y * arm.z - w.z * arm.y,
+        v.y + w.z * arm.x - w.x * arm.z,
+        v.z + w.x * arm.y - w.y * arm.x,
     )
 
 
-def meet(S: Any, o: int, F: Any, T: float) -> int:
-    """Lists the contacts of a body that has moved freely; none if every point ends above every plane."""
-    first, features, _, rows = offsets(F)
-    x, v, w = o + POSITION, o + VELOCITY, o + ANGULAR_VELOCITY
-    ahead = lookahead(int(S[o + INTEGRATOR]), T)
-    spin = math.sqrt(S[w] * S[w] + S[w + 1] * S[w + 1] + S[w + 2] * S[w + 2])
-    near = NEAR * F[REACH]
+@kernel
+def meet(body: BodyState, floor: FloorState, T: float) -> int:
+    """List the contacts of a body that has moved freely; none if every point ends above every plane."""
+    motion, contacts = body.motion, floor.contacts
+    ahead = lookahead(body.integrator, T)
+    w = motion.angular_velocity
+    spin = math.sqrt(w.x * w.x + w.y * w.y + w.z * w.z)
+    near = NEAR * floor.reach
     count = 0
-    touched = False
-    for p in range(int(F[PLANES])):
-        n = first + p * PLANE
-        nx, ny, nz = F[n], F[n + 1], F[n + 2]
-        height = nx * S[x] + ny * S[x + 1] + nz * S[x + 2] - F[n + 9]
-        sink = nx * S[v] + ny * S[v + 1] + nz * S[v + 2]
-        if height + ahead * (sink - spin * F[REACH]) > F[REACH] + near:
+    touches = False
+    for p, plane in enumerate(floor.planes):
+        n = plane.frame.first
+        height = dot(n, motion.position) - plane.distance
+        sink = dot(n, motion.velocity)
+        if height + ahead * (sink - spin * floor.reach) > floor.reach + near:
             continue
-        found = 0
-        for f in range(int(F[FEATURES])):
-            bears, ax, ay, az = lowest(S, o, F, features + f * FEATURE, nx, ny, nz)
-            if bears <= 0.0:
+        close = 0
+        for f, feature in enumerate(floor.features):
+            share, arm = lowest(body, feature, n)
+            if share <= 0.0:
                 continue
-            r = rows + (count + found) * CONTACT
-            F[r + ARM], F[r + ARM + 1], F[r + ARM + 2] = ax, ay, az
-            F[r + SPEED] = speed_at(S, o, F, r + ARM, n)
-            gap = height + nx * ax + ny * ay + nz * az + ahead * F[r + SPEED]
+            speed = dot(n, point_velocity(motion, arm))
+            gap = height + n.x * arm.x + n.y * arm.y + n.z * arm.z + ahead * speed
             if gap < near:
-                F[r + WHICH] = float(p * int(F[FEATURES]) + f)
-                F[r + GAP] = gap
-                F[r + FRAME] = float(n)
-                F[r + BEARS] = bears
-                touched = touched or gap < 0.0
-                found += 1
-        count += thin(F, rows + count * CONTACT, CONTACT, found, ARM, GAP, n)
-    if not touched:
+                contact = contacts[count + close]
+                contact.pair, contact.plane, contact.share = p * floor.feature_count + f, p, share
+                contact.arm, contact.gap, contact.speed[0] = arm, gap, speed
+                touches = touches or gap < 0.0
+                close += 1
+        count += thin(contacts, count, close, plane)
+    if not touches:
         return 0
     for i in range(count):
-        r = rows + i * CONTACT
-        for a in range(1, int(S[o + DIMENSIONS])):
-            F[r + SPEED + a] = speed_at(S, o, F, r + ARM, int(F[r + FRAME]) + 3 * a)
+        contact = contacts[i]
+        velocity = point_velocity(motion, contact.arm)
+        for a in range(1, body.dimensions):
+            contact.speed[a] = dot(floor.planes[contact.plane].frame.row(a), velocity)
     return count
 
 
-def solve(S: Any, o: int, F: Any, T: float, n: int) -> bool:
-    """The contact forces at the points that `meet` has listed, as WRENCH; False if they did not settle."""
-    _, _, memory, rows = offsets(F)
-    d = int(S[o + DIMENSIONS])
-    k, b = F[STIFFNESS], F[DAMPING]
+@kernel
+def solve(body: BodyState, floor: FloorState, T: float, n: int) -> bool:
+    """Compute the force at the points that `meet` has listed, and its moment; False if they did not settle."""
+    d = body.dimensions
+    k, b = floor.stiffness, floor.damping
     gain = k * T + b
-    modes = rows + n * CONTACT
-    count, stiffest = contact_modes(S, o, F, T, n, d, rows, modes)
-    problem = problem_place(int(F[PLANES]), int(F[FEATURES]))
-    F[problem] = n
+    modes = Table(floor.modes.buffer, floor.modes.offset, 1 + n * d)
+    count, stiffest = contact_modes(body, floor, T, n, modes)
     least = 1.0 / (1.0 / gain + stiffest)
-    m = n * d
-    for i in range(n):
-        r = rows + i * CONTACT
-        cone = problem + FIRST + i * CONE
-        F[cone], F[cone + CONE_COEFFICIENT], F[cone + CONE_STATUS] = F[r + BEARS], F[FRICTION], float(APART)
-        e = cone + CONE_DISPLACEMENT
-        gap = F[r + GAP]
-        F[e] = -(k * gap + b * F[r + SPEED]) / gain if gap < 0.0 else -gap / T
-        s = memory + 2 * int(F[r + WHICH])
+    problem = floor.problem
+    problem.count = n
+    for i, cone in enumerate(problem.contacts):
+        contact = floor.contacts[i]
+        cone.weight, cone.coefficient, cone.status = contact.share, floor.friction, FREE
+        cone.displacement[0] = (
+            -(k * contact.gap + b * contact.speed.x) / gain if contact.gap < 0.0 else -contact.gap / T
+        )
         for a in range(1, d):
-            F[e + a] = -k * F[s + a - 1] / gain - F[r + SPEED + a]
+            cone.displacement[a] = -k * floor.memory[contact.pair, a - 1] / gain - contact.speed[a]
         for a in range(d):
-            F[cone + CONE_BASE + a] = 0.0
-    start = problem + UNKNOWNS
-    F[problem + IN_USE] = F[problem + STARTED] = count
+            cone.base_force[a] = 0.0
+    problem.modes = problem.started = count
     for j in range(count):
-        F[start + j * UNKNOWN] = F[START + j]
-        q = modes + j * (1 + m)
-        kappa = 1.0 / (1.0 / gain + F[q])
-        F[start + j * UNKNOWN + SHARE] = (gain - kappa) / (gain - least) if gain > least else 1.0
-        for i in range(n):
+        unknown = problem.unknowns[j]
+        unknown.value = floor.unknowns[j]
+        kappa = 1.0 / (1.0 / gain + modes[j, 0])
+        unknown.share = (gain - kappa) / (gain - least) if gain > least else 1.0
+        for i, cone in enumerate(problem.contacts):
             for a in range(d):
-                F[problem + FIRST + i * CONE + CONE_MODES + j * CONE_MODE + a] = F[q + 1 + i * d + a]
-    law, _, _ = friction_force(F, problem, d, least, gain, True, RESTARTS)  # type: ignore[arg-type, call-arg, misc] # flat
-    if law == UNRESOLVED:  # type: ignore[has-type] # flat
+                cone.modes[j].motion[a] = modes[j, 1 + i * d + a]
+    law = friction_force(problem, d, Gains(least, gain), True, RESTARTS).law
+    if law == UNRESOLVED:
         return False
-    if law == ASSOCIATED:  # type: ignore[has-type] # flat
-        F[OTHER_LAW] += 1.0
+    if law == ASSOCIATED:
+        floor.associated += 1
     for j in range(6):
-        F[START + j] = F[start + j * UNKNOWN] if j < count else 0.0
-    for j in range(6):
-        F[WRENCH + j] = 0.0
-    for i in range(n):
-        r = rows + i * CONTACT
-        f = problem + FIRST + i * CONE + CONE_FORCE
-        x = y = z = 0.0
-        for a in range(d):
-            t = int(F[r + FRAME]) + 3 * a
-            x, y, z = x + F[f + a] * F[t], y + F[f + a] * F[t + 1], z + F[f + a] * F[t + 2]
-        ax, ay, az = F[r + ARM], F[r + ARM + 1], F[r + ARM + 2]
-        F[WRENCH] += x
-        F[WRENCH + 1] += y
-        F[WRENCH + 2] += z
-        F[WRENCH + 3] += ay * z - az * y
-        F[WRENCH + 4] += az * x - ax * z
-        F[WRENCH + 5] += ax * y - ay * x
-        # the row now keeps what the memory needs when the body has moved: whether the contact bears, and its slip
-        F[r + GAP] = 1.0 if F[f] > 0.0 else 0.0
-        for a in range(1, d):
-            F[r + SPEED + a] = F[f + CONE_SLIP - CONE_FORCE + a]
+        floor.unknowns[j] = problem.unknowns[j].value if j < count else 0.0
+    take_forces(floor, d)
     return True
 
 
-def contact_modes(
-    S: Any, o: int, F: Any, T: float, n: int, d: int, rows: int, modes: int
-) -> tuple[int, float]:  # fmt: skip
-    """Orthogonal vectors whose squares sum to W, normalised after their squared length; how many, and the longest.
-
-    W = T G' M^-1 G: velocity of the contacts per force held over the sample.
-    """
-    lead = 1 + n * d
-    kind = int(S[o + INTEGRATOR])
-    share = math.sqrt(coefficients(kind, S[o + VISCOSITY] / S[o + MASS], T)[3] / S[o + MASS])
-    xx, yx, yy, zx, zy, zz = turning_roots(S, o, T, d, kind)
-    for i in range(n):
-        r = rows + i * CONTACT
-        ax, ay, az = F[r + ARM], F[r + ARM + 1], F[r + ARM + 2]
-        root = math.sqrt(F[r + BEARS])
+@kernel
+def take_forces(floor: FloorState, d: int) -> None:
+    """Add up the contacts' forces and their moments about the body's centre."""
+    floor.force = floor.moment = ZERO
+    for i, cone in enumerate(floor.problem.contacts):
+        contact = floor.contacts[i]
+        force = ZERO
         for a in range(d):
-            t = int(F[r + FRAME]) + 3 * a
-            c = modes + 1 + i * d + a
-            x, y, z = root * F[t], root * F[t + 1], root * F[t + 2]
-            F[c] = share * x * S[o + FREE]
-            F[c + lead] = share * y * S[o + FREE + 1]
-            F[c + 2 * lead] = share * z * S[o + FREE + 2]
-            mx, my, mz = ay * z - az * y, az * x - ax * z, ax * y - ay * x
-            F[c + 3 * lead] = xx * mx + yx * my + zx * mz
-            F[c + 4 * lead] = yy * my + zy * mz
-            F[c + 5 * lead] = zz * mz
-    orthogonalise(F, modes, 6, lead)
-    longest = 0.0
-    for j in range(6):
-        q = modes + j * lead
-        F[q] = 0.0
-        for c in range(1, lead):
-            F[q] += F[q + c] * F[q + c]
-        longest = max(longest, F[q])
-    count = 0
-    for j in range(6):
-        q = modes + j * lead
-        if F[q] > NO_MODE * longest:
-            to = modes + count * lead
-            square = F[q]
-            root = 1.0 / math.sqrt(square)
-            for c in range(1, lead):
-                F[to + c] = root * F[q + c]
-            F[to] = square
-            count += 1
-    return count, longest
+            force += cone.force[a] * floor.planes[contact.plane].frame.row(a)
+        floor.force += force
+        floor.moment += cross(contact.arm, force)
+        contact.pressed = cone.force.x > 0.0
+        for a in range(1, d):
+            contact.slip[a] = cone.slip[a]
 
 
-def turning_roots(S: Any, o: int, T: float, d: int, kind: int) -> tuple[float, float, float, float, float, float]:
-    """L, lower triangle row by row, with L L' the angular velocity per moment held over T; zero where locked."""
-    b = S[o + ROTATIONAL_VISCOSITY]
-    f = o + FREE + 3
-    if d < 3:
-        J = S[o + INERTIA + 2]
-        if d == 1 or S[f + 2] == 0.0:
-            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        return 0.0, 0.0, 0.0, 0.0, 0.0, math.sqrt(coefficients(kind, b / J, T)[3] / J)
-    if S[f] + S[f + 1] + S[f + 2] == 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    extra = 0.0
-    if kind == IMPLICIT:
-        extra = T * b
-    if kind == EXACT:
-        extra = 0.5 * T * b  # (1 - exp(-z))/z = 1/(1 + z/2) to second order
-    n = o + QUATERNION
-    x, y, z, w = S[n], S[n + 1], S[n + 2], S[n + 3]
-    cxx, cyx, czx = spin_of(S, o, x, y, z, w, extra, T, 0.0, 0.0)
-    _, cyy, czy = spin_of(S, o, x, y, z, w, extra, 0.0, T, 0.0)
-    _, _, czz = spin_of(S, o, x, y, z, w, extra, 0.0, 0.0, T)
-    xx = yx = yy = zx = zy = zz = 0.0
-    if S[f] != 0.0:
-        xx = math.sqrt(cxx)
-        yx, zx = cyx / xx, czx / xx
-    if S[f + 1] != 0.0:
-        yy = math.sqrt(cyy - yx * yx)
-        zy = (czy - zx * yx) / yy
-    if S[f + 2] != 0.0:
-        zz = math.sqrt(czz - zx * zx - zy * zy)
-    return xx, yx, yy, zx, zy, zz
-
-
-def remember(S: Any, o: int, F: Any, T: float, n: int) -> None:
-    """The stretch of every contact that bears, s + T (u - slip) with the velocity as it became; others forget."""
-    _, _, memory, rows = offsets(F)
-    scratch = rows + n * CONTACT
+@kernel
+def remember(body: BodyState, floor: FloorState, T: float, n: int) -> None:
+    """Update the stretch of what bears, s + T (u - slip) with the velocity as it became; the rest is zero."""
     for i in range(n):
-        r = rows + i * CONTACT
-        s = memory + 2 * int(F[r + WHICH])
-        for a in range(2):
-            F[scratch + 2 * i + a] = 0.0
-        if F[r + GAP] != 0.0:
-            for a in range(1, int(S[o + DIMENSIONS])):
-                u = speed_at(S, o, F, r + ARM, int(F[r + FRAME]) + 3 * a)
-                F[scratch + 2 * i + a - 1] = F[s + a - 1] + T * (u - F[r + SPEED + a])
-    for k in range(memory, rows):
-        F[k] = 0.0
-    touching = 0.0
+        contact = floor.contacts[i]
+        contact.stretch = ZERO
+        if contact.pressed:
+            velocity = point_velocity(body.motion, contact.arm)
+            for a in range(1, body.dimensions):
+                u = dot(floor.planes[contact.plane].frame.row(a), velocity)
+                contact.stretch[a] = floor.memory[contact.pair, a - 1] + T * (u - contact.slip[a])
+    forget(floor)
+    touching = 0
     for i in range(n):
-        r = rows + i * CONTACT
-        touching += F[r + GAP]
-        s = memory + 2 * int(F[r + WHICH])
+        contact = floor.contacts[i]
+        touching += 1 if contact.pressed else 0
         for a in range(2):
-            F[s + a] = F[scratch + 2 * i + a]
-    F[TOUCHING] = touching
+            floor.memory[contact.pair, a] = contact.stretch[a + 1]
+    floor.touching = touching
 
 
-def predict_on_planes(S: Any, o: int, F: Any, T: float) -> None:
-    """The implicit integrator's motion with no wrench but the last sample's contact forces, as `kernels.predict`.
+@kernel
+def predict_on_planes(body: BodyState, floor: FloorState, T: float) -> None:
+    """Predict the implicit integrator's motion with no wrench but the last sample's contact forces.
 
     A body at rest on a floor is predicted to rest, and not to fall from it until its contacts are known.
     """
-    m = S[o + MASS]
-    for a in range(3):
-        F[HELD + a] = S[o + GRAVITY + a]
-        S[o + GRAVITY + a] += F[WRENCH + a] / m
-    predict(S, o, T)
-    for a in range(3):
-        S[o + GRAVITY + a] = F[HELD + a]
-    x, y, z = F[WRENCH + 3], F[WRENCH + 4], F[WRENCH + 5]
-    c = o + ROTATIONAL_COMPLIANCE
-    tx = S[c] * x + S[c + 1] * y + S[c + 2] * z
-    ty = S[c + 3] * x + S[c + 4] * y + S[c + 5] * z
-    tz = S[c + 6] * x + S[c + 7] * y + S[c + 8] * z
-    if tx == 0.0 and ty == 0.0 and tz == 0.0:
+    gravity, ahead = body.gravity, body.next_motion
+    body.gravity += floor.force / body.mass
+    predict(body, T)
+    body.gravity = gravity
+    turn = body.rotational_compliance @ floor.moment
+    if turn.x == 0.0 and turn.y == 0.0 and turn.z == 0.0:
         return
-    ux, uy, uz, uw = exponential(tx, ty, tz)
-    for j in range(3):
-        R = o + NEXT_ROTATION + j
-        S[R], S[R + 3], S[R + 6] = rotate(ux, uy, uz, uw, S[R], S[R + 3], S[R + 6])
-    w = o + NEXT_ANGULAR_VELOCITY
-    S[w], S[w + 1], S[w + 2] = S[w] + tx / T, S[w + 1] + ty / T, S[w + 2] + tz / T
+    q, R = exponential(turn), ahead.rotation
+    x = rotate(q, Vector(R.xx, R.yx, R.zx))
+    y = rotate(q, Vector(R.xy, R.yy, R.zy))
+    z = rotate(q, Vector(R.xz, R.yz, R.zz))
+    ahead.rotation = Matrix(x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z)
+    ahead.angular_velocity += turn / T

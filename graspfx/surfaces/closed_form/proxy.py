@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+from graspfx.compile.kernel import inline, kernel
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy_ellipsoid import on_ellipsoid
 from graspfx.surfaces.closed_form.proxy_flat import on_box, on_half_space, on_plane
 from graspfx.surfaces.closed_form.proxy_round import on_capsule, on_cylinder, on_sphere, on_stadium
+from graspfx.surfaces.nearest import Nearest
 
 BOX, SPHERE, HALF_SPACE, PLANE, CAPSULE, CYLINDER, ELLIPSOID = 0, 1, 2, 3, 4, 5, 6
 MESH = 7  # not in closed form: `walk.mesh_contact`
 
 
-def closest(
-    kind: int, d: int, a: float, b: float, c: float, x: float, y: float, z: float,
-    face: int, px: float, py: float, pz: float,
-) -> tuple[int, float, float, float, float, float, float, float]:  # fmt: skip
-    """Contact point of a finger at (x, y, z) in the object's frame: (face, cx, cy, cz, nx, ny, nz, gap).
+@kernel
+def closest(kind: int, d: int, size: Vector, p: Vector, face: int, last: Vector) -> Nearest:
+    """Find the contact of a finger at p in the object's frame, of which d coordinates count.
 
     c is on the surface, n the unit normal into the object, gap > 0 outside and < 0 inside along n: p - c = -gap n.
-    Outside, c is the nearest point of the shape. d of the coordinates count.
+    Outside, c is the nearest point of the shape.
 
     Args:
-        kind: and (a, b, c), lengths in m, with the faces between which a finger's contact point does not jump:
+        kind: and the shape's `size`, lengths in m, with the faces between which a finger's contact does not jump:
             BOX, half edges; 0 ... 5 = +x, -x, +y, -y, +z, -z.
             SPHERE, radius; in the plane a disc; on the line the interval that a box is.
             HALF_SPACE, outward unit normal; all that is below the plane through the centre.
@@ -31,39 +32,40 @@ def closest(
             ELLIPSOID, semi-axes; 0 and 1 are the two sides of the shortest.
         face: the finger's face from the sample before; -1 if it has none yet, then the face with the largest signed
             excess.
-        px, py, pz: the contact point from the sample before; a finger that several points are nearest to, as all are
-            to a sphere's centre, keeps its direction.
+        last: the contact point from the sample before; a finger that several points are nearest to, as all are to a
+            sphere's centre, keeps its direction.
     """
-    if d < 3:
-        z = pz = 0.0
-    if d < 2:
-        y = py = 0.0
+    p, last = in_dimensions(p, d), in_dimensions(last, d)
     if kind == BOX or (kind == SPHERE and d == 1):
-        return on_box(d, a, b, c, x, y, z, face)
+        return on_box(d, size, p, face)
     if kind == SPHERE:
-        return on_sphere(a, x, y, z, px, py, pz)
+        return on_sphere(size.x, p, last)
     if kind == HALF_SPACE:
-        return on_half_space(a, b, c, x, y, z)
+        return on_half_space(size, p)
     if kind == PLANE:
-        return on_plane(a, b, c, x, y, z, face)
+        return on_plane(size, p, face)
     if kind == CYLINDER:
-        return on_cylinder(a, b, x, y, z, face, px, py)
+        return on_cylinder(size.x, size.y, p, face, last)
     if kind == ELLIPSOID:
-        return on_ellipsoid(d, a, b, c, x, y, z, face, px, py, pz)
+        return on_ellipsoid(d, size, p, face, last)
     if d == 2:
-        return on_stadium(a, b, x, y, face, px, py)
-    return on_capsule(a, b, x, y, z, px, py, pz)
+        return on_stadium(size.x, size.y, p, face, last)
+    return on_capsule(size.x, size.y, p, last)
 
 
-def closest_to_ball(
-    kind: int, d: int, a: float, b: float, c: float, radius: float, x: float, y: float, z: float,
-    face: int, px: float, py: float, pz: float,
-) -> tuple[int, float, float, float, float, float, float, float]:  # fmt: skip
-    """The same for a spherical fingertip about (x, y, z): the gap is the ball's, the contact point is on the shape.
+@kernel
+def closest_to_ball(kind: int, d: int, size: Vector, radius: float, p: Vector, face: int, last: Vector) -> Nearest:
+    """Find the contact of a spherical fingertip about p: the gap is the ball's, the contact point is on the shape.
 
     The ball's centre has its own proxy, on the shape grown by the ball's radius: q = c - radius n, p - q = -gap n. So
     displacements count from there, e = p + radius n - c, and vanish where the ball just touches. Growing a shape keeps
     its faces with their edges, its normals and its centres of curvature, so the same face holds the finger.
     """
-    face, cx, cy, cz, nx, ny, nz, gap = closest(kind, d, a, b, c, x, y, z, face, px, py, pz)
-    return face, cx, cy, cz, nx, ny, nz, gap - radius
+    centre = closest(kind, d, size, p, face, last)
+    return Nearest(centre.face, centre.point, centre.normal, centre.gap - radius)
+
+
+@inline
+def in_dimensions(v: Vector, d: int) -> Vector:
+    """Give a vector with zeros for the coordinates that do not count."""
+    return Vector(v.x, v.y if d > 1 else 0.0, v.z if d > 2 else 0.0)

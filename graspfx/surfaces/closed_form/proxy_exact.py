@@ -8,14 +8,14 @@ HALVES = 134217729.0  # 2^27 + 1 splits 53 binary digits in two halves
 
 
 def exact_sum(a: float, b: float) -> tuple[float, float]:
-    """a + b = (s, r) exactly: the rounded sum and what rounding took (Knuth 1969)."""
+    """Compute a + b = (s, r) exactly: the rounded sum and what rounding took (Knuth 1969)."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
 
 
 def exact_product(a: float, b: float) -> tuple[float, float]:
-    """a b = (p, r) exactly, unless it over- or underflows (Dekker 1971)."""
+    """Compute a b = (p, r) exactly, unless it over- or underflows (Dekker 1971)."""
     p = a * b
     t = HALVES * a
     ah = t - (t - a)
@@ -27,7 +27,7 @@ def exact_product(a: float, b: float) -> tuple[float, float]:
 
 
 def radial_excess(x: float, y: float, radius: float) -> float:
-    """|(x, y)| - radius to full relative accuracy: x^2 + y^2 - radius^2 without rounding, over the sum of the roots."""
+    """Compute |(x, y)| - radius to full relative accuracy: x^2 + y^2 - radius^2 exactly, over the sum of the roots."""
     p, pr = exact_product(x, x)
     q, qr = exact_product(y, y)
     r, rr = exact_product(radius, radius)

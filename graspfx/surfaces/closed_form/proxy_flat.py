@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 
+from graspfx.compile.kernel import kernel
+from graspfx.spatial import Vector, dot
+from graspfx.surfaces.nearest import Nearest
+
 TINY = 1e-280  # a squared length below this has lost its digits
 
 
-def on_box(
-    d: int, a: float, b: float, c: float, x: float, y: float, z: float, face: int
-) -> tuple[int, float, float, float, float, float, float, float]:
-    """A finger behind its face and within the face's edges is held by it; any other is outside, at its projection.
+@kernel
+def on_box(d: int, half: Vector, p: Vector, face: int) -> Nearest:
+    """Find the contact on a box: behind its face and within the face's edges a finger is held by it.
 
-    Sliding over an edge to a nearer face would end at that projection too: beyond an edge it is outside the neighbour.
-    Outside, the finger takes the face that it is farthest beyond, so that it enters where it came from.
+    Any other is outside, at its projection. Sliding over an edge to a nearer face would end at that projection too:
+    beyond an edge it is outside the neighbour. Outside, the finger takes the face that it is farthest beyond, so that
+    it enters where it came from.
     """
-    ex, ey, ez = abs(x) - a, abs(y) - b, abs(z) - c
+    ex, ey, ez = abs(p.x) - half.x, abs(p.y) - half.y, abs(p.z) - half.z
     if d < 3:
         ez = -math.inf
     if d < 2:
@@ -26,16 +30,15 @@ def on_box(
         sign = 1.0 - 2.0 * (face - 2 * axis)
         depth = -math.inf
         if axis == 0 and ey <= 0.0 and ez <= 0.0:
-            depth = a - sign * x
+            depth = half.x - sign * p.x
         if axis == 1 and ex <= 0.0 and ez <= 0.0:
-            depth = b - sign * y
+            depth = half.y - sign * p.y
         if axis == 2 and ex <= 0.0 and ey <= 0.0:
-            depth = c - sign * z
+            depth = half.z - sign * p.z
         if depth >= 0.0:
-            return facing(face, sign, a, b, c, x, y, z, -depth)
+            return facing(face, sign, half, p, -depth)
 
-    kept = face // 2 if face >= 0 else 0
-    axis = kept  # a tie does not change the face
+    axis = face // 2 if face >= 0 else 0  # a tie does not change the face
     excess = ex if axis == 0 else (ey if axis == 1 else ez)
     if ex > excess:
         axis, excess = 0, ex
@@ -43,47 +46,45 @@ def on_box(
         axis, excess = 1, ey
     if ez > excess:
         axis, excess = 2, ez
-    across = x if axis == 0 else (y if axis == 1 else z)
+    across = p.x if axis == 0 else (p.y if axis == 1 else p.z)
     sign = -1.0 if across < 0.0 else 1.0
-    face = 2 * axis if sign > 0.0 else 2 * axis + 1
-    ox, oy, oz = max(ex, 0.0), max(ey, 0.0), max(ez, 0.0)
-    square = ox * ox + oy * oy + oz * oz
-    if not outside or ox + oy + oz == excess or square < TINY:
-        return facing(face, sign, a, b, c, x, y, z, excess)
+    side = 2 * axis if sign > 0.0 else 2 * axis + 1
+    beyond = Vector(max(ex, 0.0), max(ey, 0.0), max(ez, 0.0))
+    square = dot(beyond, beyond)
+    if not outside or beyond.x + beyond.y + beyond.z == excess or square < TINY:
+        return facing(side, sign, half, p, excess)
     gap = math.sqrt(square)
-    cx, cy, cz = min(max(x, -a), a), min(max(y, -b), b), min(max(z, -c), c)
-    nx = -math.copysign(ox / gap, x)
-    ny = -math.copysign(oy / gap, y)
-    nz = -math.copysign(oz / gap, z)
-    return face, cx, cy, cz, nx, ny, nz, gap
+    point = Vector(min(max(p.x, -half.x), half.x), min(max(p.y, -half.y), half.y), min(max(p.z, -half.z), half.z))
+    normal = Vector(
+        -math.copysign(beyond.x / gap, p.x),
+        -math.copysign(beyond.y / gap, p.y),
+        -math.copysign(beyond.z / gap, p.z),
+    )
+    return Nearest(side, point, normal, gap)
 
 
-def facing(
-    face: int, sign: float, a: float, b: float, c: float, x: float, y: float, z: float, gap: float
-) -> tuple[int, float, float, float, float, float, float, float]:
-    """Contact straight across a face: the finger's foot on it and the face's normal."""
+@kernel
+def facing(face: int, sign: float, half: Vector, p: Vector, gap: float) -> Nearest:
+    """Give the contact straight across a face: the finger's foot on it and the face's normal."""
     if face < 2:
-        return face, sign * a, y, z, -sign, 0.0, 0.0, gap
+        return Nearest(face, Vector(sign * half.x, p.y, p.z), Vector(-sign, 0.0, 0.0), gap)
     if face < 4:
-        return face, x, sign * b, z, 0.0, -sign, 0.0, gap
-    return face, x, y, sign * c, 0.0, 0.0, -sign, gap
+        return Nearest(face, Vector(p.x, sign * half.y, p.z), Vector(0.0, -sign, 0.0), gap)
+    return Nearest(face, Vector(p.x, p.y, sign * half.z), Vector(0.0, 0.0, -sign), gap)
 
 
-def on_half_space(
-    a: float, b: float, c: float, x: float, y: float, z: float
-) -> tuple[int, float, float, float, float, float, float, float]:
-    """The finger's foot on the surface through the centre; everything behind it is inside."""
-    height = a * x + b * y + c * z
-    return 0, x - height * a, y - height * b, z - height * c, -a, -b, -c, height
+@kernel
+def on_half_space(outward: Vector, p: Vector) -> Nearest:
+    """Give the finger's foot on the surface through the centre; everything behind it is inside."""
+    height = dot(outward, p)
+    return Nearest(0, p - height * outward, -outward, height)
 
 
-def on_plane(
-    a: float, b: float, c: float, x: float, y: float, z: float, face: int
-) -> tuple[int, float, float, float, float, float, float, float]:
-    """A sheet without thickness or end: a finger stays for good on the side, 0 or 1, where it was at first."""
+@kernel
+def on_plane(normal: Vector, p: Vector, face: int) -> Nearest:
+    """Find the contact on a sheet without thickness or end: a finger stays on the side, 0 or 1, where it began."""
+    side = face
     if face < 0:
-        face = 1 if a * x + b * y + c * z < 0.0 else 0
-    if face == 1:
-        a, b, c = -a, -b, -c
-    _, cx, cy, cz, nx, ny, nz, gap = on_half_space(a, b, c, x, y, z)
-    return face, cx, cy, cz, nx, ny, nz, gap
+        side = 1 if dot(normal, p) < 0.0 else 0
+    foot = on_half_space(-normal if side == 1 else normal, p)
+    return Nearest(side, foot.point, foot.normal, foot.gap)

@@ -11,9 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.records import numbers
 from graspfx.errors import InputError
 from graspfx.numeric import LARGEST, SMALLEST, finite, number
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
+from graspfx.surfaces.nearest import Nearest
 
 FloatArray = NDArray[np.float64]
 
@@ -37,6 +40,12 @@ class Contacts:
     gap: FloatArray
 
 
+def contacts(each: Sequence[Nearest], d: int) -> Contacts:
+    """Collect the contacts of fingers, of which d coordinates count."""
+    rows = np.array([list(numbers(contact)) for contact in each]).reshape(-1, 8)
+    return Contacts(rows[:, 0].astype(np.intp), rows[:, 1 : 1 + d], rows[:, 4 : 4 + d], rows[:, 7])
+
+
 class Shape(ABC):
     """A shape about its centre, in its own frame: `kind` and `parameters` as `proxy.closest` takes them."""
 
@@ -51,22 +60,22 @@ class Shape(ABC):
 
     @abstractmethod
     def dimensions_ok(self, d: int) -> bool:
-        """Whether the shape exists on the line, in the plane, in space."""
+        """Tell whether the shape exists on the line, in the plane, in space."""
 
     @abstractmethod
     def faces(self, d: int) -> int:
-        """How many faces hold a finger."""
+        """Count the faces that hold a finger."""
 
     @abstractmethod
     def _moments(self, d: int) -> tuple[float, float, float]:
-        """Principal moments over the mass [m^2]."""
+        """Give principal moments over the mass [m^2]."""
 
     @abstractmethod
     def _volume(self) -> float:
-        """In space [m^3]."""
+        """Compute the volume in space [m^3]."""
 
     def volume(self) -> float:
-        """Of the solid in space [m^3].
+        """Compute the volume of the solid in space [m^3].
 
         Raises:
             InputError: a shape that is not in space, or without end.
@@ -75,7 +84,7 @@ class Shape(ABC):
         return self._volume()
 
     def inertia(self, mass: float, d: int) -> FloatArray:
-        """Principal moments of the solid about its centre, (3,) [kg m^2]; the plane has the third, a line none.
+        """Give principal moments of the solid about its centre, (3,) [kg m^2]; the plane has the third, a line none.
 
         Raises:
             InputError: other dimensions than the shape's, or a shape without end.
@@ -92,7 +101,7 @@ class Shape(ABC):
         *,
         radius: float = 0.0,
     ) -> Contacts:
-        """Contact points of fingers at `points` (n, d) in the object's frame.
+        """Find contact points of fingers at `points` (n, d) in the object's frame.
 
         Args:
             faces: (n,) theirs from before.
@@ -112,13 +121,13 @@ class Shape(ABC):
         if before.shape != (n, d):
             raise InputError("previous", previous, f"finite positions of shape ({n}, {d})")
         radius = number("radius", radius, "a finite length, zero or more [m]")
-        found = np.zeros((n, 8))
-        for i in range(n):
-            x, y, z = (*p[i].tolist(), 0.0, 0.0)[:3]
-            u, v, w = (*before[i].tolist(), 0.0, 0.0)[:3]
-            f = int(face[i])
-            found[i] = proxy.closest_to_ball(self.kind, d, *self.parameters, radius, x, y, z, f, u, v, w)
-        return Contacts(found[:, 0].astype(np.intp), found[:, 1 : 1 + d], found[:, 4 : 4 + d], found[:, 7])
+        size, rest = Vector(*self.parameters), [0.0] * (3 - d)
+        rows = zip(p.tolist(), face.tolist(), before.tolist(), strict=True)
+        each = [
+            proxy.closest_to_ball(self.kind, d, size, radius, Vector(*x, *rest), int(f), Vector(*c, *rest))
+            for x, f, c in rows
+        ]
+        return contacts(each, d)
 
     def _check(self, d: int) -> None:
         if not self.dimensions_ok(int(number("dimensions", d, "1, 2 or 3"))):
@@ -241,7 +250,7 @@ class Plane(HalfSpace):
 
 @dataclass(frozen=True)
 class Round(Shape):
-    """What is round about an axis, with a radius and a length along it [m]."""
+    """A shape that is round about an axis, with a radius and a length along it [m]."""
 
     radius: float
     length: float
@@ -354,30 +363,30 @@ class Ellipsoid(Shape):
         return b + c, c + a, a + b
 
 
-def _numbers(name: str, given: Any, what: str, largest: float = LARGEST) -> tuple[float, ...]:
-    value = finite(name, given, what, largest=largest)
+def _numbers(name: str, argument: Any, expected: str, largest: float = LARGEST) -> tuple[float, ...]:
+    value = finite(name, argument, expected, largest=largest)
     if value.ndim != 1:
-        raise InputError(name, given, what)
+        raise InputError(name, argument, expected)
     return tuple(value.tolist())
 
 
-def _lengths(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
-    what = "one to three finite lengths above zero [m]"
-    lengths = _numbers(name, given, what)
+def _lengths(name: str, argument: Sequence[Any] | FloatArray) -> tuple[float, ...]:
+    expected = "one to three finite lengths above zero [m]"
+    lengths = _numbers(name, argument, expected)
     if not (1 <= len(lengths) <= 3 and all(value >= SMALLEST for value in lengths)):
-        raise InputError(name, given, what)
+        raise InputError(name, argument, expected)
     return lengths
 
 
-def _length(name: str, given: Any) -> float:
-    return number(name, given, "a finite length above zero [m]", zero=False)
+def _length(name: str, argument: Any) -> float:
+    return number(name, argument, "a finite length above zero [m]", zero=False)
 
 
-def _direction(name: str, given: Sequence[Any] | FloatArray) -> tuple[float, ...]:
-    what = "one to three finite numbers, not all zero"
-    vector = _numbers(name, given, what, math.inf)
+def _direction(name: str, argument: Sequence[Any] | FloatArray) -> tuple[float, ...]:
+    expected = "one to three finite numbers, not all zero"
+    vector = _numbers(name, argument, expected, math.inf)
     largest = max(map(abs, vector), default=0.0)
     if not (1 <= len(vector) <= 3 and largest > 0.0):
-        raise InputError(name, given, what)
+        raise InputError(name, argument, expected)
     length = math.hypot(*(value / largest for value in vector))
     return tuple(value / largest / length for value in vector)

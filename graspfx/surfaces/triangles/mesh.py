@@ -10,16 +10,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspfx.compile.records import Many, size_of, start_of
 from graspfx.errors import InputError
 from graspfx.numeric import finite, number, real
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
-from graspfx.surfaces.closed_form.shape import Contacts
-from graspfx.surfaces.triangles.ball import STATE, ball_contact
+from graspfx.surfaces.closed_form.shape import Contacts, contacts
+from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.mesh_file import MOST_BYTES, MOST_TRIANGLES, load_trimesh, read_mesh_file
+from graspfx.surfaces.triangles.mesh_finger import MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import FloatArray, IntArray, flatten, half_edges
-from graspfx.surfaces.triangles.walk import REACH, mesh_contact
+from graspfx.surfaces.triangles.walk import mesh_contact
 from graspfx.surfaces.triangles.winding import wound
 
+STATE = size_of(MeshFinger)  # entries of a finger on a mesh
 SMALLEST, LARGEST = 1e-3, 10.0  # sizes beyond which a unit is more likely wrong than right [m]
 FLAT = 1e-13  # a triangle whose height is below this, relative to the mesh, has no normal
 SAME_POINT = 1e-6  # relative distance at which the corners of a mesh that does not close are taken for one
@@ -72,16 +77,16 @@ class Mesh:
         return 0.0, 0.0, 0.0
 
     def dimensions_ok(self, d: int) -> bool:
-        """A mesh is in space."""
+        """Tell whether there is such a mesh: only in space."""
         return d == 3
 
     @cached_property
     def data(self) -> FloatArray:
-        """What `walk.mesh_contact` reads, one flat array."""
+        """Data that `walk.mesh_contact` reads, one flat array."""
         return flatten(self.vertices, self.faces, closed=not self.shell)
 
     def contact(self, points: ArrayLike, state: FloatArray | None = None, *, radius: float = 0.0) -> Contacts:
-        """Contact points of fingers at `points` (n, 3), in the mesh's frame; `state` (n, STATE) is theirs from before.
+        """Find contact points of fingers at `points` (n, 3), in the mesh's frame; `state` (n, STATE) is that of before.
 
         `state` is brought up to date. Without it every finger is new and its contact point is the nearest one. Of balls
         of that `radius` [m] the points are their centres.
@@ -93,27 +98,27 @@ class Mesh:
         if getattr(S, "shape", None) != (len(p), STATE) or S.dtype != np.float64 or not S.flags.c_contiguous:
             raise InputError("state", state, f"what new_fingers({len(p)}) gives")
         radius = number("radius", radius, "a finite length, zero or more [m]")
-        M, row = memoryview(self.data), memoryview(S.reshape(-1))
+        mesh = MeshTree(memoryview(self.data))
+        fingers: Many[MeshFinger] = Many(MeshFinger, memoryview(S.reshape(-1)), 0, len(p))
         if radius > 0.0:
-            each = [ball_contact(M, 0, row, i * STATE, radius, *p[i].tolist()) for i in range(len(p))]
+            each = [ball_contact(mesh, f, radius, Vector(*x)) for f, x in zip(fingers, p.tolist(), strict=True)]
         else:
-            each = [mesh_contact(M, 0, row, i * STATE, *p[i].tolist()) for i in range(len(p))]
-        found = np.array(each).reshape(-1, 7)
-        return Contacts(S[:, 1].astype(np.intp), found[:, :3], found[:, 3:6], found[:, 6])
+            each = [mesh_contact(mesh, f, Vector(*x)) for f, x in zip(fingers, p.tolist(), strict=True)]
+        return contacts(each, 3)
 
     def mass_properties(self, *, mass: float | None = None, density: float | None = None) -> MassProperties:
-        """Of the solid, from its mass [kg] or its density [kg/m^3]; of a shell, from the mass spread over its surface.
+        """Compute those of the solid, from its mass [kg] or density [kg/m^3]; of a shell, over its surface.
 
         Raises:
             InputError: neither or both are given, or the density of a shell; a surface without an inside, or one that
                 crosses itself so that its moments are no body's.
             MissingPackageError: trimesh is not installed.
         """
-        given = mass if mass is not None else density
+        amount = mass if mass is not None else density
         name = "mass" if mass is not None else "density"
-        if given is None or (mass is not None and density is not None):
+        if amount is None or (mass is not None and density is not None):
             raise InputError("mass", (mass, density), "either a mass or a density")
-        given = number(name, given, "finite and above zero", zero=False)
+        amount = number(name, amount, "finite and above zero", zero=False)
         if self.shell and density is not None:
             raise InputError("density", density, "the mass of a shell", "a surface has no volume to take it times")
         middle = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
@@ -125,26 +130,26 @@ class Mesh:
             whole = load_trimesh().Trimesh(vertices=unit, faces=self.faces, process=False).mass_properties
             volume, centre, inertia = float(whole["volume"]), np.asarray(whole["center_mass"]), whole["inertia"]
         if not volume > LEAST_VOLUME:
-            what = f"a surface around {volume * size**3:.3g} m^3"
-            raise InputError("mesh", what, "a surface with an inside", "it is flat, or crosses itself: repair the file")
-        weight = given if mass is not None else given * volume * size**3
+            body = f"a surface around {volume * size**3:.3g} m^3"
+            raise InputError("mesh", body, "a surface with an inside", "it is flat, or crosses itself: repair the file")
+        weight = amount if mass is not None else amount * volume * size**3
         inertia = np.asarray(inertia, dtype=np.float64) * (weight / volume * size**2)
         moments, axes = _principal(0.5 * (inertia + inertia.T))
         if not 2.0 * moments.max() <= (1.0 + SHARP) * moments.sum() or not moments.min() > 0.0:
-            what = f"principal moments of {moments[0]:.3g}, {moments[1]:.3g} and {moments[2]:.3g} kg m^2"
+            solid = f"principal moments of {moments[0]:.3g}, {moments[1]:.3g} and {moments[2]:.3g} kg m^2"
             do = "the surface crosses itself, so that parts of it count as less than nothing: repair the file"
-            raise InputError("mesh", what, "moments of a body: above zero, none more than the others' sum", do)
+            raise InputError("mesh", solid, "moments of a body: above zero, none more than the others' sum", do)
         return MassProperties(float(weight), middle + size * centre, inertia, moments, axes)
 
     def seen_from(self, centre: FloatArray, axes: FloatArray) -> Mesh:
-        """The mesh in a frame at `centre` (3,) with `axes` (3, 3) as columns: that of its body, say."""
+        """Move the mesh into a frame at `centre` (3,) with `axes` (3, 3) as columns: that of its body, say."""
         return replace(self, vertices=np.ascontiguousarray((self.vertices - centre) @ axes))
 
 
 def new_fingers(count: int, reach: float = np.inf) -> FloatArray:
-    """States (count, STATE) of fingers that have not been near a mesh yet."""
+    """Make states (count, STATE) of fingers that have not been near a mesh yet."""
     state = np.zeros((count, STATE))
-    state[:, REACH] = reach
+    state[:, start_of(MeshFinger, "reach")] = reach
     return state
 
 
@@ -156,7 +161,7 @@ def load_mesh(
     most_bytes: int = MOST_BYTES,
     most_triangles: int = MOST_TRIANGLES,
 ) -> Mesh:
-    """A mesh from an STL, OBJ, PLY, OFF or GLB file, times `scale` (0.001 for a file in millimetres).
+    """Load a mesh from an STL, OBJ, PLY, OFF or GLB file, times `scale` (0.001 for a file in millimetres).
 
     Only positions and triangles are read: no materials, and no other file that the file names.
 
@@ -171,7 +176,7 @@ def load_mesh(
 def make_mesh(
     vertices: ArrayLike, faces: ArrayLike, *, scale: float = 1.0, shell: bool = False, name: str = "mesh"
 ) -> Mesh:
-    """A mesh from vertices (v, 3) and triangles (f, 3), times `scale`: checked, and repaired where that is safe.
+    """Make a mesh from vertices (v, 3) and triangles (f, 3), times `scale`: checked, and repaired where that is safe.
 
     Equal vertices become one; triangles without area are left out, those across from a corner in the middle of their
     side are cut there; triangles that face the wrong way are turned over. Every repair is in `notes`.
@@ -195,7 +200,7 @@ def make_mesh(
         raise InputError(name, "all vertices at one point", "a surface with an extent")
 
     notes = []
-    apart, given = (v, f), len(f)
+    apart, count = (v, f), len(f)
     v, f, dropped, cut = _joined(*apart, 0.0, size)
     if not shell and _open_edges(f):
         v, f, dropped, cut = _joined(*apart, SAME_POINT * size, size)
@@ -203,7 +208,7 @@ def make_mesh(
     if not len(f):
         raise InputError(name, "triangles without area only", "a surface of triangles")
     if dropped:
-        notes.append(f"{dropped} of {given} triangles had no area and were dropped")
+        notes.append(f"{dropped} of {count} triangles had no area and were dropped")
     if cut:
         notes.append(f"{cut} triangles were cut at a corner in the middle of their side")
     crowded = half_edges(f)[2]
@@ -222,7 +227,7 @@ def make_mesh(
 
 
 def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[FloatArray, IntArray, int, int]:
-    """Vertices in use, each once (within `distance`), triangles with an area, how many had none, how many were cut."""
+    """Join vertices (within `distance`) and drop triangles without area; count those that had none, and those cut."""
     used, index = np.unique(f, return_inverse=True)
     points = v[used] + 0.0  # minus zero is zero
     keys = np.round(points / distance) if distance else points
@@ -235,7 +240,7 @@ def _joined(v: FloatArray, f: IntArray, distance: float, size: float) -> tuple[F
 
 
 def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, int, int]:
-    """Leaves out triangles with their corners in line, cutting the neighbour on the long side at the middle one."""
+    """Drop triangles with their corners in line, cutting the neighbour on the long side at the middle one."""
     f = f.copy()
     dropped = cut = 0
     for _ in range(ROUNDS):
@@ -245,7 +250,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
         if not flat.any():
             break
         neighbours = half_edges(f)[0]
-        gone = np.zeros(len(f), dtype=bool)
+        without = np.zeros(len(f), dtype=bool)
         busy = np.zeros(len(f), dtype=bool)
         added = []
         for k in np.flatnonzero(flat).tolist():
@@ -253,15 +258,15 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
             other, side = divmod(int(neighbours[k, long]), 3)
             if busy[k] or (other >= 0 and (busy[other] or (flat[other] and other > k))):
                 continue  # in the next round
-            gone[k] = busy[k] = True
+            without[k] = busy[k] = True
             dropped += 1
             if other >= 0:
                 a, b, c = f[other, side], f[other, (side + 1) % 3], f[other, (side + 2) % 3]
                 middle = f[k, (long + 2) % 3]
-                gone[other] = busy[other] = True
+                without[other] = busy[other] = True
                 added += [(a, middle, c), (middle, b, c)]
                 cut += 1
-        f = np.vstack([f[~gone], np.array(added, dtype=np.intp).reshape(-1, 3)])
+        f = np.vstack([f[~without], np.array(added, dtype=np.intp).reshape(-1, 3)])
         twice = (f[:, 0] == f[:, 1]) | (f[:, 1] == f[:, 2]) | (f[:, 2] == f[:, 0])
         dropped += int(twice.sum())
         f = f[~twice]
@@ -269,7 +274,7 @@ def _without_area(v: FloatArray, f: IntArray, height: float) -> tuple[IntArray, 
 
 
 def _open_edges(f: IntArray) -> int:
-    """Sides of triangles that lie at no other, or at more than one."""
+    """Find sides of triangles that lie at no other, or at more than one."""
     return int((half_edges(f)[0] < 0).sum()) if len(f) else 0
 
 
@@ -285,7 +290,7 @@ def _principal(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _surface_properties(corners: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Area, centre and inertia about it (unit mass per area) of triangles (f, 3, 3)."""
+    """Compute area, centre and inertia about it (unit mass per area) of triangles (f, 3, 3)."""
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     area = float(areas.sum())
     centre = areas @ corners.sum(axis=1) / (3.0 * area)

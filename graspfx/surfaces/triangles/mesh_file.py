@@ -47,8 +47,8 @@ def read_mesh_file(path: str | PathLike[str], most_bytes: int, most_triangles: i
             warnings.simplefilter("ignore")  # of arithmetic on what may be no numbers, which are refused below
             vertices, faces, count = _surface(trimesh, kind[1:], data, most_triangles)
     except Exception as error:  # a damaged file makes its reader raise anything at all
-        what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
-        raise InputError("mesh", str(path), f"a sound {kind[1:]} file", f"trimesh cannot read it: {what}") from error
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST]
+        raise InputError("mesh", str(path), f"a sound {kind[1:]} file", f"trimesh cannot read it: {reason}") from error
     if count > most_triangles:
         fault = f"{count} triangles, more than the {most_triangles} of most_triangles"
         raise InputError("mesh", str(path), f"at most {most_triangles} triangles", f"{fault}; raise it if it is meant")
@@ -73,7 +73,7 @@ def load_trimesh() -> Any:
 
 
 def _surface(trimesh: Any, kind: str, data: bytes, most: int) -> tuple[FloatArray, IntArray, int]:
-    """The surface in a file's bytes, and how many triangles it has; empty where there are more than are taken."""
+    """Read the surface in a file's bytes, and count its triangles; empty where there are too many."""
     if kind == "obj":
         data = b"\n".join(GEOMETRY.findall(data))
     is_text = kind in ("obj", "off") or (kind == "stl" and data.lstrip()[:5] == b"solid" and b"\0" not in data[:84])

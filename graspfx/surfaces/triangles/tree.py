@@ -1,50 +1,21 @@
-"""A triangle mesh as one flat array: triangles, neighbours, pseudonormals, and a tree of boxes around them.
-
-The tree is complete: every level halves its triangles along the longest side of their centres' box. Nodes stand in
-preorder, each with the node to go on with when its box is skipped, so that a walk over the tree needs no stack.
-"""
+"""A triangle mesh laid out for the contact kernels, as `mesh_tree.MeshTree` declares it."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import size_for
+from graspfx.surfaces.triangles.mesh_tree import MeshTree, Node, Triangle, Vertex
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-
-# Header, offsets from the start of the mesh; what it tells of are offsets from there too.
-EXTENT = 0  # size of the bounding box plus the largest coordinate, to which rounding is relative [m]
-CLOSED = 1  # 1.0: watertight; 0.0: a shell, which is touched from its front only
-NODE_COUNT = 2
-NODES = 3
-FACES = 4
-VERTICES = 5
-RINGS = 6  # faces around each vertex
-SIZE = 7  # longest side of the bounding box [m]
-HEADER = 8
-
-NODE_STRIDE = 8
-LOW, HIGH = 0, 3  # corners of the box
-SKIP = 6  # number of the next node that is not below this one; that of a leaf is the next one
-FIRST = 7  # number of its first triangle; a node's triangles end where those of node SKIP begin
-
-FACE_STRIDE = 18
-CORNERS = 0  # a, b, c, counter-clockwise seen from outside
-NORMAL = 9  # unit, outwards
-ACROSS = 12  # numbers of the triangles across ab, bc, ca; -1 where the surface ends
-CORNER_NUMBERS = 15
-
-VERTEX_STRIDE = 6
-PSEUDONORMAL = 0  # unit, outwards: the triangles' normals weighted by their angles
-RING = 3  # offset in RINGS, and how many
-RING_COUNT = 4
-BORDER = 5  # 1.0: the surface ends here
 
 LEAF = 4  # triangles of a leaf at most
 
 
 def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArray:
-    """One contiguous float64 array with everything that the contact kernels read of a mesh.
+    """Lay out everything that the contact kernels read of a mesh: the block of a `MeshTree`.
 
     Args:
         vertices: (v, 3) in the object's frame [m].
@@ -63,21 +34,31 @@ def flatten(vertices: FloatArray, faces: IntArray, *, closed: bool) -> FloatArra
         border[faces[ends, k]] = border[faces[ends, (k + 1) % 3]] = 1.0
 
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    nodes = np.column_stack([boxes, skip, first])
-    rows = np.column_stack([corners.reshape(-1, 9), normals, across, faces])
-    points = np.column_stack(
-        [vertex_normals(corners, faces, normals, len(vertices)), start[:-1], np.diff(start), border]
-    )
-    offsets = HEADER + np.cumsum([0, nodes.size, rows.size, points.size])
     size = (high - low).max()
-    header = [size + np.abs([low, high]).max(), closed, len(nodes) - 1, *offsets, size]
-    return np.concatenate([header, nodes.ravel(), rows.ravel(), points.ravel(), ring]).astype(np.float64)
+    counts = {"node_count": len(skip) - 1, "triangle_count": len(faces), "vertex_count": len(vertices)}
+    mesh = MeshTree(np.zeros(size_for(MeshTree, **counts)))
+    mesh.extent, mesh.size, mesh.closed = size + np.abs([low, high]).max(), size, closed
+    for name, count in counts.items():
+        setattr(mesh, name, count)
+    nodes, triangles, points = mesh.nodes, mesh.triangles, mesh.vertices
+    nodes.array(Node.low)[:], nodes.array(Node.high)[:] = boxes[:, :3], boxes[:, 3:]
+    nodes.array(Node.skip)[:], nodes.array(Node.first)[:] = skip, first
+    for k, field in enumerate((Triangle.a, Triangle.b, Triangle.c)):
+        triangles.array(field)[:] = corners[:, k]
+    triangles.array(Triangle.normal)[:] = normals
+    triangles.array(Triangle.across)[:], triangles.array(Triangle.vertices)[:] = across, faces
+    points.array(Vertex.pseudonormal)[:] = vertex_normals(corners, faces, normals, len(vertices))
+    points.array(Vertex.ring)[:], points.array(Vertex.ring_count)[:] = start[:-1], np.diff(start)
+    points.array(Vertex.border)[:] = border
+    mesh.buffer[mesh.rings.offset :] = ring
+    block: FloatArray = mesh.buffer
+    return block
 
 
 def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
-    """The tree over triangles (f, 3, 3): their order in it, and each node's box (6,), SKIP and FIRST.
+    """Build the tree over triangles (f, 3, 3): their order in it, and each node's box (6,), `skip` and `first`.
 
-    The last row is the end: no box, FIRST is f.
+    The last row is the end: no box, `first` is f.
     """
     count = len(corners)
     depth = max(0, int(np.ceil(np.log2(count / LEAF))))
@@ -110,7 +91,7 @@ def box_tree(corners: FloatArray) -> tuple[IntArray, FloatArray, IntArray, IntAr
 
 
 def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
-    """What lies across every edge (a side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
+    """Find what lies across every edge (a side of a triangle: 3 f + 0, 1, 2 for ab, bc, ca) of faces (f, 3).
 
     Returns the half edge across, (f, 3), -1 where the surface ends or more than two triangles meet; whether both run
     the same way, which they do where one of the triangles is turned over; and how many edges have more than two.
@@ -130,14 +111,14 @@ def half_edges(faces: IntArray) -> tuple[IntArray, NDArray[np.bool_], int]:
 
 
 def rings(faces: IntArray, vertices: int) -> tuple[IntArray, IntArray]:
-    """Faces around each vertex, one vertex after the other, and where each begins (v + 1,)."""
+    """List the faces around each vertex, one vertex after the other, and where each begins (v + 1,)."""
     corner = faces.ravel()
     order = np.argsort(corner, kind="stable")
     return order // 3, np.append(0, np.cumsum(np.bincount(corner, minlength=vertices)))
 
 
 def face_normals(corners: FloatArray) -> FloatArray:
-    """Outward unit normals of triangles (f, 3, 3), to the last digit."""
+    """Compute outward unit normals of triangles (f, 3, 3), to the last digit."""
     a, b, c = np.moveaxis(corners.astype(np.longdouble), 1, 0)
     normals = np.cross(b - a, c - a)
     units: FloatArray = (normals / np.sqrt((normals * normals).sum(axis=1, keepdims=True))).astype(np.float64)
@@ -145,7 +126,10 @@ def face_normals(corners: FloatArray) -> FloatArray:
 
 
 def vertex_normals(corners: FloatArray, faces: IntArray, normals: FloatArray, vertices: int) -> FloatArray:
-    """Angle-weighted pseudonormals, unit (v, 3): their sign is right at every corner (Baerentzen and Aanaes, 2005)."""
+    """Compute angle-weighted pseudonormals, unit (v, 3).
+
+    Their sign is right at every corner (Baerentzen and Aanaes, 2005).
+    """
     total = np.zeros((vertices, 3))
     for k in range(3):
         u, v = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]

@@ -13,7 +13,7 @@ MOST_WORK = 50_000_000  # solid angles: a few seconds
 
 
 def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntArray, int]:
-    """Faces (f, 3) that are wound consistently, and outwards if the surface is closed; and how many were turned over.
+    """Wind faces (f, 3) consistently, and outwards if the surface is closed; count those that were turned over.
 
     A piece within another is a cavity and faces inwards. An open piece keeps the side that most of its triangles have.
 
@@ -34,7 +34,7 @@ def wound(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[IntAr
 
 
 def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Pieces connected over edges, numbered (f,), and the triangles to turn over for each to agree with its first."""
+    """Number the pieces connected over edges (f,), and find triangles to turn over for each to agree with its first."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -55,14 +55,14 @@ def _agree(across: IntArray, same: NDArray[np.bool_]) -> tuple[IntArray, NDArray
 
 
 def _volumes(corners: FloatArray) -> FloatArray:
-    """Six times the volumes between the triangles and their mean, signed (f,)."""
+    """Compute six times the volumes between the triangles and their mean, signed (f,)."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     volumes: FloatArray = (a * np.cross(b, c)).sum(axis=1)
     return volumes
 
 
 def _cavities(corners: FloatArray, pieces: IntArray, count: int) -> NDArray[np.bool_]:
-    """Which pieces have an odd number of others around them, by the solid angle of each seen from a point of theirs."""
+    """Find the pieces with an odd number of others around them, by the solid angle of each from a point of theirs."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, pieces, corners.min(axis=1))
     np.maximum.at(high, pieces, corners.max(axis=1))
@@ -86,7 +86,7 @@ def _cavities(corners: FloatArray, pieces: IntArray, count: int) -> NDArray[np.b
 
 
 def _turns(corners: FloatArray) -> FloatArray:
-    """Solid angles of triangles (f, 3, 3) seen from the origin, over 4 pi (van Oosterom and Strackee, 1983)."""
+    """Compute solid angles of triangles (f, 3, 3) from the origin, over 4 pi (van Oosterom and Strackee, 1983)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     la, lb, lc = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), np.linalg.norm(c, axis=1)
     below = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb

@@ -235,13 +235,13 @@ def test_every_form_of_a_display_gives_one_answer():
     ids=["negative", "circling", "circling-matrix", "unstable", "integrating", "negative-at-rest"],
 )
 def test_no_damping_is_enough(H):
-    """What creates energy in motion as slow as one likes, where friction takes next to none."""
+    """Motion as slow as one likes, where friction takes next to none, creates energy."""
     assert passivity.required_damping(H, T) == np.inf
     assert passivity.damping_margin(H, 1.0, T) == -np.inf
 
 
 def test_a_negative_stiffness_shows_in_the_energy_and_not_in_the_frequencies():
-    """At every frequency -5 N/m asks for no damping: why H(1) is looked at by itself."""
+    """No damping is needed at any frequency with -5 N/m: that is why H(1) is looked at by itself."""
     slow = passivity.worst_motion(-5.0, 0.2, T, 50)
     assert passivity.worst_motion(-5.0, 0.2, T, 5).energy > 0.0 > passivity.worst_motion(-5.0, 0.2, T, 100).energy
     assert slow.energy < passivity.worst_motion(-5.0, 0.2, T, 5).energy

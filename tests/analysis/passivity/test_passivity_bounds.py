@@ -12,7 +12,7 @@ T, DELTA = 1e-3, 1e-4
 
 
 def energy(x: np.ndarray, K: float, b: float, f_c: float, delay: int = 0) -> float:
-    """What device and wall take in on positions x (N,), even between samples, the wall's store at the end not counted.
+    """Add up what device and wall take in on positions x (N,), also between samples, without the wall's store.
 
     The wall's force is K times the position rounded to steps, held over a sample, `delay` samples late.
     """

@@ -3,81 +3,97 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import Many, Record, many, numbers, size_for
+from graspfx.grasp.contact_state import Contact, Freedom
 from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.loop.energy import leak as po
+from graspfx.spatial import Vector, Vector4
 
-POINT, WEIGHT, FORCE, STEP, STRETCH, STRIDE = 0, 3, 4, 7, 10, 13
 T = 1e-3
-EQUAL = slice(po.WORK, po.WORK + 3)
+
+
+class Finger(Contact):
+    """A contact with what the kernels ask of it."""
+
+    force: Vector4
+    step: Vector4
+    displacement: Vector4
+
+
+class Books(Record):
+    """Fingers and their accounts."""
+
+    count: int
+    accounts: po.Accounts
+    freedom: Freedom
+    fingers: Many[Finger] = many("count")
 
 
 class Observed:
-    """A buffer with n fingers, their modes and a ledger, in the layout that the kernels take."""
+    """n fingers, their modes and accounts."""
 
     def __init__(self, points: np.ndarray, weights: np.ndarray | None = None) -> None:
         self.n, self.d = points.shape
         turns = {1: 0, 2: 1, 3: 3}[self.d]
-        self.axes = self.n * STRIDE
-        self.modes = self.axes + 18
-        self.row = self.modes + 6 * (1 + 3 * self.n)
-        self.ledger = self.row + 6
-        self.S = np.zeros(self.ledger + po.SIZE)
-        self.fingers = self.S[: self.n * STRIDE].reshape(self.n, STRIDE)
-        self.fingers[:, : self.d] = points
-        self.fingers[:, WEIGHT] = 1.0 if weights is None else weights
-        axes = np.vstack([np.eye(3)[: self.d], np.eye(3)[3 - turns :]])
-        self.S[self.axes : self.axes + axes.size] = axes.ravel()
-        self.block = memoryview(self.S)
-        self.count, _ = rigid_modes(
-            self.block, 0, STRIDE, POINT, WEIGHT, self.n, self.d, self.axes, self.d, turns, 1e-9, 2e-9, self.modes
-        )
+        self.S = np.zeros(size_for(Books, count=self.n))
+        self.modes = np.zeros(size_for(po.ModeSplit, fingers=self.n, width=3))
+        self.split = po.ModeSplit(self.modes.data)
+        self.split.fingers, self.split.width, self.split.shifts = self.n, 3, self.d
+        self.books = Books(self.S.data)
+        self.books.count = self.n
+        self.accounts, self.fingers = self.books.accounts, self.books.fingers
+        self.weights, self.points = self.fingers.array(Finger.weight), self.fingers.array(Finger.contact)[:, : self.d]
+        self.points[...] = points
+        self.weights[...] = 1.0 if weights is None else weights
+        freedom = self.books.freedom
+        freedom.shifts, freedom.turns = self.d, turns
+        for axis, row in zip(freedom.axes, np.vstack([np.eye(3)[: self.d], np.eye(3)[3 - turns :]]), strict=False):
+            axis.vector = Vector(*row.tolist())
+        self.split.count, _ = rigid_modes(self.fingers, freedom, self.d, 1e-9, 2e-9, 3, self.split.modes)
 
-    def put(self, offset: int, vectors: np.ndarray) -> None:
-        self.fingers[:, offset : offset + self.d] = vectors
+    def array(self, field: Any) -> np.ndarray:
+        return self.fingers.array(field)[:, : self.d]
 
-    def works(self, kernel=po.works, S=None):
-        return kernel(
-            self.block if S is None else S, 0, STRIDE, self.n, 3, FORCE, STEP, WEIGHT,
-            self.modes, self.d, self.count, self.row,
-        )  # fmt: skip
+    def put(self, field: Any, vectors: Any) -> None:
+        self.array(field)[...] = vectors
 
-    def squares(self, at: int = STEP):
-        return po.squares(
-            self.block, 0, STRIDE, self.n, 3, at, WEIGHT, self.modes, self.d, self.count, self.row
-        )  # fmt: skip
+    def part(self, field: Any) -> Any:
+        return self.fingers.part(field)
+
+    def works(self, run: Any = po.works) -> Any:
+        return run(self.split, self.fingers, self.part(Finger.force), self.part(Finger.step))
+
+    def squares(self) -> Any:
+        return po.squares(self.split, self.fingers, self.part(Finger.step))
 
     def store(self, external: float, internal: float) -> None:
-        po.store(
-            self.block, self.ledger, 0, STRIDE, self.n, 3, STRETCH, WEIGHT,
-            self.modes, self.d, self.count, self.row, external, internal,
-        )  # fmt: skip
+        po.store(self.accounts, self.split, self.fingers, self.part(Finger.displacement), external, internal)
 
-    def observe(self, drag: float = 0.0, kernel=po.observe, S=None) -> None:
-        kernel(
-            self.block if S is None else S, self.ledger, 0, STRIDE, self.n, 3, FORCE, STEP, WEIGHT,
-            self.modes, self.d, self.count, self.row, drag,
-        )  # fmt: skip
+    def observe(self, drag: float = 0.0, run: Any = po.observe) -> None:
+        run(self.accounts, self.split, self.fingers, self.part(Finger.force), self.part(Finger.step), drag)
 
-    def brake(self, most: float, kernel=po.brake, S=None):
-        return kernel(
-            self.block if S is None else S, self.ledger, 0, STRIDE, self.n, 3, FORCE, STEP, WEIGHT,
-            self.modes, self.d, self.count, self.row, T, most,
-        )  # fmt: skip
+    def brake(self, most: float, run: Any = po.add_damping) -> Any:
+        forces, steps = self.part(Finger.force), self.part(Finger.step)
+        return run(self.accounts, self.split, self.fingers, forces, steps, T, most)
+
+    def book(self, j: int, energy: float) -> None:
+        po.book(self.accounts.parts[j].work, energy)
 
     def balances(self) -> np.ndarray:
-        return np.array([po.balance(self.block, self.ledger, j) for j in range(3)])
+        return np.array([po.balance(account) for account in self.accounts.parts])
 
     def projectors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """I - Q, Q of translations, Q of rotations, dense, in the metric of the weights; from grasp matrices."""
-        w = self.fingers[:, WEIGHT]
-        W = np.repeat(w, self.d)
-        points = self.fingers[:, : self.d]
+        W = np.repeat(self.weights, self.d)
+        points = self.points
         every = gx.Split(gx.grasp_matrix(points), metric=W).displacement_external
         moves = gx.Split(gx.grasp_matrix(points, free=[True] * self.d + [False] * (2 * self.d - 3)), metric=W)
         shifts = moves.displacement_external
@@ -99,18 +115,18 @@ def test_a_held_spring_moved_in_a_sine_creates_energy_of_known_size(samples):
     grasp = Observed(np.array([[-0.02], [0.02]]))
     x = A * np.sin(2 * np.pi * np.arange(samples + 1) / samples + 0.3)
     for k in range(samples):
-        grasp.put(FORCE, K * np.array([[x[k]], [-x[k]]]))
-        grasp.put(STEP, (x[k + 1] - x[k]) * np.array([[1.0], [-1.0]]))
+        grasp.put(Finger.force, K * np.array([[x[k]], [-x[k]]]))
+        grasp.put(Finger.step, (x[k + 1] - x[k]) * np.array([[1.0], [-1.0]]))
         grasp.observe()
     created = -grasp.balances()
     assert created[po.INTERNAL] == pytest.approx(2 * K * samples * A**2 * np.sin(np.pi / samples) ** 2, rel=1e-12)
     assert created[po.TRANSLATION] == pytest.approx(0.0, abs=1e-18)
     # the devices' friction covers it iff b >= K T/2: the wall's limit
     for factor, sign in ((1.001, 1.0), (0.999, -1.0)):
-        po.open_ledger(grasp.block, grasp.ledger)
+        po.open_accounts(grasp.accounts)
         for k in range(samples):
-            grasp.put(FORCE, K * np.array([[x[k]], [-x[k]]]))
-            grasp.put(STEP, (x[k + 1] - x[k]) * np.array([[1.0], [-1.0]]))
+            grasp.put(Finger.force, K * np.array([[x[k]], [-x[k]]]))
+            grasp.put(Finger.step, (x[k + 1] - x[k]) * np.array([[1.0], [-1.0]]))
             grasp.observe(drag=factor * K * T / 2 / T)
         assert sign * grasp.balances()[po.INTERNAL] > 0.0
 
@@ -126,11 +142,9 @@ def test_turning_is_told_from_shifting_where_the_mean_velocity_is_zero():
     tangent = points[:, ::-1] * [-1.0, 1.0]  # z x r
     theta = amplitude * np.sin(2 * np.pi * np.arange(N + 1) / N)
     for j in range(N):
-        grasp.put(FORCE, k / 3 * theta[j] * tangent)
-        grasp.put(STEP, (theta[j + 1] - theta[j]) * tangent)
-        by_mean_velocity = grasp.fingers[:, FORCE : FORCE + 2].sum(axis=0) @ grasp.fingers[:, STEP : STEP + 2].mean(
-            axis=0
-        )
+        grasp.put(Finger.force, k / 3 * theta[j] * tangent)
+        grasp.put(Finger.step, (theta[j + 1] - theta[j]) * tangent)
+        by_mean_velocity = grasp.array(Finger.force).sum(axis=0) @ grasp.array(Finger.step).mean(axis=0)
         assert by_mean_velocity == pytest.approx(0.0, abs=1e-22)  # what an observer of linear power would see
         grasp.observe()
     created = -grasp.balances()
@@ -147,19 +161,19 @@ def test_works_and_squares_are_those_of_the_dense_projectors(n, d, weighted):
     points = ring(n, d) + rng.normal(scale=0.003, size=(n, d))
     grasp = Observed(points, rng.uniform(0.2, 2.0, n) if weighted else None)
     f, D = rng.normal(size=(n, d)), 1e-4 * rng.normal(size=(n, d))
-    grasp.put(FORCE, f)
-    grasp.put(STEP, D)
+    grasp.put(Finger.force, f)
+    grasp.put(Finger.step, D)
     projectors = (
         grasp.projectors() if d > 1 else ((np.eye(2) - 0.5 * np.ones((2, 2))), 0.5 * np.ones((2, 2)), np.zeros((2, 2)))
     )
-    W = np.repeat(grasp.fingers[:, WEIGHT], d)
-    works, squares = grasp.works(), grasp.squares()
+    W = np.repeat(grasp.weights, d)
+    works, squares = list(numbers(grasp.works())), list(numbers(grasp.squares()))
     for j, Q in enumerate(projectors):
         assert works[j] == pytest.approx(f.ravel() @ Q @ D.ravel(), abs=1e-14 * abs(f.ravel()) @ abs(D.ravel()) * n)
         assert squares[j] == pytest.approx(
             (W * D.ravel()) @ Q @ D.ravel(), abs=float(1e-13 * (W * D.ravel()) @ D.ravel())
         )
-    assert works[po.WHOLE] == pytest.approx(f.ravel() @ D.ravel(), rel=1e-13, abs=1e-18)
+    assert works[3] == pytest.approx(f.ravel() @ D.ravel(), rel=1e-13, abs=1e-18)
 
 
 def test_the_ledger_closes_to_rounding_over_a_long_run_at_both_ports():
@@ -171,11 +185,11 @@ def test_the_ledger_closes_to_rounding_over_a_long_run_at_both_ports():
         f, finger, contact = rng.normal(size=(3, 5, 3)) * np.array([1.0, 1e-4, 1e-4])[:, None, None]
         turned += float(np.abs(f).ravel() @ (np.abs(finger) + np.abs(contact)).ravel())
         for port, step in zip(ports, (finger, contact, finger - contact), strict=True):
-            port.put(FORCE, f)
-            port.put(STEP, step)
+            port.put(Finger.force, f)
+            port.put(Finger.step, step)
             port.observe()
     # each sample's products round at 1e-16 of themselves, at random: far less than the sum of all
-    assert max(abs(po.gap(port.block, port.ledger)) for port in ports) < 2e-17 * turned
+    assert max(abs(po.gap(port.accounts)) for port in ports) < 2e-17 * turned
     device, object_, coupling = (port.balances() for port in ports)
     assert np.abs(device - object_ - coupling).max() < 2e-17 * turned
 
@@ -186,30 +200,32 @@ def test_a_coupling_of_eq_4_leaks_half_its_stiffness_times_each_step_squared():
     kep, kip = 40.0, 160.0
     grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
     internal, shift, turn = grasp.projectors()
-    W = np.repeat(grasp.fingers[:, WEIGHT], 3)
+    W = np.repeat(grasp.weights, 3)
     e = 1e-3 * rng.normal(size=(300, 12)).cumsum(axis=0)
-    grasp.put(STRETCH, e[0].reshape(4, 3))
+    grasp.put(Finger.displacement, e[0].reshape(4, 3))
     grasp.store(kep, kip)
-    po.open_ledger(grasp.block, grasp.ledger)
+    po.open_accounts(grasp.accounts)
     expected = np.zeros(3)
     for now, then in pairwise(e):
         force = W * (kep * (shift + turn) @ now + kip * internal @ now)
-        grasp.put(FORCE, force.reshape(4, 3))
-        grasp.put(STEP, (then - now).reshape(4, 3))
+        grasp.put(Finger.force, force.reshape(4, 3))
+        grasp.put(Finger.step, (then - now).reshape(4, 3))
         grasp.observe()
         D = then - now
         expected += [-0.5 * g * (W * D) @ Q @ D for g, Q in ((kip, internal), (kep, shift), (kep, turn))]
-    grasp.put(STRETCH, e[-1].reshape(4, 3))
+    grasp.put(Finger.displacement, e[-1].reshape(4, 3))
     grasp.store(kep, kip)
     np.testing.assert_allclose(grasp.balances(), expected, rtol=1e-11)
 
 
 def test_a_finger_of_no_weight_is_internal():
     grasp = Observed(ring(3), np.array([1.0, 1.0, 0.0]))
-    grasp.put(FORCE, np.array([[0.0, 0.0], [0.0, 0.0], [2.0, 0.0]]))
-    grasp.put(STEP, np.array([[0.0, 0.0], [0.0, 0.0], [1e-3, 0.0]]))
-    assert grasp.works() == (pytest.approx(2e-3), 0.0, 0.0, pytest.approx(2e-3))
-    assert grasp.squares() == (0.0, 0.0, 0.0)
+    grasp.put(Finger.force, [[0.0, 0.0], [0.0, 0.0], [2.0, 0.0]])
+    grasp.put(Finger.step, [[0.0, 0.0], [0.0, 0.0], [1e-3, 0.0]])
+    work = grasp.works()
+    assert (work.internal, work.whole) == (pytest.approx(2e-3), pytest.approx(2e-3))
+    assert (work.translation, work.rotation) == (0.0, 0.0)
+    assert grasp.squares() == Vector(0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("leaking", [po.INTERNAL, po.TRANSLATION, po.ROTATION])
@@ -217,13 +233,13 @@ def test_the_brake_pays_a_debt_with_the_next_step_like_the_last_and_in_its_mode_
     rng = np.random.default_rng(1)
     grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
     D = 1e-4 * rng.normal(size=(4, 3))
-    grasp.put(STEP, D)
-    po.book(grasp.block, grasp.ledger, leaking, -3e-7)
-    found = grasp.brake(1e9)
+    grasp.put(Finger.step, D)
+    grasp.book(leaking, -3e-7)
+    found = list(numbers(grasp.brake(1e9)))
     assert found[leaking] > 0.0 and sum(found) == found[leaking]
     assert found[leaking] == pytest.approx(3e-7 * T / grasp.squares()[leaking])
-    force = grasp.fingers[:, FORCE : FORCE + 3].ravel()
-    W = np.repeat(grasp.fingers[:, WEIGHT], 3)
+    force = grasp.array(Finger.force).ravel()
+    W = np.repeat(grasp.weights, 3)
     expected = found[leaking] / T * W * (grasp.projectors()[leaking] @ D.ravel())
     np.testing.assert_allclose(force, expected, rtol=1e-10, atol=1e-14)
     grasp.observe()
@@ -233,13 +249,14 @@ def test_the_brake_pays_a_debt_with_the_next_step_like_the_last_and_in_its_mode_
 
 def test_the_brake_is_limited_and_idle_where_nothing_is_owed():
     grasp = Observed(ring(3))
-    grasp.put(STEP, 1e-4 * np.ones((3, 2)))
-    assert grasp.brake(0.1) == (0.0, 0.0, 0.0)
-    assert not grasp.fingers[:, FORCE : FORCE + 3].any()
-    po.book(grasp.block, grasp.ledger, po.TRANSLATION, -1.0)
-    po.book(grasp.block, grasp.ledger, po.INTERNAL, -1.0)
-    assert grasp.brake(0.1) == (0.1, 0.1, 0.0) or grasp.brake(0.1) == (0.0, 0.1, 0.0)  # squeezed by rounding, or not
-    po.open_ledger(grasp.block, grasp.ledger)
+    grasp.put(Finger.step, 1e-4 * np.ones((3, 2)))
+    assert grasp.brake(0.1) == Vector(0.0, 0.0, 0.0)
+    assert not grasp.array(Finger.force).any()
+    grasp.book(po.TRANSLATION, -1.0)
+    grasp.book(po.INTERNAL, -1.0)
+    damping = grasp.brake(0.1)
+    assert damping in (Vector(0.1, 0.1, 0.0), Vector(0.0, 0.1, 0.0))  # squeezed by rounding, or not
+    po.open_accounts(grasp.accounts)
     assert grasp.balances().tolist() == [0.0, 0.0, 0.0]
 
 
@@ -255,15 +272,15 @@ def squeeze(most: float) -> tuple[float, float, float]:
     x, v = np.array([1e-3, -1e-3]), np.full(2, 0.02)
     size = []
     for _ in range(4000):
-        grasp.put(STRETCH, x[:, None])
+        grasp.put(Finger.displacement, x[:, None])
         grasp.store(0.0, k)
-        grasp.put(FORCE, 0.5 * k * (x[0] - x[1]) * np.array([[1.0], [-1.0]]))
+        grasp.put(Finger.force, 0.5 * k * (x[0] - x[1]) * np.array([[1.0], [-1.0]]))
         if most > 0.0:
             grasp.brake(most)
-        f = -grasp.fingers[:, FORCE]
+        f = -grasp.array(Finger.force)[:, 0]
         new = x + (v - f / b) * m / b * (1 - E) + f / b * T
         v = E * v + (1 - E) / b * f
-        grasp.put(STEP, (new - x)[:, None])
+        grasp.put(Finger.step, (new - x)[:, None])
         x = new
         grasp.observe(drag=b / T)
         size.append(abs(x[0] - x[1]))
@@ -279,16 +296,35 @@ def test_a_squeeze_beyond_its_devices_friction_grows_and_is_braked_without_braki
     assert went == pytest.approx(0.02 * 0.1 / 0.2 * (1 - np.exp(-8.0)), rel=1e-9)  # v m/b: friction alone slows it
 
 
-def test_the_same_source_runs_compiled_to_the_same_numbers():
-    rng = np.random.default_rng(6)
-    grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
-    grasp.put(FORCE, rng.normal(size=(4, 3)))
-    grasp.put(STEP, 1e-4 * rng.normal(size=(4, 3)))
-    twin = grasp.S.copy()
-    for _ in range(3):
-        grasp.observe(drag=10.0)
-        grasp.observe(drag=10.0, kernel=compiled(po.observe), S=twin)
-    po.book(grasp.block, grasp.ledger, po.ROTATION, -1.0)
-    compiled(po.book)(twin, grasp.ledger, po.ROTATION, -1.0)
-    assert grasp.brake(0.3) == grasp.brake(0.3, kernel=compiled(po.brake), S=twin)
-    np.testing.assert_array_equal(grasp.S, twin)
+@pytest.mark.parametrize("seed", range(5))
+def test_kernels_as_written_lowered_and_compiled_compute_the_same_numbers(seed: int) -> None:
+    """Written and lowered to the bit, compiled by themselves to the bit."""
+
+    def flat(kernel: Any) -> Any:
+        machine = compiled(kernel)
+        views = (Record, Many)
+
+        def run(*arguments: Any) -> Any:
+            given: list[Any] = []
+            for a in arguments:
+                given += [np.asarray(a.buffer), a.offset] if isinstance(a, views) else [a]
+                given += [a.stride, a.count] if isinstance(a, Many) else []
+            return machine(*given)
+
+        return run
+
+    results = []
+    for way in (written, lambda kernel: kernel, flat):
+        rng = np.random.default_rng(seed)
+        grasp = Observed(ring(4, 3), rng.uniform(0.5, 1.5, 4))
+        for _ in range(3):
+            grasp.put(Finger.force, rng.normal(size=(4, 3)))
+            grasp.put(Finger.step, 1e-4 * rng.normal(size=(4, 3)))
+            grasp.observe(10.0, run=way(po.observe))
+        way(po.book)(grasp.accounts.parts[po.ROTATION].work, -1.0)
+        damping = grasp.brake(0.3, run=way(po.add_damping))
+        results.append(([*(damping if isinstance(damping, tuple) else numbers(damping))], grasp.S, grasp.modes))
+    one, *others = results
+    for other in others:
+        assert one[0] == other[0]
+        assert one[1].tobytes() == other[1].tobytes() and one[2].tobytes() == other[2].tobytes()

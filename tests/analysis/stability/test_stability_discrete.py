@@ -12,6 +12,7 @@ from graspfx.analysis.stability.fullloop import object_matrices
 from graspfx.objects import integrators
 from graspfx.objects.body import INTEGRATORS as BODIES
 from graspfx.objects.body import fill_body
+from graspfx.objects.decay import coefficients
 
 
 def test_held_motion_to_fifty_digits() -> None:
@@ -60,8 +61,8 @@ def test_integrators_are_the_bodys(name: str) -> None:
     """Against the coefficients that a run uses, to 1e-14."""
     for rate in (0.0, 1e-6, 3.0, 150.0):
         p, q, decay, s = object_step(name, rate, 0.005)
-        P, Q, R, S = integrators.coefficients(BODIES[name], rate, 0.005)
-        assert np.array([p, q, 1.0 - decay, s]) == pytest.approx(np.array([P, Q, R, S]), rel=1e-14, abs=1e-18)
+        c = coefficients(BODIES[name], rate, 0.005)
+        assert np.array([p, q, 1.0 - decay, s]) == pytest.approx(np.array([c.p, c.q, c.r, c.s]), rel=1e-14, abs=1e-18)
 
 
 def test_pybullet_moves_as_named() -> None:

@@ -99,7 +99,7 @@ def object_speed(rec: gx.Recording, case: Case) -> np.ndarray:
 
 
 def rate_error(rec: gx.Recording, case: Case, radius: float) -> float:
-    """Of log |z| of the slowest mode, relative: the run's states, seen along that mode by its left eigenvector.
+    """Fit the relative error of log |z| of the slowest mode: the run's states, seen along its left eigenvector.
 
     The fingers' velocities are not recorded; they follow from two positions and the force held between them.
     """

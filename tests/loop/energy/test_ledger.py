@@ -12,16 +12,21 @@ from scipy.spatial.transform import Rotation
 
 import graspfx as gx
 from graspfx.certificate.plan import plan
+from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.errors import SceneError
 from graspfx.grasp.impedance import Coupling, Impedance
-from graspfx.loop.energy import ledger
+from graspfx.loop.energy.books import FingerBooks, LedgerState
 from graspfx.loop.energy.observer import Observer
-from graspfx.objects import energy, integrators
+from graspfx.loop.energy.watch import watch
+from graspfx.objects import energy
 from graspfx.objects.body import NativeBody, fill_body
+from graspfx.objects.body_state import EXACT, BodyState, Motion
+from graspfx.objects.integrators import orient
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support.optional import require
 
@@ -220,8 +225,9 @@ def test_an_object_that_only_turns_leaks_in_rotation_though_nothing_has_a_linear
     grasp, observer = held(3, 2, kep, 900.0)
     state = grasp.body_state
     for j in range(2 * N + 1):
-        state[integrators.ANGLE] = amplitude * np.sin(2 * np.pi * j / N)
-        integrators.orient(memoryview(state), 0)
+        body = BodyState(memoryview(state))
+        body.motion.angle = float(amplitude * np.sin(2 * np.pi * j / N))
+        orient(body)
         grasp.finger_position[:] = ring(3, 2)
         assert grasp.sample() == 0
         observer.sample()
@@ -243,7 +249,7 @@ def test_what_exact_viscosity_takes_is_its_integral() -> None:
     m, b, T, v, u = 0.3, 2.0, 0.05, 0.4, -3.0
     a = b / m
     loss = mpmath.quad(lambda t: b * (v * mpmath.exp(-a * t) + u / a * (1 - mpmath.exp(-a * t))) ** 2, [0, T])
-    assert energy.viscous(integrators.EXACT, m, b, T, v, 0.0, u) == pytest.approx(float(loss), rel=1e-13)
+    assert energy.viscous(EXACT, m, b, T, v, 0.0, u) == pytest.approx(float(loss), rel=1e-13)
 
 
 def test_a_body_of_three_moments_that_spins_freely_gains_nothing_but_the_defect_of_its_order() -> None:
@@ -321,15 +327,32 @@ def test_bad_values_and_the_plan(tmp_path: Path) -> None:
     assert not rows["off"].runs and rows["observe"].runs and "damped" in rows["control"].why
 
 
-def test_the_same_source_runs_compiled_to_the_same_numbers() -> None:
+@pytest.mark.parametrize("coefficient", [0.0, 0.4])
+def test_kernels_as_written_lowered_and_compiled_give_the_same_bits(coefficient: float) -> None:
+    """All that an observer does, over samples of fingers that move at random on a body that moves."""
+    grasp, observer = held(
+        2 if coefficient else 3, 2, 150.0, 400.0, 0.3, 0.7, shaped=coefficient > 0.0, friction=coefficient
+    )
     rng = np.random.default_rng(3)
-    _, observer = held(3, 2, 150.0, 400.0)
-    B = observer.buffer
-    B[ledger.ROWS :] = rng.normal(size=len(B) - ledger.ROWS)
-    twin = B.copy()
-    ledger.book_springs(B.data, 3)
-    compiled(ledger.book_springs)(twin, 3)
-    np.testing.assert_allclose(twin, B, rtol=1e-13, atol=1e-15)
+    start = grasp.finger_position.copy() if not coefficient else np.array([[-0.019, 0.0], [0.018, 1e-3]])
+    for k in range(12):
+        grasp.finger_position[:] = start + 1e-4 * rng.normal(size=start.shape)
+        motion = GraspState(grasp.block).body.motion
+        motion.array(Motion.position)[:2] = 1e-5 * rng.normal(size=2)
+        motion.angle = 1e-3 * float(rng.normal())
+        orient(GraspState(grasp.block.data).body)
+        assert grasp.sample() == 0
+        ledger = LedgerState(observer.buffer)
+        ledger.control = k % 2 == 1
+        runs = [(grasp.block.copy(), observer.buffer.copy()) for _ in range(3)]
+        for way, (S, B) in zip((written(watch), watch), runs, strict=False):
+            way(GraspState(S.data), LedgerState(B.data), 1e-3)
+        compiled(watch)(runs[2][0], 0, runs[2][1], 0, 1e-3)
+        for S, B in runs[1:]:
+            assert S.tobytes() == runs[0][0].tobytes()
+            assert B.tobytes() == runs[0][1].tobytes()
+        grasp.block[:], observer.buffer[:] = runs[0]
+    assert LedgerState(observer.buffer).report.damping != Vector(0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("singular", [False, True])
@@ -348,13 +371,12 @@ def test_springs_of_matrix_gains_hold_the_displacement_of_their_force(singular: 
         grasp.finger_position[:] = p
         assert grasp.sample() == 0
         observer.sample()
-    rows = observer.buffer[ledger.ROWS : ledger.ROWS + 2 * ledger.STRIDE].reshape(2, ledger.STRIDE)
-    h = rows[:, ledger.STRETCH : ledger.STRETCH + 2]
-    fe = grasp.rows[:, at.ELASTIC : at.ELASTIC + 2]
+    h = LedgerState(observer.buffer).fingers.array(FingerBooks.stretch)[:, :2]
+    block = GraspState(grasp.block)
+    fe = block.fingers.array(FingerState.elastic)[:, :2]
     assert fe.any()
     if singular:
-        assert np.array_equal(h, grasp.rows[:, at.DISPLACEMENT : at.DISPLACEMENT + 2])
+        assert np.array_equal(h, block.fingers.array(FingerState.displacement)[:, :2])
     else:
-        o = at.dense(2, 2)
-        expected = np.linalg.solve(grasp.block[o : o + 16].reshape(4, 4), fe.ravel())
+        expected = np.linalg.solve(grasp.state.stiffness.array(4), fe.ravel())
         np.testing.assert_allclose(h.ravel(), expected, rtol=0.0, atol=1e-14 * np.abs(expected).max())

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.rules import Rules
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.loop.energy import brake, ledger
 from graspfx.loop.energy import leak as po
+from graspfx.loop.energy.books import FingerBooks, LedgerState
 from graspfx.loop.energy.observer import Observer
 from graspfx.objects.body import NativeBody, fill_body
 from graspfx.surfaces.closed_form.shape import Box
@@ -80,6 +81,10 @@ def test_a_passive_setting_is_left_alone_to_the_bit(changes: dict[str, Any]) -> 
 # One sample by hand ---------------------------------------------------------------------------------------------------
 
 
+def blocks(grasp: GraspedObject, observer: Observer) -> tuple[GraspState, LedgerState]:
+    return GraspState(grasp.block.data), LedgerState(observer.buffer.data)
+
+
 def owing(mode: int, debt: float, **rules: Any) -> tuple[GraspedObject, Observer, np.ndarray]:
     """Four fingers on a cube, one sample after the first, with a debt in one mode; the force before control."""
     attached = not rules
@@ -99,16 +104,17 @@ def owing(mode: int, debt: float, **rules: Any) -> tuple[GraspedObject, Observer
     for _ in range(2):
         grasp.finger_position[:] = p
         assert grasp.sample() == 0
-        ledger.observe(grasp.block.data, observer.buffer.data, T)
-        ledger.hold(grasp.block.data, observer.buffer.data)
-        ledger.report(grasp.block.data, observer.buffer.data)
+        ledger.observe(*blocks(grasp, observer), T)
+        ledger.hold(*blocks(grasp, observer))
+        ledger.report(*blocks(grasp, observer))
         p = p + 2e-4 * rng.normal(size=p.shape)
     grasp.finger_position[:] = p
     assert grasp.sample() == 0
-    ledger.observe(grasp.block.data, observer.buffer.data, T)
-    for j in range(3):
-        po.book(observer.buffer.data, ledger.LEDGER, j, -po.balance(observer.buffer.data, ledger.LEDGER, j))
-    po.book(observer.buffer.data, ledger.LEDGER, mode, -debt)
+    ledger.observe(*blocks(grasp, observer), T)
+    accounts = LedgerState(observer.buffer.data).accounts.parts
+    for account in accounts:
+        po.book(account.work, -po.balance(account))
+    po.book(accounts[mode].work, -debt)
     return grasp, observer, grasp.force.copy()
 
 
@@ -116,17 +122,16 @@ def owing(mode: int, debt: float, **rules: Any) -> tuple[GraspedObject, Observer
 def test_the_added_force_is_damping_in_the_leaking_mode_alone(mode: int) -> None:
     """(I - P) of the last step for squeezing, P's translations or rotations for the others, by dense projectors."""
     grasp, observer, before = owing(mode, 1e-7)
-    assert brake.control(grasp.block.data, observer.buffer.data, T)
+    assert brake.control(*blocks(grasp, observer), T)
     added = (grasp.force - before).ravel()
     damping = observer.buffer[observer.where["damping"]]
-    limit = brake.bound(grasp.block.data, T, 10.0)
+    limit = brake.bound(GraspState(grasp.block.data), T, 10.0)
     assert 0.0 < damping[mode] <= limit and damping.sum() == pytest.approx(damping[mode], rel=1e-12)
     split = gx.Split(gx.grasp_matrix(grasp.contact_position))
     shifts = gx.Split(gx.grasp_matrix(grasp.contact_position, free=[True] * 3 + [False] * 3)).displacement_external
     P = split.displacement_external
     Q = (np.eye(12) - P, shifts, P - shifts)[mode]
-    rows = observer.buffer[ledger.ROWS : ledger.modes(4)].reshape(4, ledger.STRIDE)
-    d = rows[:, ledger.STEP : ledger.STEP + 3].ravel()
+    d = LedgerState(observer.buffer).fingers.array(FingerBooks.step)[:, :3].ravel()
     np.testing.assert_allclose(added, damping[mode] / T * Q @ d, rtol=1e-9, atol=1e-12)
     if damping[mode] < limit:
         assert added @ d == pytest.approx(1e-7, rel=1e-9)
@@ -139,24 +144,27 @@ def test_the_added_force_is_damping_in_the_leaking_mode_alone(mode: int) -> None
 @pytest.mark.parametrize("mode", [0, 1, 2])
 def test_a_braked_finger_never_pulls_and_stays_in_its_cone(rules: dict[str, Any], mode: int) -> None:
     grasp, observer, before = owing(mode, 1.0, **rules)  # far more than can be paid
-    assert brake.control(grasp.block.data, observer.buffer.data, T)
+    assert brake.control(*blocks(grasp, observer), T)
     damping = observer.buffer[observer.where["damping"]]
-    assert damping[mode] == pytest.approx(brake.bound(grasp.block.data, T, 10.0))
+    assert damping[mode] == pytest.approx(brake.bound(GraspState(grasp.block.data), T, 10.0))
     normal = (grasp.inward() * grasp.force).sum(axis=1)
     along = np.linalg.norm(grasp.force - normal[:, None] * grasp.inward(), axis=1)
     assert (normal >= -1e-15).all()
     if not rules.get("stick"):
         assert (along <= rules["friction"] * normal + 1e-12).all()
     assert not grasp.force[grasp.touching == 0.0].any()
-    rows = observer.buffer[ledger.ROWS : ledger.modes(4)].reshape(4, ledger.STRIDE)
-    np.testing.assert_allclose(rows[:, ledger.BRAKE : ledger.BRAKE + 3], grasp.force - before, atol=1e-14)
+    added = LedgerState(observer.buffer).fingers.array(FingerBooks.brake)[:, :3]
+    np.testing.assert_allclose(added, grasp.force - before, atol=1e-14)
 
 
 def test_the_bound_is_half_of_what_would_turn_a_step_around() -> None:
     """1/m = 1/m_i + n/m_v + sum r^2/I: held damping of m/(2 T) takes half of a step's speed in a sample."""
     grasp, _, _ = owing(0, 0.0)
     squares = ((grasp.finger_position) ** 2).sum()
-    assert brake.bound(grasp.block.data, T, 10.0) == pytest.approx(0.5 / T / (10.0 + 4 / 0.2 + squares / 1e-4))
-    grasp.block[at.SHIFTS] = grasp.block[at.TURNS] = 0.0
-    assert brake.bound(grasp.block.data, T, 10.0) == pytest.approx(0.5 * 0.1 / T)
-    assert brake.bound(grasp.block.data, T, 0.0) == 0.0
+    assert brake.bound(GraspState(grasp.block.data), T, 10.0) == pytest.approx(
+        0.5 / T / (10.0 + 4 / 0.2 + squares / 1e-4)
+    )
+    freedom = GraspState(grasp.block).freedom
+    freedom.shifts = freedom.turns = 0
+    assert brake.bound(GraspState(grasp.block.data), T, 10.0) == pytest.approx(0.5 * 0.1 / T)
+    assert brake.bound(GraspState(grasp.block.data), T, 0.0) == 0.0

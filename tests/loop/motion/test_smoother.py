@@ -1,4 +1,4 @@
-"""What a smoother leaves, against dense equations in fifty digits and against LAPACK's banded solver."""
+"""The smoother against dense equations in fifty digits and against LAPACK's banded solver."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_long_signal_is_as_lapack_has_it(period, tolerance):
 
 
 def test_the_condition_costs_no_more_digits_than_it_has_to():
-    """At 5 ms, against fifty digits: 1e-16 times 256 q = 7e8."""
+    """The error at 5 ms, against fifty digits, is 1e-16 times 256 q = 7e8."""
     x = np.random.default_rng(6).normal(size=40).cumsum()
     expected = exactly(x, penalty(0.005))
     assert np.abs(roughness(x[:, None], penalty(0.005))[:, 0] - expected).max() < 7e-8 * np.abs(expected).max()

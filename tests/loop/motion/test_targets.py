@@ -159,7 +159,7 @@ def test_a_turn_of_another_kind_is_refused() -> None:
 @pytest.mark.parametrize("name", ["every motion, levels and turns", "joined"])
 def test_a_plant_moves_alike_whether_it_sees_the_block_or_asks(name: str) -> None:
     class Asked:
-        """The same hand, without its block."""
+        """A hand like it without its block."""
 
         def __init__(self, hand: Any) -> None:
             self.stiffness, self.damping, self.target = hand.stiffness, hand.damping, hand.target

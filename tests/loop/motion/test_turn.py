@@ -49,7 +49,7 @@ def test_distances_stay_while_it_turns():
 
 
 def test_the_velocity_is_the_derivative_at_forty_digits():
-    """Of points that move by themselves too, through two turns about different axes."""
+    """Points that move by themselves too turn twice, about different axes."""
     turns = [
         Turn(Sine(0.8, 0.3, [1.0]), [0.1, 0.0, 0.2], 0),
         Turn(Sine(1.1, 0.9, [1.0]), [0.0, -0.1, 0.0], [0.0, 0.0, 2.0]),

@@ -99,7 +99,7 @@ def test_nothing_is_certified_unless_something_grows(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("kip", [1200.0, 3000.0])
 def test_a_limit_cycle_of_contacts_that_let_go_is_said(kip: float) -> None:
-    """At 1200 N/m the growth takes a second, at 3000 N/m three cycles: nothing but the ringing is left of it."""
+    """The growth takes a second at 1200 N/m, three cycles at 3000 N/m: only the ringing is left of it."""
     (growth,) = gx.run(gx.load("paper-waving", stiffnesses({"internal": kip}))).summary()["growth"]
     assert growth["sustained"]
     if kip == 1200.0:
@@ -204,7 +204,7 @@ def test_noise_of_encoders_near_a_limit_is_no_growth() -> None:
 
 
 def test_a_hand_that_nobody_knows_may_do_all_that_is_slower_than_10_hz() -> None:
-    """The same growth by hand: of a scene whose hands stay it is the grasp's; without a table it may be a person's."""
+    """A growth of a scene whose hands stay is the grasp's; without a table it may be a person's."""
     still = {"finger": [{"device": {"name": "simulated"}, "hand": {"stiffness": 33.0}}] * 2}
     for frequency, table, grows in ((6.0, still, True), (6.0, {}, False), (14.0, {}, True)):
         assert bool(growths(swelling(frequency, scene_table=table))) is grows

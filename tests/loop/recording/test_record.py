@@ -288,7 +288,7 @@ for name in ("closed.h5", {first!r}):
 
 
 def test_a_file_that_was_cut_short_is_an_error_and_never_waited_for(tmp_path: Path) -> None:
-    """Of today's format, and of the first one as a run that was killed left it: with a writer's marks in HDF5."""
+    """Files of today's format, and of the first one as a killed run left it, with a writer's marks in HDF5."""
     made = layout(3, 3)
     Recording(rows(made, 1500), made, header()).save(tmp_path / "closed.h5")
     code = TRUNCATED.format(root=str(ROOT), first=str(ROOT / "tests" / "loop" / "recording" / "formats" / "1-open.h5"))

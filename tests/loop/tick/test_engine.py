@@ -60,7 +60,7 @@ def test_each_kind_of_coupling_is_the_same_run_in_every_engine(changes: dict[str
 
 
 def test_quick_code_and_good_code_compute_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What users run and what tests marked `quick` do."""
+    """Users' programs and those of tests marked `quick` compute the same bits."""
     full = recorded(line(), "compiled"), recorded(line(), "compiled", TICKS)
     monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))  # else the better program is taken from there
     monkeypatch.setitem(engines.ENGINES, "compiled", partial(engines.Compiled, quick=True))
@@ -157,7 +157,7 @@ DEAR, CHEAP = 2.0, 1e-9  # seconds that a tick takes as it stands: what a progra
 
 def judge_by(cost: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `auto` decide by a given cost of a tick, whatever the load of the machine makes of the first ones."""
-    monkeypatch.setitem(engines.ENGINES, "auto", partial(engines.Either, cost=cost))
+    monkeypatch.setitem(engines.ENGINES, "auto", partial(engines.AutoEngine, cost=cost))
 
 
 def test_a_given_cost_decides_and_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:

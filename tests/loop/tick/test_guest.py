@@ -52,7 +52,7 @@ def watched(servo: Any, recorder: Recorder, ticks: int) -> None:
 
 
 def by_steps(servo: Any, recorder: Recorder, ticks: int) -> None:
-    """As a body without kernels would be moved."""
+    """Move the body as one without kernels would be moved."""
     servo.movers = [BodyGroup(Stepped(mover.body), mover.objects) for mover in servo.movers]
     servo.run(ticks, recorder)
 

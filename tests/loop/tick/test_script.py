@@ -1,4 +1,4 @@
-"""What a tick's script takes for one memory, and which names it gives."""
+"""One memory of a tick's script has one name, whatever views it."""
 
 from __future__ import annotations
 

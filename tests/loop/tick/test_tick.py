@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
+import ast
 import json
 import re
 from pathlib import Path
@@ -16,12 +16,16 @@ import graspfx as gx
 from graspfx import plugins
 from graspfx.__main__ import main
 from graspfx.build.build import build
+from graspfx.compile.records import Record
+from graspfx.loop.device import FusedDevice
 from graspfx.loop.tick import tick as stages
-from graspfx.loop.tick.names import columns
+from graspfx.loop.tick.names import Names, columns
 from graspfx.loop.tick.script import Script, Tick
+from graspfx.loop.tick.text import write
 from graspfx.loop.tick.tick import begin, end
 from graspfx.loop.tick.tick_listing import listing
 from graspfx.loop.tick.wire_parts import Wirer
+from graspfx.spatial import Vector
 from tests.support import foreign_parts
 from tests.support.small_scenes import LINE, line
 
@@ -95,21 +99,33 @@ def test_all_that_the_tick_itself_does_has_a_name() -> None:
 
 
 def test_each_stage_and_each_kernel_is_where_the_listing_says() -> None:
+    """Every line that the listing names lies in its function, kernels on records among them."""
     lines = listed(line(coupling__passivity="observe", finger__1__device__force_limit=0.1))
-    kernels = [match for text in lines if (match := re.search(r"^def (\w+?)(?:_\d+)?\(.*# (\S+):(\d+)$", text))]
-    assert {"couple", "limit", "conclude", "watch"} <= {match[1] for match in kernels}
-    for match in kernels:
-        source = (ROOT / match[2]).read_text("utf-8").splitlines()
-        assert f"def {match[1]}(" in "".join(source[int(match[3]) - 1 : int(match[3]) + 1]), match[0]
-    stage, seen = "", set()
-    for text in lines[: lines.index("")]:
-        if match := re.search(r"# (\w+), graspfx/loop/tick/tick\.py$", text):
-            stage = match[1]
-            source, first = inspect.getsourcelines(getattr(stages, stage))
-            seen.add(stage)
+    names, inside, checked = set(), range(0), 0
+    for text in lines:
+        if match := re.search(r"^def (\w+?)(?:_\d+)?\(.*# (\S+):(\d+)$", text):
+            inside = extent(ROOT / match[2], match[1], int(match[3]))
+            names.add(match[1])
+        elif match := re.search(r"# (\w+), (graspfx/loop/tick/tick\.py)$", text):
+            stage = getattr(stages, match[1])
+            inside = extent(ROOT / match[2], match[1], stage.__code__.co_firstlineno)
+            names.add(match[1])
         elif match := re.search(r"  # line (\d+)$", text):
-            assert first < int(match[1]) < first + len(source), text
-    assert seen >= {"read", "couple_objects", "add_work", "display", "record", "move", "advance"}
+            assert int(match[1]) in inside, text
+            checked += 1
+    assert names >= {"read", "couple_objects", "add_work", "display", "record", "move", "advance"}
+    assert names >= {"couple", "limit", "conclude", "watch", "react"}
+    assert checked > 500
+
+
+def extent(file: Path, name: str, first: int) -> range:
+    """The lines of the function of that name whose decorators or definition begin at a line."""
+    functions = [node for node in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(node, ast.FunctionDef)]
+    [node] = [
+        f for f in functions if f.name == name and min([f.lineno, *(d.lineno for d in f.decorator_list)]) == first
+    ]
+    assert node.end_lineno is not None
+    return range(first, node.end_lineno + 1)
 
 
 def test_a_kernel_that_serves_two_objects_says_so() -> None:
@@ -122,6 +138,27 @@ def test_a_kernel_that_serves_two_objects_says_so() -> None:
     assert "finger[3].velocity.x = device[3].velocity" in text
     assert "object.fingers[1].gap" in text
     assert "object[1].body.motion.position.x" in text
+
+
+class Reading(Record):
+    """The first entries of a block."""
+
+    fingers: int
+    pose: Vector
+
+
+def test_a_part_may_say_which_record_its_memory_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    with build(gx.load("reference-1dof"), live=False) as servo:
+        tick = write(servo.parts)
+        monkeypatch.setattr(type(servo.stations[0].device), "declaration", Reading, raising=False)
+        names = Names(servo.parts, tick)
+        second = servo.stations[1].device
+        assert isinstance(second, FusedDevice)
+        device = next(name for name, array in tick.script.arrays.items() if array is second.state)
+    assert [names.entry(device, k) for k in (0, 3)] == ["device[1].fingers", "device[1].pose.z"]
+    assert names.shared(device, 3) == "device.pose.z"
+    assert names.entry(device, second.ports.position) == "device[1].position"  # beyond the record, by the port
+    assert names.entry(device, len(second.state) - 1).startswith("device[1][")
 
 
 @pytest.mark.parametrize("name", [n for n, origin in plugins.names("scenes").items() if "GraspFX" in origin])

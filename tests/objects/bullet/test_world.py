@@ -94,7 +94,7 @@ def test_bodies_rest_where_they_are_put(
 
 
 def test_an_ellipsoid_stands_on_a_facet_of_its_hull(worlds: Any) -> None:
-    """Of 2000 points: 5 um lower than the ellipsoid, tilted by up to 0.02, where a smooth one would stand upright."""
+    """A hull of 2000 points stands 5 um lower than the ellipsoid, tilted by up to 0.02, where that would be upright."""
     one = member(Ellipsoid((0.03, 0.02, 0.01)), position=(0.0, 0.0, 0.01))
     run(worlds(one), 0.001, 2.0)
     np.testing.assert_allclose(position(one), [0.0, 0.0, 0.01], rtol=0.0, atol=2e-4)

@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from graspfx.compile.records import size_for
 from graspfx.errors import InputError
 from graspfx.objects import integrators as at
 from graspfx.objects.body import INTEGRATORS, NativeBody, fill_body
+from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor import rest
 from graspfx.objects.floor.floor import FloorBody, clearance, features, hull_points
-from graspfx.objects.floor.lowest import FEATURE, MOST, lowest, thin
+from graspfx.objects.floor.lowest import lowest, thin
+from graspfx.objects.floor.planes import MOST, FloorState
 from graspfx.objects.surroundings import Meeting, Member, Obstacle, placed
+from graspfx.spatial import Matrix, Vector
 from graspfx.surfaces.closed_form.shape import Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Plane, Sphere
 from graspfx.surfaces.triangles.mesh import make_mesh
 
@@ -75,7 +79,7 @@ def test_a_dropped_box_comes_to_rest_and_stays(integrator: str, T: float) -> Non
     assert heights[0] < 0.32 * T and max(heights[1:]) <= max(heights[0], 0.0) and min(heights) > -2e-4
     np.testing.assert_allclose(position(state)[2], 0.025 - M * G / (4 * K), rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(state[at.POSITION : at.ANGLE], still, rtol=0.0, atol=1e-16)
-    assert np.abs(state[at.VELOCITY : at.VELOCITY + 6]).max() < 1e-13
+    assert np.abs(state[at.VELOCITY : at.ROTATION]).max() < 1e-13
     np.testing.assert_allclose(body.contact_wrench, [0, 0, M * G, 0, 0, 0], rtol=0.0, atol=1e-12)
     assert body.touching == 4 and body.associated == 0
 
@@ -151,18 +155,18 @@ def test_round_bodies_roll_without_slipping(integrator: str, shape: Any, factor:
 
 def energy(state: Array, body: FloorBody, T: float) -> float:
     """Kinetic, of gravity, and of the springs at the contacts, from the state alone."""
-    F = body.buffer
+    floor = FloorState(body.buffer)
     R = state[at.ROTATION : at.ROTATION + 9].reshape(3, 3)
     v, w = velocity(state), state[at.ANGULAR_VELOCITY : at.ANGULAR_VELOCITY + 3]
     total = 0.5 * M * v @ v + 0.5 * (state[at.INERTIA : at.INERTIA + 3] * (R.T @ w) ** 2).sum()
     total += M * G * position(state)[2]
-    _, rows, memory, _ = rest.offsets(memoryview(F))
     ahead = rest.lookahead(int(state[at.INTEGRATOR]), T)
-    for f in range(int(F[rest.FEATURES])):
-        bears, *arm = lowest(state, 0, F, rows + f * FEATURE, 0.0, 0.0, 1.0)
+    for f, feature in enumerate(floor.features):
+        share, lever = lowest(BodyState(state), feature, Vector(0.0, 0.0, 1.0))
+        arm = np.array([lever.x, lever.y, lever.z])
         gap = position(state)[2] + arm[2] + ahead * (v + np.cross(w, arm))[2]
-        stretch = F[memory + 2 * f : memory + 2 * f + 2]
-        total += bears * 0.5 * K * (min(gap, 0.0) ** 2 + stretch @ stretch)
+        stretch = np.array([floor.memory[f, 0], floor.memory[f, 1]])
+        total += share * 0.5 * K * (min(gap, 0.0) ** 2 + stretch @ stretch)
     return float(total)
 
 
@@ -297,14 +301,16 @@ def test_a_mesh_rests_on_the_corners_of_its_hull() -> None:
 def test_of_many_points_near_a_plane_nine_are_kept() -> None:
     """The deepest, and the outermost in eight directions: of a ring of 40 with one deep point inside."""
     angles = 2.0 * np.pi * np.arange(40) / 40
-    rows = np.zeros((41, 5))
-    rows[:, 0] = np.arange(41)
-    rows[:40, 1], rows[:40, 2] = np.cos(angles), np.sin(angles)
-    rows[40, 1:5] = 0.1, 0.1, 0.0, -1.0
-    F = np.concatenate([rows.ravel(), np.array([0, 0, 1, 1, 0, 0, 0, 1, 0], dtype=float)])
-    assert thin(memoryview(F), 0, 5, 41, 1, 4, 41 * 5) == MOST
-    assert sorted(F[: 5 * MOST].reshape(-1, 5)[:, 0]) == [0, 5, 10, 15, 20, 25, 30, 35, 40]
-    assert thin(memoryview(F), 0, 5, MOST, 1, 4, 41 * 5) == MOST
+    block = FloorState(np.zeros(size_for(FloorState, plane_count=1, feature_count=41, problem_entries=0)))
+    block.plane_count, block.feature_count = 1, 41
+    contacts, [plane] = block.contacts, block.planes
+    plane.frame = Matrix(0, 0, 1, 1, 0, 0, 0, 1, 0)
+    for i, angle in enumerate(angles.tolist()):
+        contacts[i].pair, contacts[i].arm = i, Vector(math.cos(angle), math.sin(angle), 0.0)
+    contacts[40].pair, contacts[40].arm, contacts[40].gap = 40, Vector(0.1, 0.1, 0.0), -1.0
+    assert thin(contacts, 0, 41, plane) == MOST
+    assert [contacts[i].pair for i in range(MOST)] == [0, 5, 10, 15, 20, 25, 30, 35, 40]
+    assert thin(contacts, 0, MOST, plane) == MOST
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,10 @@ import pytest
 from mpmath import mp, mpf
 from numpy.typing import NDArray
 
+from graspfx.compile.kernel import source_function
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import numbers
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import (
     BOX,
     CAPSULE,
@@ -44,11 +47,14 @@ def query(
     kind: int, d: int, size: tuple[float, ...], p: Any, face: int = -1, before: Any = NONE
 ) -> tuple[int, Array, Array, float]:
     """Face, c, n, gap of a finger at p, (3,) of which d count."""
-    a, b, c = (*size, 0.0, 0.0)[:3]
-    x, y, z = (float(v) for v in p)
-    u, v, w = (float(t) for t in before)
-    f = closest(kind, d, a, b, c, x, y, z, face, u, v, w)
-    return f[0], np.array(f[1:4]), np.array(f[4:7]), f[7]
+    c = closest(kind, d, vector(size), vector(p), face, vector(before))
+    return c.face, np.array(list(numbers(c.point))), np.array(list(numbers(c.normal))), c.gap
+
+
+def vector(entries: Any) -> Vector:
+    """Make a vector of up to three entries."""
+    x, y, z = (*(float(entry) for entry in entries), 0.0, 0.0)[:3]
+    return Vector(x, y, z)
 
 
 EXACT: list[tuple[str, int, int, tuple[float, ...], Oracle]] = [
@@ -181,7 +187,7 @@ def test_on_the_middle_plane_of_an_ellipsoid_a_finger_keeps_its_side(axes: tuple
 
 
 def test_next_to_where_the_middle_plane_s_nearest_points_end() -> None:
-    """At the focal ellipse's rim and 1e-140 ... 1e-3 off its plane the root of |y(s)| = 1 goes like a cube root.
+    """The root of |y(s)| = 1 goes like a cube root at the focal ellipse's rim and 1e-140 ... 1e-3 off its plane.
 
     Semi-axes 1 and 1/2 have the rim at 3/4 to the last bit.
     """
@@ -477,17 +483,15 @@ def test_a_ball_that_just_touches_is_not_displaced() -> None:
     """5 mm from every kind of surface, edges and corners of a box among them: e = 0 and gap = 0 to rounding."""
     r, rng = 0.005, np.random.default_rng(8)
     for kind, size in ((BOX, (0.02, 0.03, 0.01)), (CYLINDER, (0.02, 0.03)), (ELLIPSOID, (0.02, 0.03, 0.01))):
-        a, b, c = (*size, 0.0)[:3]
         for _ in range(200):
             far = rng.normal(size=3) * 0.1
             face, c0, n, gap = query(kind, 3, size, far)
             if gap <= 0:
                 continue
             p = c0 - r * n
-            x, y, z = p.tolist()
-            found = closest_to_ball(kind, 3, a, b, c, r, x, y, z, face, *NONE)
-            assert abs(found[7]) < 1e-16
-            e = p + r * np.array(found[4:7]) - np.array(found[1:4])
+            ball = closest_to_ball(kind, 3, vector(size), r, vector(p), face, vector(NONE))
+            assert abs(ball.gap) < 1e-16
+            e = p + r * np.array(list(numbers(ball.normal))) - np.array(list(numbers(ball.point)))
             assert np.abs(e).max() < 1e-15 * 0.1
 
 
@@ -513,7 +517,7 @@ def test_compiled_kernels_give_the_same_bits() -> None:
     calls = everything()
     assert len(calls) > 3000
     for call in calls:
-        assert tuple(kernel(*call)) == closest_to_ball(*call)
+        assert tuple(kernel(*call)) == source_function(closest_to_ball)(*call)
 
 
 def test_no_finite_position_raises_or_gives_something_that_is_not_a_number() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import product
 
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from graspfx.compile.records import numbers
+from graspfx.spatial import ZERO, Vector
 from graspfx.surfaces.closed_form.proxy import BOX, SPHERE, closest
 
 Array = NDArray[np.float64]
@@ -21,11 +24,16 @@ def contact(
 ) -> tuple[int, Array, Array, float]:
     """The kernel for a point of d coordinates: face, c, n, gap."""
     d = len(p)
-    a, b, c = (*half, 0.0, 0.0)[:3]
-    x, y, z = (*p.tolist(), 0.0, 0.0)[:3]
-    u, v, w = (*(np.zeros(3) if before is None else before).tolist(), 0.0, 0.0)[:3]
-    found = closest(kind, d, a, b, c, x, y, z, face, u, v, w)
-    return found[0], np.array(found[1 : 1 + d]), np.array(found[4 : 4 + d]), found[7]
+    last = np.zeros(3) if before is None else before
+    found = closest(kind, d, vector(half), vector(p.tolist()), face, vector(last.tolist()))
+    point, normal = ([*numbers(v)][:d] for v in (found.point, found.normal))
+    return found.face, np.array(point), np.array(normal), found.gap
+
+
+def vector(entries: Sequence[float]) -> Vector:
+    """Make a vector of up to three entries."""
+    x, y, z = (*entries, 0.0, 0.0)[:3]
+    return Vector(x, y, z)
 
 
 def walk(p: Array, face: int, half: tuple[float, ...]) -> tuple[list[Fraction], Fraction]:
@@ -230,10 +238,11 @@ def test_the_centre_of_a_sphere_has_the_direction_from_before(d: int) -> None:
 
 def test_what_the_dimensions_do_not_have_does_not_matter() -> None:
     for kind in (BOX, SPHERE):
-        plane = closest(kind, 2, 0.02, 0.02, 0.0, 0.03, 0.01, 0.0, -1, 0.0, 0.0, 0.0)
-        assert closest(kind, 2, 0.02, 0.02, 0.0, 0.03, 0.01, 9.0, -1, 0.0, 0.0, 9.0) == plane
-        line = closest(kind, 1, 0.02, 0.0, 0.0, 0.03, 0.0, 0.0, -1, 0.0, 0.0, 0.0)
-        assert closest(kind, 1, 0.02, 0.0, 0.0, 0.03, 9.0, 9.0, -1, 0.0, 9.0, 9.0) == line
+        plane = closest(kind, 2, Vector(0.02, 0.02, 0.0), Vector(0.03, 0.01, 0.0), -1, ZERO)
+        other = closest(kind, 2, Vector(0.02, 0.02, 0.0), Vector(0.03, 0.01, 9.0), -1, Vector(0.0, 0.0, 9.0))
+        assert other == plane
+        line = closest(kind, 1, Vector(0.02, 0.0, 0.0), Vector(0.03, 0.0, 0.0), -1, ZERO)
+        assert closest(kind, 1, Vector(0.02, 0.0, 0.0), Vector(0.03, 9.0, 9.0), -1, Vector(0.0, 9.0, 9.0)) == line
 
 
 def test_edges_and_corners_of_vanishing_distance() -> None:

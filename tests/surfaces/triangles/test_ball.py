@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from graspfx.bench.oracles.brute_force import brute_force
+from graspfx.compile.records import numbers
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import BOX, closest_to_ball
-from graspfx.surfaces.triangles import ball, walk
 from graspfx.surfaces.triangles.ball import ball_contact
-from graspfx.surfaces.triangles.mesh import Mesh, make_mesh, new_fingers
+from graspfx.surfaces.triangles.mesh import STATE, Mesh, make_mesh, new_fingers
+from graspfx.surfaces.triangles.mesh_finger import TOUCHING, MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshTree
 from graspfx.surfaces.triangles.tree import flatten
 from tests.support.meshes import SHAPES, ell, flat, plate, sheet
 
@@ -23,26 +24,28 @@ class Ball:
     """A ball on a mesh: its contact, its proxy and whether it is held, for one centre after the other."""
 
     def __init__(self, M: FloatArray, radius: float = R, reach: float = np.inf) -> None:
-        self.M, self.radius = memoryview(M), radius
-        self.state = np.zeros(ball.STATE)
-        self.state[walk.REACH] = reach
-        self.S = memoryview(self.state)
+        self.mesh, self.radius = MeshTree(memoryview(M)), radius
+        self.record = MeshFinger(memoryview(np.zeros(STATE)))
+        self.record.reach = reach
 
     def at(self, g: FloatArray) -> FloatArray:
-        return np.array(ball_contact(self.M, 0, self.S, 0, self.radius, *np.asarray(g).tolist()))
+        """Contact point, normal and gap of a centre at g."""
+        return np.array(
+            list(numbers(ball_contact(self.mesh, self.record, self.radius, Vector(*np.asarray(g).tolist()))))[1:]
+        )
 
     def along(self, path: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """e = g - q, (k, 3), gaps and which are held."""
         rows, held = [], []
         for g in path:
             rows.append(self.at(g))
-            held.append(self.state[walk.MODE] == walk.HELD)
+            held.append(self.record.mode == TOUCHING)
         found = np.array(rows)
         return path - (found[:, :3] - self.radius * found[:, 3:6]), found[:, 6], np.array(held)
 
     @property
     def proxy(self) -> FloatArray:
-        return self.state[walk.LAST : walk.LAST + 3].copy()
+        return np.array(list(numbers(self.record.last)))
 
 
 def wandering(rng: np.random.Generator, half: FloatArray, steps: int) -> FloatArray:
@@ -68,16 +71,15 @@ def test_on_a_box_of_triangles_it_is_the_closed_form() -> None:
     M = flatten(*plate(*(2.0 * half)), closed=True)
     rng = np.random.default_rng(0)
     held = 0
-    nearest: Any = closest_to_ball
     for _ in range(20):
         path = wandering(rng, half, 200)
         e, gaps, _ = Ball(M).along(path)
         face, c = -1, np.zeros(3)
         for g, ours, gap in zip(path, e, gaps, strict=True):
-            found = nearest(BOX, 3, *half, R, *g, face, *c)
-            face, c, n = found[0], np.array(found[1:4]), np.array(found[4:7])
+            found = closest_to_ball(BOX, 3, Vector(*half), R, Vector(*g), face, Vector(*c))
+            face, c, n = found.face, np.array(list(numbers(found.point))), np.array(list(numbers(found.normal)))
             np.testing.assert_allclose(ours, g - c + R * n, atol=1e-15)
-            assert gap == pytest.approx(found[7], abs=1e-15)
+            assert gap == pytest.approx(found.gap, abs=1e-15)
             held += gap < 0.0
     assert held > 1400
 

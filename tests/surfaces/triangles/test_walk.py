@@ -12,10 +12,15 @@ from numpy.typing import NDArray
 
 from graspfx.bench.oracles.brute_force import brute_force, winding_number
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import numbers
+from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form.proxy import BOX, closest
-from graspfx.surfaces.triangles import tree, walk
+from graspfx.surfaces.triangles import boxes, mesh_tree, tree, triangle, walk
+from graspfx.surfaces.triangles.mesh import STATE
+from graspfx.surfaces.triangles.mesh_finger import FREE, NEW, TOUCHING, MeshFinger
+from graspfx.surfaces.triangles.mesh_tree import MeshTree, Vertex
 from graspfx.surfaces.triangles.tree import flatten
-from graspfx.surfaces.triangles.walk import FREE, HELD, LAST, MODE, NEW, REACH, SAFE, STATE, mesh_contact
+from graspfx.surfaces.triangles.walk import mesh_contact
 from tests.support.meshes import (
     SHAPES,
     bumpy_sphere,
@@ -37,22 +42,25 @@ class Finger:
     def __init__(self, M: FloatArray, *, kernel: Any = None, reach: float = math.inf, m: int = 3, o: int = 2) -> None:
         self.state = np.full(o + STATE, np.nan)
         self.state[o:] = 0.0
-        self.state[o + REACH] = reach
         self.m, self.o = m, o
-        whole = shifted(M, m)
-        self._kernel = kernel or mesh_contact
-        self._M: Any
-        self._S: Any
-        self._M, self._S = (whole, self.state) if kernel else (memoryview(whole), memoryview(self.state))
+        self._M = shifted(M, m)
+        self._kernel = kernel
+        self.record = MeshFinger(memoryview(self.state), o)
+        self.record.reach = reach
+        self._mesh = MeshTree(memoryview(self._M), m)
 
     def to(self, p: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Contact point, normal and gap at p."""
-        found = self._kernel(self._M, self.m, self._S, self.o, *p.tolist())
-        return np.array(found[:3]), np.array(found[3:6]), found[6]
+        if self._kernel is None:
+            contact = mesh_contact(self._mesh, self.record, Vector(*p.tolist()))
+            _, *rest = numbers(contact)
+        else:
+            _, *rest = self._kernel(self._M, self.m, self.state, self.o, *p.tolist())
+        return np.array(rest[:3]), np.array(rest[3:6]), rest[6]
 
     @property
-    def mode(self) -> float:
-        return float(self.state[self.o + MODE])
+    def mode(self) -> int:
+        return self.record.mode
 
 
 @pytest.fixture(scope="module")
@@ -112,10 +120,10 @@ def test_a_box_as_a_mesh_is_the_box() -> None:
     finger, face = Finger(flatten(*plate(0.05, 0.04, 0.02), closed=True)), -1
     p, before = np.array([0.04, 0.01, 0.0]), np.zeros(3)
     free = held = 0
-    nearest: Any = closest
     for _ in range(2000):
         p = np.clip(p + rng.normal(size=3) * 0.0008 - 0.01 * p, -0.04, 0.04)
-        face, *rest = nearest(BOX, 3, *half, *p.tolist(), face, *before.tolist())
+        nearest = closest(BOX, 3, Vector(*half), Vector(*p.tolist()), face, Vector(*before.tolist()))
+        face, rest = nearest.face, list(numbers(nearest))[1:]
         c, n, gap = finger.to(p)
         if (np.abs(p) > half).any():
             if finger.mode == FREE and rest[6] > 0:
@@ -124,7 +132,7 @@ def test_a_box_as_a_mesh_is_the_box() -> None:
                 assert gap == pytest.approx(rest[6], abs=1e-16)
         else:
             held += 1
-            assert finger.mode == HELD
+            assert finger.mode == TOUCHING
             axis = int(np.abs(n).argmax())
             assert abs(n[axis]) == 1.0
             assert gap == pytest.approx(np.sign(c[axis]) * p[axis] - half[axis], abs=1e-16)
@@ -199,7 +207,7 @@ def shoot(name: str, count: int, seed: int, kernel: Any) -> tuple[int, int, int]
     rng = np.random.default_rng(seed)
     v, f = SHAPES[name]()
     M = flatten(v, f, closed=True)
-    M[tree.CLOSED] = 0.0
+    MeshTree(M).closed = False
     pick, k = f[rng.integers(len(f), size=count)], rng.integers(3, size=count)
     a, b = v[pick[np.arange(count), k]], v[pick[np.arange(count), (k + 1) % 3]]
     target = a + np.where(rng.random(count) < 0.4, 0.0, rng.random(count))[:, None] * (b - a)
@@ -237,7 +245,7 @@ def test_a_free_finger_is_never_inside(name: str, kernel: Callable[..., Any]) ->
     rng = np.random.default_rng(8)
     (v, f), _ = around(name, 1, rng)
     M = flatten(v, f, closed=True)
-    M[tree.CLOSED] = 0.0
+    MeshTree(M).closed = False
     low, high = v.min(axis=0), v.max(axis=0)
     held = 0
     for _ in range(6):
@@ -251,7 +259,7 @@ def test_a_free_finger_is_never_inside(name: str, kernel: Callable[..., Any]) ->
                 aim = aim + 0.1 * (0.5 * (low + high) - aim)
             p = p + (aim - p) * rng.uniform(0, 0.5) + rng.normal(size=3) * 10 ** rng.uniform(-4, -2)
             finger.to(p)
-            if finger.mode == HELD:
+            if finger.mode == TOUCHING:
                 held += 1
             elif brute_force(v, f, p)[1] > 1e-12:
                 assert winding_number(v, f, p) < 0.5
@@ -324,13 +332,13 @@ def test_reach_saves_work_and_changes_nothing_within_it() -> None:
     for k in range(800):
         goal = np.array([math.cos(0.02 * k), math.sin(0.02 * k), 0.3]) * (0.045 + 0.02 * math.cos(0.031 * k))
         p = goal + rng.normal(size=3) * 0.0002
-        safe = near.state[near.o + SAFE]
+        safe = near.record.safe
         c, n, gap = always.to(p)
         found = near.to(p)
         assert always.mode == near.mode
         if gap > 0.005:
             beyond += 1
-            skipped += near.state[near.o + SAFE] < safe
+            skipped += near.record.safe < safe
             assert 0.005 < found[2] <= gap * (1 + 1e-14)
         else:
             within += 1
@@ -371,7 +379,7 @@ def test_sliding_over_a_bumpy_sphere_the_contact_point_is_the_nearest_around() -
             skin = finger.to(0.03 * way)[0]
         p = way * (np.linalg.norm(skin) - 0.001)
         skin, _, gap = finger.to(p)
-        assert finger.mode == HELD
+        assert finger.mode == TOUCHING
         at_skin = [row for row in f[near_rows(v, f, skin)] if brute_force(v, row[None], skin)[1] < 1e-15]
         assert at_skin
         assert -gap == pytest.approx(float(brute_force(v, np.array(at_skin), p)[1]), rel=1e-12)
@@ -407,8 +415,8 @@ def test_a_new_finger_inside_is_at_the_side_that_is_nearest() -> None:
     assert finger.mode == NEW
     c, n, gap = finger.to(np.array([0.01, 0.0, -0.0002]))
     np.testing.assert_allclose([*c, *n, gap], [0.01, 0, -0.0005, 0, 0, 1, -0.0003], atol=1e-18)
-    assert finger.mode == HELD
-    assert finger.state[finger.o + LAST] == 0.01
+    assert finger.mode == TOUCHING
+    assert finger.record.last.x == 0.01
     deep = Finger(flatten(*plate(0.1, 0.1, 0.1), closed=True), reach=0.0)
     assert deep.to(np.array([0.001, 0.0, 0.0]))[2] == pytest.approx(-0.049, rel=1e-15)
 
@@ -430,9 +438,8 @@ def test_pseudonormals() -> None:
     """A cube's corner points along its diagonal however its faces are cut; a face's normal is one to the last digit."""
     v, f = plate(1.0, 1.0, 1.0)
     M = flatten(v, f, closed=True)
-    o = int(M[tree.VERTICES])
-    rows = M[o : o + 8 * tree.VERTEX_STRIDE].reshape(8, -1)
-    np.testing.assert_allclose(rows[:, :3], np.sign(v) / math.sqrt(3), atol=1e-15)
+    rows = MeshTree(M).vertices.array(Vertex.pseudonormal)
+    np.testing.assert_allclose(rows, np.sign(v) / math.sqrt(3), atol=1e-15)
     normals = tree.face_normals(np.random.default_rng(12).normal(size=(100, 3, 3)))
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=3e-16)
 
@@ -447,4 +454,4 @@ def test_a_finger_that_is_nowhere_ends(kernel: Callable[..., Any]) -> None:
 
 
 def test_kernels_do_not_know_numpy() -> None:
-    assert not hasattr(walk, "np")
+    assert not any(hasattr(module, "np") for module in (boxes, mesh_tree, triangle, walk))

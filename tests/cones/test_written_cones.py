@@ -108,7 +108,7 @@ def test_pivoting(seed: int, in_python: pytest.MonkeyPatch) -> None:
 def test_modes_in_contact_frames(d: int, in_python: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(2)
     n, count = 3, 5
-    frames = Many(Matrix, rng.normal(size=9 * n), 0, n)
+    frames: Many[Matrix] = Many(Matrix, rng.normal(size=9 * n), 0, n)
     lead = 1 + (4 if d > 3 else 3) * n
     motions = Table(rng.normal(size=count * lead), 0, lead)
     one = random_problem(rng, n, d, 6)

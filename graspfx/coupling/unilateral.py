@@ -5,8 +5,8 @@ from __future__ import annotations
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats
 from graspfx.cones.complement import Contacts, complement, release, settle
-from graspfx.coupling.approach import AGAIN, UNRESOLVED, displace, touch
-from graspfx.coupling.assemble import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
+from graspfx.coupling.contact_frames import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
+from graspfx.coupling.contacts import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.conventional import damp_alone, separate
 from graspfx.coupling.depth import soften
 from graspfx.coupling.grasp_state import GraspState
@@ -78,7 +78,7 @@ def project(grasp: GraspState) -> int:
         else:
             assemble(grasp, True)
         for i, finger in enumerate(grasp.fingers):
-            write_coordinates(grasp, grasp.known, i, in_frame(grasp, finger, finger.displacement))
+            write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.displacement))
         scale = largest(grasp.vector, m)
         for p in range(m):
             grasp.marks[p] = 1.0 if p % c and not grasp.stick else 0.0
@@ -94,7 +94,7 @@ def project(grasp: GraspState) -> int:
             break
     if grasp.dense and not grasp.stick:
         retain(grasp)
-    settle(grasp.square, grasp.vector, grasp.known, grasp.engaged, Contacts(n, c, grasp.stick))
+    settle(grasp.square, grasp.vector, grasp.start, grasp.engaged, Contacts(n, c, grasp.stick))
     for i, finger in enumerate(grasp.fingers):
         finger.local = out_of_frame(grasp, finger, coordinates_of(grasp, grasp.vector, i))
     return UNRESOLVED * unresolved
@@ -107,9 +107,9 @@ def retain(grasp: GraspState) -> None:
         for a in range(grasp.coordinates):
             p = i * grasp.coordinates + a
             if a > 0 or grasp.engaged[i] == 0.0:
-                grasp.known[p] += grasp.vector[p]
-        finger.retained = out_of_frame(grasp, finger, coordinates_of(grasp, grasp.known, i))
-        write_coordinates(grasp, grasp.known, i, in_frame(grasp, finger, finger.displacement))
+                grasp.start[p] += grasp.vector[p]
+        finger.retained = out_of_frame(grasp, finger, coordinates_of(grasp, grasp.start, i))
+        write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.displacement))
         if finger.weight == 0.0:
             finger.retained = NOTHING
 
@@ -144,7 +144,7 @@ def damp(grasp: GraspState) -> int:
 def assemble_damping(grasp: GraspState) -> None:
     """Compute D and f0 + D e' of what carries force; all else is released."""
     for i, finger in enumerate(grasp.fingers):
-        write_coordinates(grasp, grasp.known, i, in_frame(grasp, finger, finger.local))
+        write_coordinates(grasp, grasp.start, i, in_frame(grasp, finger, finger.local))
     assemble(grasp, False)
     make_regular(grasp)
     soften(grasp, grasp.square, grasp.vector, 1.0)
@@ -155,7 +155,7 @@ def assemble_damping(grasp: GraspState) -> None:
     for i, finger in enumerate(grasp.fingers):
         for a in range(grasp.coordinates):
             if carries(grasp, finger, a):
-                grasp.vector[i * grasp.coordinates + a] += grasp.known[i * grasp.coordinates + a]
+                grasp.vector[i * grasp.coordinates + a] += grasp.start[i * grasp.coordinates + a]
 
 
 @kernel

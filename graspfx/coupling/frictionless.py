@@ -6,10 +6,10 @@ from graspfx.compile.kernel import kernel
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.friction import friction_force, turn_modes
 from graspfx.cones.problem import FrictionProblem, Gains
-from graspfx.coupling.approach import UNRESOLVED
+from graspfx.coupling.contacts import UNRESOLVED
+from graspfx.coupling.coulomb import damping_in_cones, elastic_in_cones, pose_compliances, pose_problem
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import bilateral, keep_elastic, normal_force
-from graspfx.coupling.slip import damping_in_cones, elastic_in_cones, pose_compliances, pose_problem
 from graspfx.spatial import Vector4, inner
 
 

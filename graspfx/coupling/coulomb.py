@@ -10,8 +10,8 @@ from graspfx.cones.cut import force_size
 from graspfx.cones.friction import COULOMB, LEAST, friction_force, friction_force_square, turn_modes
 from graspfx.cones.friction import UNRESOLVED as NONE
 from graspfx.cones.problem import FREE, NO_FORCE, STICK, Answer, FrictionProblem, Gains, tangent_of
-from graspfx.coupling.approach import UNRESOLVED
-from graspfx.coupling.assemble import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
+from graspfx.coupling.contact_frames import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
+from graspfx.coupling.contacts import UNRESOLVED
 from graspfx.coupling.depth import compliance, is_whole, soften
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.implicit import assemble_implicitly
@@ -58,7 +58,7 @@ def elastic_in_cones(grasp: GraspState) -> int:
             assemble_implicitly(grasp, True, False, False)
         else:
             assemble(grasp, True)
-        symmetric = made_symmetric(grasp, grasp.square)
+        symmetric = symmetrise(grasp, grasp.square)
         answer = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, True, RESTARTS)
     else:
         answer = force_of_modes(grasp, problem, Gains(grasp.external_stiffness, grasp.internal_stiffness), True)
@@ -99,9 +99,9 @@ def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
     if grasp.dense:
         for i, finger in enumerate(grasp.fingers):
             e = in_frame(grasp, finger, finger.displacement)
-            write_coordinates(grasp, grasp.known, i, e)
+            write_coordinates(grasp, grasp.start, i, e)
         for k in range(grasp.count * grasp.coordinates):
-            problem.unknowns[k].value = grasp.known[k]
+            problem.unknowns[k].value = grasp.start[k]
     else:
         for k in range(grasp.mode_count):
             problem.unknowns[k].value = -grasp.mode_force[k]
@@ -135,7 +135,7 @@ def damping_in_cones(grasp: GraspState) -> int:
         for i in range(grasp.count):
             problem.contacts[i].displacement = NOTHING
             problem.contacts[i].base_force = coordinates_of(grasp, grasp.vector, i)
-        symmetric = made_symmetric(grasp, grasp.square)
+        symmetric = symmetrise(grasp, grasp.square)
         law = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
     else:
         for i, finger in enumerate(grasp.fingers):
@@ -153,11 +153,11 @@ def damping_of_slip(grasp: GraspState, problem: FrictionProblem) -> int:
     """Find the damping where some finger slips or is free; give the law of the answer."""
     if grasp.dense:
         for i in range(grasp.count):
-            write_coordinates(grasp, grasp.known, i, problem.contacts[i].base_force)
+            write_coordinates(grasp, grasp.start, i, problem.contacts[i].base_force)
         assemble(grasp, False)
         raise_least(grasp, grasp.square)
         soften(grasp, grasp.square, None, 1.0)
-        symmetric = made_symmetric(grasp, grasp.square)
+        symmetric = symmetrise(grasp, grasp.square)
         return friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
     pose_compliances(grasp, problem)
     return force_of_modes(grasp, problem, Gains(grasp.external_damping, grasp.internal_damping), False).law
@@ -218,7 +218,7 @@ def all_touch(grasp: GraspState) -> bool:
 
 
 @kernel
-def made_symmetric(grasp: GraspState, square: Table) -> bool:
+def symmetrise(grasp: GraspState, square: Table) -> bool:
     """Take rounding's skew part out of a square and tell whether there is no other: a convex problem for the solver.
 
     Numbers for gains make no other squares, though a damping of which one part is zero leaves a lot to rounding.

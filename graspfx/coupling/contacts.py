@@ -9,8 +9,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.torsion import twist
 from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
 from graspfx.spatial import Vector, cross, dot, with_torsion
-from graspfx.surfaces.closed_form.proxy import MESH, closest
-from graspfx.surfaces.triangles import walk
+from graspfx.surfaces.closed_form.proxy import MESH, closest_to_ball
 from graspfx.surfaces.triangles.ball import ball_contact
 from graspfx.surfaces.triangles.walk import mesh_contact
 
@@ -118,32 +117,24 @@ def place_contact(grasp: GraspState, finger: FingerState, p: Vector) -> None:
     """Find contact point, normal, contact frame, face and gap of a finger if it were at p, object's frame."""
     radius = finger.radius
     if grasp.shape == MESH:
-        tree = int(grasp.parameters.x)
         if radius > 0.0:
-            cx, cy, cz, nx, ny, nz, gap = ball_contact(
-                grasp.buffer, tree, grasp.buffer, finger.walk, radius, p.x, p.y, p.z
-            )
+            contact = ball_contact(grasp.mesh, finger.walk, radius, p)
         else:
-            cx, cy, cz, nx, ny, nz, gap = mesh_contact(grasp.buffer, tree, grasp.buffer, finger.walk, p.x, p.y, p.z)
-        face = int(grasp.buffer[finger.walk + walk.FACE])
+            contact = mesh_contact(grasp.mesh, finger.walk, p)
     else:
         last = finger.contact + radius * finger.normal
-        face, cx, cy, cz, nx, ny, nz, gap = closest(
-            grasp.shape, grasp.dimensions, grasp.parameters.x, grasp.parameters.y, grasp.parameters.z,
-            p.x, p.y, p.z, finger.face, last.x, last.y, last.z,
-        )  # fmt: skip
-        gap -= radius
-    finger.contact = Vector(cx, cy, cz) - radius * Vector(nx, ny, nz)
-    finger.normal = Vector(nx, ny, nz)
-    finger.face = face
-    finger.gap = gap
+        contact = closest_to_ball(grasp.shape, grasp.dimensions, grasp.parameters, radius, p, finger.face, last)
+    finger.contact = contact.point - radius * contact.normal
+    finger.normal = contact.normal
+    finger.face = contact.face
+    finger.gap = contact.gap
     finger.frame = contact_frame(finger.normal, grasp.dimensions)
 
 
 @kernel
 def refactor(grasp: GraspState) -> None:
     """Compute the rigid modes of the contacts, only if a contact, a weight or a free direction has changed."""
-    known = grasp.split_known and not grasp.mixed
+    current = grasp.split_known and not grasp.mixed
     for finger in grasp.fingers:
         same = finger.weight == finger.split_weight
         for a in range(grasp.dimensions):
@@ -151,11 +142,11 @@ def refactor(grasp: GraspState) -> None:
             if grasp.coordinates > 3:
                 same = same and finger.normal[a] == finger.split_normal[a]
         if not same:
-            known = False
+            current = False
             finger.split_weight = finger.weight
             finger.split_contact = finger.contact
             finger.split_normal = finger.normal
-    if not known:
+    if not current:
         grasp.mode_count, grasp.blended = rigid_modes(
             grasp.fingers, grasp.freedom, grasp.dimensions, grasp.arm_low, grasp.arm_high, grasp.width, grasp.modes
         )

@@ -1,0 +1,66 @@
+"""The plants of a scene's simulated devices, with the hands that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.wiring import Wire, placing_faults
+from graspfx.errors import DeviceError
+from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.hand import join
+from graspfx.loop.parts import PlantWiring
+
+if TYPE_CHECKING:
+    from graspfx.build.hand_parts import HandPart
+    from graspfx.build.resolve import Parts
+
+FloatArray = NDArray[np.float64]
+
+
+def make_plants(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[PlantWiring]:
+    """Make the plants of the simulated devices: one for all devices that hands join to one another.
+
+    Raises:
+        SceneError: a finger that starts out of its device's reach.
+        DeviceError: a plant that does not take its fingers together.
+    """
+    scene, start = parts.scene, parts.start
+    for members in _components(wired, parts.hands):
+        simulated = [wired[i] for i in members]
+        fingers = np.concatenate([wire.fingers for wire in simulated])
+        devices = [wire.device for wire in simulated]
+        hands, order = [], []
+        for hand in parts.hands:
+            if hand.fingers[0] in fingers:
+                hands.append(hand.hold(start, inward))
+                order += hand.fingers
+        first = devices[0]
+        assert isinstance(first, SimulatedDevice)
+        plant = type(first).plant(devices)
+        try:
+            plant.place(start[fingers])
+        except DeviceError as error:
+            if faults := placing_faults(start, wired):
+                raise scene.error(faults) from error
+            raise DeviceError(f"{', '.join(scene.finger_names[f] for f in fingers)}: {error}") from error
+        joined = join(hands, [order.index(f) for f in fingers])
+        yield PlantWiring(plant, joined, [d for d in devices if isinstance(d, SimulatedDevice)], fingers)
+
+
+def _components(wired: Sequence[Wire], hands: Sequence[HandPart]) -> Iterator[list[int]]:
+    """Find the sets of simulated devices that share a hand, directly or through others."""
+    of_finger = {int(f): i for i, wire in enumerate(wired) for f in wire.used}
+    left = {i for i, wire in enumerate(wired) if isinstance(wire.device, SimulatedDevice)}
+    while left:
+        members = [min(left)]
+        for member in members:  # grows while it is walked
+            left.discard(member)
+            for hand in hands:
+                near = {of_finger[f] for f in hand.fingers}
+                if member in near:
+                    members += sorted((near & left) - set(members))
+        yield members

@@ -1,0 +1,42 @@
+"""Point contacts on a free object as they stand in a block: gains, points, displacements, rates and forces."""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import inline
+from graspfx.compile.records import Floats, Record, floats
+from graspfx.spatial import Vector
+
+NOISE = 4.5e-16  # of a coordinate: contacts no farther apart than two roundings of their coordinates coincide
+
+
+class PointGrasp(Record):
+    """Contacts of equal weight on an object that is free to move; arrays stand contact by contact."""
+
+    count: int  # n
+    dimensions: int  # d
+    external_stiffness: float  # kep [N/m]
+    external_damping: float  # ked [N s/m]
+    internal_stiffness: float  # kip [N/m]
+    internal_damping: float  # kid [N s/m]
+    tolerance: float  # of the contacts' rms radius: contacts nearer to a line turn about it by no force
+    rank: int  # of G, by the last call
+    points: Floats = floats("count * dimensions")  # [m]
+    displacement: Floats = floats("count * dimensions")  # e [m]
+    rate: Floats = floats("count * dimensions")  # e' [m/s]
+    force: Floats = floats("count * dimensions")  # f, on the object [N]
+
+    @property
+    def stiffness(self) -> float:
+        """The difference kep - kip."""
+        return self.external_stiffness - self.internal_stiffness
+
+    @property
+    def damping(self) -> float:
+        """The difference ked - kid."""
+        return self.external_damping - self.internal_damping
+
+
+@inline
+def vector_at(numbers: Floats, j: int) -> Vector:
+    """Read the vector that starts at entry j."""
+    return Vector(numbers[j], numbers[j + 1], numbers[j + 2])
