@@ -303,6 +303,9 @@ def limits_inside(scene: Scene, thing: Object) -> bool:
     fingers = [i for i, k in enumerate(scene.finger_objects) if scene.object[k] is thing]
     if not attached and any(scene.coefficients[i] for i in fingers):
         return True
+    padded = any(scene.finger[i].pad is not None for i in fingers)
+    if padded and scene.coupling.friction == "stick" and not equal_gains(scene):
+        return False
     return _scalar(scene)
 
 
