@@ -162,7 +162,7 @@ class VelocityEstimator:
             self.update(position)
 
     def update(self, position: ArrayLike) -> FloatArray:
-        """The velocity, after this next position; the array belongs to the estimator and is overwritten."""
+        """Give the velocity after this next position; the array belongs to the estimator and is overwritten."""
         self._position[...] = position
         S, x, v = self._S, self._x, self._v
         component = source_function(estimate)  # without a view for each

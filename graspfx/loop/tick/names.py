@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import Record, name_of
+from graspfx.compile.entry_names import name_of
+from graspfx.compile.records import Record
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.device import FusedDevice
 from graspfx.loop.parts import Parts
