@@ -43,6 +43,8 @@ class Observer:
         where: entries of the buffer by the names of a recording.
     """
 
+    declaration = LedgerState
+
     def __init__(
         self,
         grasped: GraspedObject,
