@@ -65,6 +65,7 @@ class HeldPlant(ABC):
 
     def __init__(self, kind: type[PlantState], fingers: int, dimensions: int) -> None:
         shape, step = (fingers, dimensions), fingers * dimensions
+        self.declaration = kind
         self.state: FloatArray = np.zeros(size_for(kind, fingers=fingers, dimensions=dimensions))
         block = kind(self.state)
         block.fingers, block.dimensions = shape

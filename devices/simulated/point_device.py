@@ -26,6 +26,7 @@ class PointDevice:
     What is done each sample are the kernels `reading` and `writing`, on the block `state`.
     """
 
+    declaration = PointDeviceState
     reading = staticmethod(sample.read)
     writing = staticmethod(sample.write)
     stopping = staticmethod(sample.stop)

@@ -34,6 +34,8 @@ class TwoLinkArm(ABC):
     an elbow that has gone over to its other side, raises DeviceError at `read`.
     """
 
+    declaration = ArmState
+
     def __init__(
         self, arm: Arm, wiring: Wiring, mechanics: Mechanics | None, velocity_window: int, delay: int | None
     ) -> None:

@@ -16,12 +16,13 @@ from graspfx.batch.lanes import FIRST, LANES, LATE_LOW, LOW, MEASURES, LanesText
 from graspfx.batch.statistics import empty, take
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
+from graspfx.compile.records import start_of
 from graspfx.compile.straight.bounds import LARGEST_TICK
 from graspfx.compile.straight.straight import NotSteadyError, written_down
 from graspfx.compile.straight.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
 from graspfx.loop.tick.engine import whole_text
-from graspfx.loop.tick.memory import FAULTED, TICK
+from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Tick
 
 FloatArray = NDArray[np.float64]
@@ -136,7 +137,7 @@ class Job:
         try:
             program = Traceable(source)
             turns = written_down(program, arrays, same, self.columns)
-            faulted = turns.begin((self.tick.own_name, FAULTED))
+            faulted = turns.begin((self.tick.own_name, start_of(ServoState, "faulted")))
             if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
                 return None
             text = lanes_text(program, turns, len(self.columns), self.statistics)
@@ -247,7 +248,8 @@ class _Single:
 
     def _fault(self, arena: FloatArray) -> int:
         own = arena[self.job.places[self.job.tick.own_name]]
-        return int(own[TICK]) if own[FAULTED] else -1
+        servo = ServoState(own)
+        return servo.tick if servo.faulted else -1
 
     def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
         """Bind the program to an arena, and give the rows that it writes."""

@@ -56,6 +56,11 @@ def table(rows: str, columns: str) -> Any:
     return Extent(rows, columns)
 
 
+def room(entries: str) -> Any:
+    """Declare a record whose own size varies: `entries` says how many it takes here."""
+    return Extent(entries)
+
+
 class Field:
     """One field of a record: its kind, and the offset and size of its entries, as Python text."""
 
@@ -234,7 +239,7 @@ def _size(cls: type[Record], name: str, kind: Any, extent: Extent | None) -> str
     if kind in SCALARS:
         return "1"
     if is_value(kind) or (isinstance(kind, type) and issubclass(kind, Record)):
-        return str(size_of(kind))
+        return str(size_of(kind)) if extent is None else extent.rows
     raise InputError(f"{cls.__name__}.{name}", kind, "float, int, bool, a value class, a record, Many, Floats or Table")
 
 
@@ -349,46 +354,6 @@ def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
     object.__setattr__(value, "_buffer", buffer)
     object.__setattr__(value, "_offset", at)
     return value
-
-
-def name_of(cls: type[Record], entry: int, buffer: Any, prefix: str = "", offset: int = 0) -> str:
-    """Name an entry of a block by its fields, such as `fingers[0].force.x`.
-
-    Args:
-        cls: of the record at `offset`.
-        entry: of the buffer.
-        buffer: whose whole numbers say how long groups and arrays are.
-        prefix: what stands before the name.
-    """
-    record = cls(buffer, offset)
-    for name, field in layout(cls).items():
-        first = field.place(record)
-        if not first <= entry < first + evaluate(field.size, record):
-            continue
-        label, inside = f"{prefix}{name}", entry - first
-        if field.reference or field.kind in SCALARS:
-            return label
-        if field.kind is Floats:
-            return f"{label}[{inside}]"
-        if field.kind is Table:
-            columns = getattr(record, name).columns
-            return f"{label}[{inside // columns}, {inside % columns}]"
-        if get_origin(field.kind) is Many:
-            group = getattr(record, name)
-            i = inside // group.stride
-            return name_of(group.kind, entry, buffer, f"{label}[{i}].", first + i * group.stride)
-        if is_value(field.kind):
-            return f"{label}.{'.'.join(_path(field.kind, inside))}"
-        return name_of(field.kind, entry, buffer, f"{label}.", first)
-    return f"{prefix}[{entry - offset}]"
-
-
-def _path(kind: Any, inside: int) -> list[str]:
-    for name, part in parts_of(kind).items():
-        if inside < size_of(part):
-            return [name] if part in SCALARS else [name, *_path(part, inside)]
-        inside -= size_of(part)
-    raise IndexError(inside)
 
 
 def size_for(cls: type[Record], **whole: int) -> int:

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.records import entries_of, size_for
 from graspfx.errors import InputError
 from graspfx.loop import plant
 from graspfx.loop.motion.motion import Levels, Motion, Rest, floats, lay_out, parts_of
+from graspfx.loop.motion.state import HandState, JoinedHandsState
+from graspfx.loop.motion.targets import joined_target, target
 from graspfx.loop.motion.turn import Turn
-from graspfx.loop.tick import targets
 
 FloatArray = NDArray[np.float64]
 
@@ -44,6 +46,8 @@ class Hand:
         turns: R and c; each turns what the ones before it give, about an axis that stays.
     """
 
+    declaration = HandState
+
     def __init__(
         self,
         rest: ArrayLike,
@@ -71,20 +75,30 @@ class Hand:
         along = _shares(share, n)[:, None] * _directions(inward, squeeze, n, d)
         closes = along.any() and not (np.isscalar(squeeze) and squeeze == 0.0)
         squeezing = lay_out(parts_of(closing) if closes else (), 1)
-        courses = [(squeezing, 1), (lay_out(parts_of(x), d), d), *((turn.laid_out, 1) for turn in turns)]
-        ports = plant.HandPorts(position=targets.HAND, velocity=targets.HAND + n * d)
-        still, room = np.zeros(n * d), np.zeros(2 * d + 2)
-        first = targets.HAND + 4 * n * d + len(room)
-        starts = np.cumsum([first, *(len(course.entries) for course, _ in courses)]).tolist()
-        header = n, d, starts[0], starts[1], len(turns), starts[2]
-        arrays = [header, r.ravel(), still, r.ravel(), along.ravel(), room]
-        placed = [(at, course, each) for at, (course, each) in zip(starts, courses, strict=False)]
-        self.state: FloatArray = np.concatenate([*arrays, *(course.entries for course, _ in courses)])
-        self.structure = np.concatenate([np.arange(targets.HAND), *(at + course.structure for at, course, _ in placed)])
-        self.ports = ports
-        self._asked = [each for each in placed if each[1].given]  # others' motions, which no kernel knows
+        courses = [squeezing, lay_out(parts_of(x), d), *(turn.laid_out for turn in turns)]
+        sizes = [len(course.entries) for course in courses]
+        whole = {
+            "fingers": n,
+            "dimensions": d,
+            "squeeze_entries": sizes[0],
+            "motion_entries": sizes[1],
+            "turn_entries": sum(sizes[2:]),
+        }
+        self.state: FloatArray = np.zeros(size_for(HandState, **whole))
+        block = HandState(self.state)
+        for name, number in {**whole, "turns": len(turns)}.items():
+            setattr(block, name, number)
+        for field, values in ((HandState.position, r), (HandState.rest, r), (HandState.along, along)):
+            block.array(field)[:] = values.ravel()
+        starts = block.squeeze.offset + np.cumsum([0, *sizes[:-1]])
+        self.state[block.squeeze.offset :] = np.concatenate([course.entries for course in courses])
+        placed = list(zip(starts.tolist(), courses, strict=True))
+        numbers = entries_of(HandState, *whole, "turns")
+        self.structure = np.concatenate([numbers, *(at + course.structure for at, course in placed)])
+        self.ports = plant.HandPorts(position=block.position.offset, velocity=block.velocity.offset)
+        self._asked = [each for each in placed if each[1].others]  # others' motions, which no kernel knows
         if not self._asked and type(self).target is Hand.target:
-            self.kernel: plant.HandKernel = targets.target  # makes it a FusedHand
+            self.kernel: plant.HandKernel = target  # makes it a FusedHand
 
     @classmethod
     def arm_and_grip(
@@ -135,15 +149,15 @@ class Hand:
     @property
     def still(self) -> bool:
         """Whether its targets never change."""
-        at = [int(entry) for entry in self.state[[targets.SQUEEZE, targets.MOTION]]]
-        moves = self.state[targets.TURNS] or self.state[at].any()
+        block = HandState(self.state)
+        moves = block.turns or block.squeeze.count or block.motion.count
         return type(self).target is Hand.target and not moves
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
-        for at, course, d in self._asked:
-            course.ask(self.state, at, time, d)
-        targets.target(self.state.data, 0, time)
+        for at, course in self._asked:
+            course.ask(self.state, at, time)
+        target(HandState(self.state.data), time)
         return _targets(self.state, self.ports, self._stiffness)
 
 
@@ -154,6 +168,8 @@ class JoinedHands:
         hands: in any order.
         order: the place of each finger of the whole among the hands' fingers, one after another; as they come if None.
     """
+
+    declaration = JoinedHandsState
 
     def __init__(self, hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> None:
         if not hands:
@@ -168,13 +184,17 @@ class JoinedHands:
         self._damping = _frozen(_block_diagonal([hand.damping for hand in hands])[:, *rows])
         self._still = all(map(plant.is_still, hands))
         d = len(self._stiffness)
-        header = targets.JOINED + len(hands)
-        at = header + 2 * n * d + 2 * n
+        whole = {"hands": len(hands), "fingers": n, "dimensions": d}
+        at = size_for(JoinedHandsState, **whole)
+        front = np.zeros(at)
+        block = JoinedHandsState(front)
+        block.hands, block.fingers, block.dimensions = len(hands), n, d
         parts: list[FloatArray] = []
-        starts, places, structure = [], [], list(range(header)) + list(range(at - 2 * n, at))
+        starts, places = [], []
+        structure = list(range(block.position.offset)) + list(range(block.sources.offset, at))
         for hand in hands:
             fingers = hand.stiffness.shape[1]
-            if isinstance(hand, plant.FusedHand) and hand.kernel is targets.target:
+            if isinstance(hand, plant.FusedHand) and hand.kernel is target:
                 starts.append(at)
                 structure += (at + hand.structure).tolist()
                 r, v = at + hand.ports.position, at + hand.ports.velocity
@@ -186,12 +206,13 @@ class JoinedHands:
                 parts.append(np.zeros(2 * fingers * d))
             places += [(r + i * d, v + i * d) for i in range(fingers)]
             at += len(parts[-1])
-        front = [len(hands), n, d, *starts, *np.zeros(2 * n * d), *np.ravel([places[i] for i in where])]
-        self.state: FloatArray = np.concatenate([np.array(front, dtype=float), *parts])
+        block.array(JoinedHandsState.starts)[:] = starts
+        block.sources.array(n)[:] = [places[i] for i in where]
+        self.state: FloatArray = np.concatenate([front, *parts])
         self.structure = np.array(structure, dtype=np.intp)
-        self.ports = plant.HandPorts(position=header, velocity=header + n * d)
+        self.ports = plant.HandPorts(position=block.position.offset, velocity=block.velocity.offset)
         if not self._asked and type(self).target is JoinedHands.target:
-            self.kernel: plant.HandKernel = targets.joined_target  # makes it a FusedHand
+            self.kernel: plant.HandKernel = joined_target  # makes it a FusedHand
 
     @property
     def stiffness(self) -> FloatArray:
@@ -214,7 +235,7 @@ class JoinedHands:
             r, v = hand.target(time)
             self.state[at : at + r.size] = r.ravel()
             self.state[rate : rate + v.size] = v.ravel()
-        targets.joined_target(self.state.data, 0, time)
+        joined_target(JoinedHandsState(self.state.data), time)
         return _targets(self.state, self.ports, self._stiffness)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 Kernel = Callable[[Any, int], int]
-HandKernel = Callable[[Any, int, float], None]
+HandKernel = Callable[..., None]  # of a record, or of a buffer and an offset, and a time
 
 
 class Hand(Protocol):

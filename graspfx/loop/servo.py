@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import start_of
 from graspfx.coupling.grasped import fault_text
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Device, LimitedDevice
@@ -17,8 +18,8 @@ from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, Plan
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick import memory as at
 from graspfx.loop.tick.engine import ENGINES, Engine
+from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
 from graspfx.loop.tick.script import Port, Tick
 from graspfx.loop.tick.text import write
 
@@ -119,7 +120,7 @@ class Servo:
     def _ready(self) -> Engine:
         if self._engine is None:
             self._tick = write(self.parts, record=self._record)
-            self._own: Any = memoryview(self._tick.own)
+            self._own = ServoState(self._tick.own.data)
             self._engine = ENGINES[self._kind](self._tick)
         return self._engine
 
@@ -128,9 +129,9 @@ class Servo:
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
         while self.ticks < last and not (stop is not None and stop()):
-            rows, row, left = (self._nowhere, 0, at.CHUNK) if recorder is None else recorder.space()
+            rows, row, left = (self._nowhere, 0, CHUNK) if recorder is None else recorder.space()
             engine.write_to(rows)
-            count = min(left, last - self.ticks, at.CHUNK if stop is None else 1 if apart else engine.patience)
+            count = min(left, last - self.ticks, CHUNK if stop is None else 1 if apart else engine.patience)
             if apart:
                 for r in range(row, row + count):
                     self._one(engine, recorder, r)
@@ -145,12 +146,12 @@ class Servo:
 
     def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
         """Run ticks of which all but the exchange with guests is one call."""
-        run, own, k = engine.each, self._own, self.ticks
+        run, faulted, k = engine.each, self._tick.own.data[start_of(ServoState, "faulted") :], self.ticks
         exchanges = self._exchanges()
         try:
             for r in range(row, row + count):
                 run(k, 1, r)
-                if own[at.FAULTED]:
+                if faulted[0]:
                     self._notice(recorder)  # now, as it says how things stand
                     exchanges = self._exchanges()
                 for exchange in exchanges:
@@ -161,15 +162,15 @@ class Servo:
 
     def _exchanges(self) -> list[Callable[[], None]]:
         """Exchange with the guests that are not stuck."""
-        return [self.movers[i].body.exchange for i in self._tick.guests if not self._own[at.STUCK + i]]
+        return [self.movers[i].body.exchange for i in self._tick.guests if not self._own.stuck_bodies[i]]
 
     def _settle(self) -> None:
         """Settle what guests were told after the last tick."""
         for i in self._tick.guests:
-            code = 0 if self._own[at.STUCK + i] else self.movers[i].body.take()
+            code = 0 if self._own.stuck_bodies[i] else self.movers[i].body.take()
             if code:
-                at.latch(self._own, self.ticks - 1, at.MOVER, i, code)
-                self._own[at.STUCK + i] = 1.0
+                latch(self._own, self.ticks - 1, MOVER, i, code)
+                self._own.stuck_bodies[i] = 1.0
 
     def _one(self, engine: Engine, recorder: Recorder | None, row: int) -> None:
         """Run one tick with parts that are no kernels."""
@@ -233,36 +234,36 @@ class Servo:
             device.write(port.command)
         except DeviceError as error:
             self._tell(k, str(error))
-        if self._own[at.FAULTED]:
+        if self._own.faulted:
             for each in self._tick.ports:
                 with suppress(DeviceError):  # one that is gone cannot be stopped, and the others must be
                     self.stations[each.station].device.stop()
 
     def _step(self, k: int, i: int) -> None:
         """Step a body to the end of the sample; one that cannot go on stays where it is."""
-        if not self._own[at.STUCK + i]:
+        if not self._own.stuck_bodies[i]:
             try:
                 self.movers[i].body.step(self.period)
             except GraspFXError as error:
-                self._own[at.STUCK + i] = 1.0
+                self._own.stuck_bodies[i] = 1.0
                 self._tell(k, f"{self._objects(i)}: {error}")
 
     def _advance(self, k: int, j: int) -> None:
-        stuck, m = at.STUCK + len(self.movers) + j, self.plants[j]
-        if not self._own[stuck]:
+        m = self.plants[j]
+        if not self._own.stuck_plants[j]:
             try:
                 m.plant.advance(np.concatenate([d.effort for d in m.devices]), m.hand, self.period)
             except GraspFXError as error:
-                self._own[stuck] = 1.0
+                self._own.stuck_plants[j] = 1.0
                 self._tell(k, f"{self._fingers(j)}: {error}")
 
     def _look_ahead(self, count: int) -> None:
         """Ask hands that are no kernels where they mean to be over the coming ticks."""
         T, k = self.period, self.ticks
-        self._own[at.LOOKED_UP] = k
+        self._own.table_start = k
         for table in self._tick.tables:
             m = self.plants[table.plant]
-            each = table.memory.reshape(at.CHUNK, -1, *m.plant.position.shape)
+            each = table.memory.reshape(CHUNK, -1, *m.plant.position.shape)
             for i in range(count):
                 each[i, 0], each[i, 1] = m.hand.target((k + i + 1) * T)
                 if table.middle:
@@ -272,24 +273,25 @@ class Servo:
 
     def _tell(self, k: int, message: str) -> None:
         self._foreign_faults.append(message)
-        at.latch(self._own, k, at.FOREIGN, 0, len(self._foreign_faults) - 1)
+        latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: Recorder | None) -> None:
-        if self.fault is None and self._own[at.FAULTED]:
-            self.fault = RunFault(int(self._own[at.TICK]), self.why(self._own))
+        if self.fault is None and self._own.faulted:
+            self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:
                 recorder.fault(*self.fault)
 
-    def why(self, own: Any) -> str:
+    def why(self, own: FloatArray) -> str:
         """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
-        kind, index, code = (int(own[entry]) for entry in (at.KIND, at.INDEX, at.CODE))
-        if kind == at.FOREIGN:
+        servo = ServoState(own)
+        kind, index, code = servo.kind, servo.index, servo.code
+        if kind == FOREIGN:
             return self._foreign_faults[code]
-        if kind == at.STATION:
+        if kind == STATION:
             return self.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
-        if kind == at.OBJECT_:
+        if kind == OBJECT_:
             return fault_text(code, [self.layout.fingers[f] for f in self.objects[index].fingers])
-        if kind == at.MOVER:
+        if kind == MOVER:
             return f"{self._objects(index)}: {self.movers[index].body.fault_text(code)}"
         return f"{self._fingers(index)}: {self.plants[index].plant.fault_text(code)}"  # type: ignore[attr-defined]
 

@@ -12,7 +12,7 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.refill import reach, refill
 from graspfx.build.resolve import resolve
-from graspfx.compile.records import name_of
+from graspfx.compile.entry_names import name_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
 from graspfx.loop.tick.text import write

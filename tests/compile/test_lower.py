@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from graspfx.compile import cache, records
+from graspfx.compile.entry_names import name_of
 from graspfx.compile.kernel import inline, kernel, source_function, written
 from graspfx.compile.lower.lowering import lowered_text
 from graspfx.compile.lower.store import Lowering, Store
 from graspfx.compile.machine import compiled
-from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, name_of, size_for, size_of, table
+from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, room, size_for, size_of, table
 from graspfx.errors import InputError
 from graspfx.spatial import ZERO, Matrix, Quaternion, Vector, angle_matrix, cross, dot, length, outer
 
@@ -357,3 +358,33 @@ def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.M
     again = Store("lowered-test", marshal.loads(content)).find(function)
     assert again is not None
     assert (again.text, again.code, again.callees, again.files) == (text, code, names, (records.__file__,))
+
+
+class Shelf(Record):
+    """Two records whose sizes vary, one after the other."""
+
+    lower_entries: int
+    upper_entries: int
+    lower: Ring = room("lower_entries")
+    upper: Ring = room("upper_entries")
+
+
+@kernel
+def compare_rings(shelf: Shelf) -> float:
+    """Read one record of varying size and change the other."""
+    lower, upper = shelf.lower, shelf.upper
+    upper.values[0] = lower.values[lower.length - 1]
+    return lower.length - upper.length
+
+
+def test_a_record_of_varying_size_takes_the_entries_that_its_owner_says() -> None:
+    S = np.zeros(size_for(Shelf, lower_entries=4, upper_entries=3) + 1)
+    S[1:3] = 4, 3
+    shelf = Shelf(S, 1)
+    shelf.lower.length, shelf.upper.length, shelf.lower.values[2] = 3, 2, 5.0
+    A, B, C = S.copy(), S.copy(), S.copy()
+    assert written(compare_rings)(Shelf(A, 1)) == compare_rings(Shelf(B, 1)) == compiled(compare_rings)(C, 1) == 1.0
+    assert A.tobytes() == B.tobytes() == C.tobytes()
+    assert Shelf(A, 1).upper.offset == 1 + 2 + 4
+    assert A[1 + 2 + 4 + 1] == 5.0
+    assert name_of(Shelf, 1 + 2 + 4 + 1, S, offset=1) == "upper.values[0]"

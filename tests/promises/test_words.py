@@ -30,7 +30,6 @@ ROOMS_TO_COME: tuple[str, ...] = (  # to be cleaned as their kernels take record
     "graspfx/loop/energy/",
     "graspfx/loop/hand.py",
     "graspfx/loop/motion/",
-    "graspfx/loop/tick/targets.py",
     "graspfx/objects/",
     "graspfx/spatial.py",
 )

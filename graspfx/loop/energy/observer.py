@@ -43,6 +43,8 @@ class Observer:
         where: which entries of the buffer hold what a recording asks for.
     """
 
+    declaration = LedgerState
+
     def __init__(
         self,
         grasped: GraspedObject,

@@ -12,9 +12,26 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.records import entries_of, size_for, size_of, start_of
 from graspfx.environment import require_file, to_path
 from graspfx.errors import InputError
-from graspfx.loop.tick import targets
+from graspfx.loop.motion.state import (
+    LEVELS,
+    OTHER,
+    PATH,
+    REACH,
+    SINE,
+    Course,
+    Displacement,
+    LevelsPart,
+    MotionPart,
+    OtherPart,
+    PathPart,
+    ReachPart,
+    SinePart,
+)
+from graspfx.loop.motion.targets import displace
+from graspfx.spatial import Vector
 
 FloatArray = NDArray[np.float64]
 
@@ -37,49 +54,55 @@ class Motion(Protocol):
 
 
 class Part(NamedTuple):
-    """One term of a motion: a kind of `loop.tick.targets` with its numbers, or a motion that is none of ours."""
+    """One term of a motion: a `MotionPart`, or a motion that is none of ours."""
 
-    kind: int
-    rows: int  # how many points or levels
-    numbers: FloatArray
+    entries: FloatArray
     source: Motion | None = None
 
 
-class Course(NamedTuple):
-    """A motion laid out for `targets.motion_at`."""
+class CourseBlock(NamedTuple):
+    """A motion laid out as a `Course`."""
 
     entries: FloatArray
     structure: NDArray[np.intp]  # entries that never change and pick what is done
-    given: list[tuple[int, Motion]]  # where offset (d) and velocity (d) of others' motions are written
+    others: list[tuple[int, Motion]]  # where `OtherPart` of others' motions stand
 
-    def ask(self, S: FloatArray, o: int, time: float, d: int) -> None:
-        """Write others' motions at a time into the course that stands at S[o]."""
-        for at, motion in self.given:
-            x, v = motion.at(time)
-            S[o + at : o + at + d] = x
-            S[o + at + d : o + at + 2 * d] = v
+    def ask(self, memory: FloatArray, start: int, time: float) -> None:
+        """Write others' motions at a time into the course that stands at an entry of a memory."""
+        for at, motion in self.others:
+            part = OtherPart(memory, start + at)
+            d, (x, v) = part.dimensions, motion.at(time)
+            part.now.array(Displacement.value)[:d] = x
+            part.now.array(Displacement.rate)[:d] = v
 
 
-def lay_out(parts: Sequence[Part], d: int) -> Course:
-    """The course, in d dimensions, of what is made of these parts."""
-    entries, structure, given = [np.array([float(len(parts))])], [0], []
-    at = 1
-    for kind, rows, own, source in parts:
-        numbers = own if source is None else np.zeros(2 * d)
-        if source is not None:
-            given.append((at + targets.OWN, source))
-        structure += [at + targets.KIND, at + targets.SIZE, at + targets.COUNT]
-        size = targets.OWN + len(numbers)
-        entries += [np.array([kind, size, rows], dtype=float), numbers]
-        at += size
-    return Course(np.concatenate(entries), np.array(structure, dtype=np.intp), given)
+HEADER = entries_of(MotionPart, "kind", "entries", "count", "dimensions")
+
+
+def lay_out(parts: Sequence[Part], d: int) -> CourseBlock:
+    """Lay out in d dimensions what is made of these parts."""
+    blocks = [part.entries if part.source is None else _other(d) for part in parts]
+    first = start_of(Course, "parts")
+    starts = [first + sum(map(len, blocks[:k])) for k in range(len(blocks))]
+    structure = entries_of(Course, "count", "entries") + [at + entry for at in starts for entry in HEADER]
+    others = [(at, part.source) for at, part in zip(starts, parts, strict=True) if part.source is not None]
+    front = np.zeros(first)
+    course = Course(front)
+    course.count, course.entries = len(parts), sum(map(len, blocks))
+    return CourseBlock(np.concatenate([front, *blocks]), np.array(structure, dtype=np.intp), others)
+
+
+def _other(d: int) -> FloatArray:
+    part = OtherPart(np.zeros(size_of(OtherPart)))
+    part.kind, part.entries, part.dimensions = OTHER, size_of(OtherPart), d
+    return part.buffer  # type: ignore[no-any-return] # an array
 
 
 def parts_of(motion: Motion) -> Sequence[Part]:
-    """Of ours, what they are made of; of another, or one whose `at` is another, itself."""
+    """List the parts that a motion of ours is made of; another, or one whose `at` is another, is one part."""
     if isinstance(motion, _Parts) and type(motion).at is _Parts.at:
         return motion.parts
-    return [Part(targets.GIVEN, 0, np.zeros(0), motion)]
+    return [Part(np.zeros(0), motion)]
 
 
 class _Parts:
@@ -88,16 +111,17 @@ class _Parts:
     def __init__(self, dimensions: int | None, parts: Sequence[Part]) -> None:
         self.dimensions = dimensions
         self.parts = tuple(parts)
-        d = dimensions or 1
-        self._course = lay_out(parts, d)
-        self._block: FloatArray = np.concatenate([np.zeros(2 * d), self._course.entries])
+        self._course = lay_out(parts, dimensions or 1)
+        self._now: FloatArray = np.zeros(size_of(Displacement))
+        self._block: FloatArray = self._course.entries.copy()
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Offset (d,) [m] and its velocity (d,) [m/s] at a time [s]."""
         d = self.dimensions or 1
-        self._course.ask(self._block, 2 * d, time, d)
-        targets.motion_at(self._block.data, 2 * d, time, 0, d)
-        return self._block[:d].copy(), self._block[d : 2 * d].copy()
+        self._course.ask(self._block, 0, time)
+        displace(Course(self._block.data), time, Displacement(self._now.data))
+        now = Displacement(self._now)
+        return now.array(Displacement.value)[:d].copy(), now.array(Displacement.rate)[:d].copy()
 
 
 class Rest(_Parts):
@@ -136,7 +160,11 @@ class Sine(_Parts):
         u = direction(axis, dimensions)
         t = _number("begin", begin, "a finite time [s]")
         fade = _number("ramp", ramp, "a finite time of zero or more [s]", least=0.0)
-        super().__init__(len(u), [Part(targets.SINE, 0, np.array([a, 2.0 * math.pi * f, t, fade, *u]))])
+        part = SinePart(np.zeros(size_of(SinePart)))
+        part.kind, part.entries, part.dimensions = SINE, len(part.buffer), len(u)
+        part.amplitude, part.angular_frequency, part.begin, part.ramp = a, 2.0 * math.pi * f, t, fade
+        part.direction = _padded(u)
+        super().__init__(len(u), [Part(part.buffer)])
 
 
 class Reach(_Parts):
@@ -152,7 +180,10 @@ class Reach(_Parts):
         x = _vector("displacement", displacement, "the finite components (d,) of a displacement [m]")
         t = _number("begin", begin, "a finite time [s]")
         T = _number("duration", duration, "a finite time above zero [s]", above=0.0)
-        super().__init__(len(x), [Part(targets.REACH, 0, np.array([t, T, *x]))])
+        part = ReachPart(np.zeros(size_of(ReachPart)))
+        part.kind, part.entries, part.dimensions = REACH, len(part.buffer), len(x)
+        part.begin, part.duration, part.displacement = t, T, _padded(x)
+        super().__init__(len(x), [Part(part.buffer)])
 
 
 class Path(_Parts):
@@ -177,7 +208,13 @@ class Path(_Parts):
         if x.ndim != 2 or len(x) != len(t) or not 1 <= x.shape[1] <= 3 or not np.isfinite(x).all():
             raise InputError("positions", positions, f"finite positions (N, d) or (N,), N = {len(t)} as for times [m]")
         cubics = np.moveaxis(np.asarray(PchipInterpolator(t, x).c, dtype=float), 1, 0)  # (N - 1, 4, d)
-        super().__init__(x.shape[1], [Part(targets.PATH, len(t), np.concatenate([t, cubics.ravel(), x[-1]]))])
+        count, d = x.shape
+        part = PathPart(np.zeros(size_for(PathPart, count=count, dimensions=d)))
+        part.kind, part.entries, part.count, part.dimensions = PATH, len(part.buffer), count, d
+        part.array(PathPart.times)[:] = t
+        part.cubics.array(count - 1)[:] = cubics.reshape(count - 1, 4 * d)
+        part.array(PathPart.last)[:] = x[-1]
+        super().__init__(d, [Part(part.buffer)])
 
     @classmethod
     def read(cls, file: str | PathLike[str], folder: FilePath | None = None) -> Path:
@@ -221,10 +258,13 @@ class Levels(_Parts):
         begin, duration = table[:, 1], table[:, 2]
         if (duration < 0.0).any() or any(map(overlap, begin, duration, begin[1:])):
             raise InputError("steps", steps, "durations of zero or more, and no step before the end of the one before")
-        table = np.concatenate([begin, duration, [0.0], table[:, 0]])
-        super().__init__(1, [Part(targets.LEVELS, len(begin), table)])
+        part = LevelsPart(np.zeros(size_for(LevelsPart, count=len(begin))))
+        part.kind, part.entries, part.count, part.dimensions = LEVELS, len(part.buffer), len(begin), 1
+        part.array(LevelsPart.begins)[:], part.array(LevelsPart.durations)[:] = begin, duration
+        part.array(LevelsPart.levels)[1:] = table[:, 0]
+        super().__init__(1, [Part(part.buffer)])
         self.end = float(begin[-1] + duration[-1])  # [s]; from here on nothing moves
-        self.last = float(table[-1])
+        self.last = float(table[-1, 0])
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
@@ -303,6 +343,12 @@ def _vector(name: str, value: ArrayLike, expected: str) -> FloatArray:
     if x.ndim != 1 or not 1 <= len(x) <= 3 or not np.isfinite(x).all():
         raise InputError(name, value, expected)
     return x
+
+
+def _padded(components: FloatArray) -> Vector:
+    """Give a vector in space whose further components are zero."""
+    x, y, z = [*components.tolist(), 0.0, 0.0][:3]
+    return Vector(x, y, z)
 
 
 def _number(name: str, value: float, expected: str, *, above: float = -math.inf, least: float = -math.inf) -> float:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.compile.records import Floats, entries_of, start_of
 from graspfx.errors import InputError
-from graspfx.loop.motion.motion import Course, Motion, direction, floats, lay_out, parts_of
-from graspfx.loop.tick import targets
+from graspfx.loop.motion.motion import CourseBlock, Motion, direction, floats, lay_out, parts_of
+from graspfx.loop.motion.state import Turning
+from graspfx.loop.motion.targets import turn
 
 FloatArray = NDArray[np.float64]
 
@@ -37,25 +39,26 @@ class Turn:
                 raise InputError("axis", axis, "an axis (3,) in space")
             u = direction(axis, 3)
         self._course = lay_out(parts_of(angle), 1)
-        length = targets.COURSE + len(self._course.entries)
-        room = [0.0] * (targets.COURSE - targets.ANGLE)
-        self._entries = np.concatenate([[length], c, [0.0] * (3 - d), u, room, self._course.entries])
+        front = np.zeros(start_of(Turning, "angle"))
+        turning = Turning(front)
+        turning.course_entries = len(self._course.entries)
+        turning.array(Turning.centre)[:d], turning.array(Turning.axis)[:] = c, u
+        self._entries = np.concatenate([front, self._course.entries])
 
     @property
-    def laid_out(self) -> Course:
-        """The turn for `targets.turn`."""
-        _, structure, given = self._course
-        start = targets.COURSE
-        return Course(
-            self._entries, np.append(start + structure, targets.LENGTH), [(start + at, angle) for at, angle in given]
-        )
+    def laid_out(self) -> CourseBlock:
+        """The turn as a `Turning`."""
+        _, structure, others = self._course
+        start = start_of(Turning, "angle")
+        known = np.append(start + structure, entries_of(Turning, "course_entries"))
+        return CourseBlock(self._entries, known, [(start + at, angle) for at, angle in others])
 
     def turned(self, time: float, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions (n, d) [m] and velocities (n, d) [m/s] after this turn, from those before it; the same arrays
         while there is nothing to turn."""
-        o = 2 * r.size
-        S = np.concatenate([r.ravel(), v.ravel(), self._entries])
-        self._course.ask(S, o + targets.COURSE, time, 1)
-        if not targets.turn(S.data, o, time, 0, r.size, len(r), self.dimensions):
+        block, position, velocity = self._entries.copy(), np.array(r, dtype=float), np.array(v, dtype=float)
+        self._course.ask(block, start_of(Turning, "angle"), time)
+        places = Floats(position.reshape(-1).data), Floats(velocity.reshape(-1).data)
+        if not turn(Turning(block.data), time, *places, len(r), self.dimensions):
             return r, v
-        return S[: r.size].reshape(r.shape), S[r.size : o].reshape(r.shape)
+        return position, velocity

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.kernel import keep_lowerings, source_function
+from graspfx.compile.records import start_of
 from graspfx.errors import InputError, MissingPackageError
-from graspfx.loop.tick.memory import FAULTED, TICK
+from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Tick
 
 FloatArray = NDArray[np.float64]
@@ -65,9 +66,9 @@ def whole_text(tick: Tick, *, pausing: bool = False) -> str:
         tick: the tick.
         pausing: whether it gives the ticks done, and the one in which the first fault happened is the last of them.
     """
-    own = tick.own_name
+    faulted, latched = (f"{tick.own_name}[{start_of(ServoState, name)}]" for name in ("faulted", "tick"))
     lines = [*tick.begin, *tick.end]
-    lines += [f"if {own}[{FAULTED}] != 0.0 and {own}[{TICK}] == k:", "    return i + 1"] if pausing else []
+    lines += [f"if {faulted} != 0.0 and {latched} == k:", "    return i + 1"] if pausing else []
     body = [f"        {line}" for line in [*lines, "k += 1", "r += 1"]]
     return "\n".join(["def run(k, count, r):", "    for i in range(count):", *body, "    return count"])
 

@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Any
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Record, Table, floats, table
 
-FAULTED = 0
-TICK = 1  # of the first fault
-KIND = 2  # what could not go on,
-INDEX = 3  # which of its kind,
-CODE = 4  # and why
-PERIOD = 5  # T [s]
-LOOKED_UP = 6  # the tick that the targets of hands without kernels begin with
-STUCK = 7  # one for each mover, then for each plant; each finger's displayed force, place and energy follow
-
-STATION, OBJECT_, MOVER, PLANT, FOREIGN = range(5)  # TOLD: by code that is no kernel, in words
+STATION, OBJECT_, MOVER, PLANT, FOREIGN = range(5)  # kinds of what cannot go on; the last is code that is no kernel
 
 CHUNK = 1024  # ticks for which the targets of a hand without a kernel are known ahead
 
 
-def latch(S: Any, k: int, kind: int, index: int, code: int) -> None:
+class ServoState(Record):
+    """The memory of a tick."""
+
+    faulted: bool
+    tick: int  # of the first fault
+    kind: int  # what could not go on,
+    index: int  # which of its kind,
+    code: int  # and why
+    period: float  # T [s]
+    table_start: int  # the tick that the targets of hands without kernels begin with
+    bodies: int
+    plants: int
+    fingers: int  # n
+    dimensions: int  # d
+    stuck_bodies: Floats = floats("bodies")  # 1 for one that cannot go on
+    stuck_plants: Floats = floats("plants")
+    displayed: Table = table("fingers", "dimensions")  # force on each operator [N]
+    before: Table = table("fingers", "dimensions")  # where each fingertip was one sample ago [m]
+    energy: Floats = floats("fingers")  # work that each device did [J]
+
+
+@kernel
+def latch(servo: ServoState, k: int, kind: int, index: int, code: int) -> None:
     """Keep the first fault; from then on every force is zero."""
-    if S[FAULTED] == 0.0:
-        S[FAULTED] = 1.0
-        S[TICK] = k
-        S[KIND] = kind
-        S[INDEX] = index
-        S[CODE] = code
+    if not servo.faulted:
+        servo.faulted = True
+        servo.tick = k
+        servo.kind = kind
+        servo.index = index
+        servo.code = code

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import Record, name_of
+from graspfx.compile.entry_names import name_of
+from graspfx.compile.records import Record, layout, size_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.device import FusedDevice
-from graspfx.loop.parts import Parts
+from graspfx.loop.parts import Parts, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.tick import memory
+from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Script, Tick
+from graspfx.objects.guest import GuestState
 
 FloatArray = NDArray[np.float64]
 NamedEntry = tuple[FloatArray, int, str]  # a memory, an entry of it, and its name, in full or from the first point on
@@ -24,8 +27,9 @@ AXES = "xyz"
 class Names:
     """Names of a script's memories, and of their entries.
 
-    An object's block is declared by `GraspState`. A device, plant, hand, body or ledger may say by an attribute
-    `declaration` which record its memory is; of others the entries at their ports have names.
+    An object's block is declared by `GraspState`, a guest's by `GuestState`. The entries at the ports of devices,
+    plants and hands have the ports' names; which record all of their memory is, or that of a body or a ledger, is said
+    by an attribute `declaration`.
 
     Attributes:
         memories: names of arrays, such as `object[0]`.
@@ -39,8 +43,9 @@ class Names:
         self._declarations = {
             arrays[id(array)]: declaration for array, declaration in _declarations(parts) if id(array) in arrays
         }
-        entries = (*_servo(parts, tick.own), *_devices(parts), *_ports(parts, tick), *_plants(parts), *_hands(parts))
-        self._entries = {(arrays[id(array)], k): name for array, k, name in entries if id(array) in arrays}
+        named = [_servo(parts, tick.own), _ports(parts, tick)]
+        named += [each(parts) for each in (_devices, _plants, _hands, _guests)]
+        self._entries = {(arrays[id(array)], k): name for array, k, name in chain(*named) if id(array) in arrays}
 
     def entry(self, array: str, k: int) -> str:
         """Name an entry of an array; one that nothing declares by its number."""
@@ -57,11 +62,11 @@ class Names:
 
     def _declared(self, array: str, k: int) -> str:
         """Name an entry in full, or from the point or bracket after its memory's name on."""
-        if array in self._declarations:
+        name = self._entries.get((array, k))
+        if name is None and array in self._declarations:
             name = name_of(self._declarations[array], k, self._arrays[array])
-            if not name.startswith("["):
-                return f".{name}"
-        return self._entries.get((array, k), f"[{k}]")
+            return name if name.startswith("[") else f".{name}"
+        return name or f"[{k}]"
 
 
 def columns(layout: Layout) -> Mapping[int, str]:
@@ -103,17 +108,19 @@ def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
 
 
 def _servo(parts: Parts, servo: FloatArray) -> Iterator[NamedEntry]:
-    for name in ("FAULTED", "TICK", "KIND", "INDEX", "CODE", "PERIOD", "LOOKED_UP"):
-        yield servo, getattr(memory, name), f"servo.{name.lower()}"
-    stuck = [f"body[{i}].stuck" for i in range(len(parts.movers))]
-    stuck += [f"plant[{j}].stuck" for j in range(len(parts.plants))]
-    yield from ((servo, memory.STUCK + i, name) for i, name in enumerate(stuck))
-    n, d = len(parts.layout.fingers), parts.layout.dimensions
-    start = memory.STUCK + len(stuck)
-    for quantity, width in (("displayed", d), ("before", d), ("energy", 1)):
+    for name, field in layout(ServoState).items():
+        if field.offset.isdigit() and field.size == "1":
+            yield servo, int(field.offset), f"servo.{name}"
+    block, n, d = ServoState(servo), len(parts.layout.fingers), parts.layout.dimensions
+    yield from ((servo, block.stuck_bodies.offset + i, f"body[{i}].stuck") for i in range(block.bodies))
+    yield from ((servo, block.stuck_plants.offset + j, f"plant[{j}].stuck") for j in range(block.plants))
+    for quantity, array, width in (
+        ("displayed", block.displayed, d),
+        ("before", block.before, d),
+        ("energy", block.energy, 1),
+    ):
         for f in range(n):
-            yield from _vectors(servo, start + f * width, f"finger[{f}].{quantity}", 1, width)
-        start += n * width
+            yield from _vectors(servo, array.offset + f * width, f"finger[{f}].{quantity}", 1, width)
 
 
 def _devices(parts: Parts) -> Iterator[NamedEntry]:
@@ -156,6 +163,16 @@ def _hands(parts: Parts) -> Iterator[NamedEntry]:
             for quantity in ("position", "velocity"):
                 first = getattr(m.hand.ports, quantity)
                 yield from _vectors(m.hand.state, first, f".{quantity}", len(m.fingers), parts.layout.dimensions)
+
+
+def _guests(parts: Parts) -> Iterator[NamedEntry]:
+    for mover in parts.movers:
+        if (guest := guest_of(mover.body)) is not None:
+            places = [place for place in guest.places if place >= 0]
+            for i, place in enumerate(places):
+                front = f".body[{i}]." if len(places) > 1 else "."
+                for k in range(place, place + size_of(GuestState)):
+                    yield guest.buffer, k, name_of(GuestState, k, guest.buffer, front, place)
 
 
 def _vectors(state: FloatArray, first: int, name: str, count: int, d: int) -> Iterator[NamedEntry]:

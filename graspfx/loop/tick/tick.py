@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from graspfx.compile.unfold.stage import stage
-from graspfx.coupling import block as at
 from graspfx.coupling.contacts import LOST
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.loop.energy.watch import watch
-from graspfx.loop.tick.memory import FAULTED, LOOKED_UP, MOVER, OBJECT_, PERIOD, PLANT, STATION, latch
+from graspfx.loop.tick.memory import MOVER, OBJECT_, PLANT, STATION, latch
 from graspfx.loop.tick.wires import (
     BodyWires,
     Channel,
@@ -41,7 +40,7 @@ def begin(scene: Wiring, k: int) -> None:
     predict(scene)
     couple_objects(scene, k)
     add_work(scene, k)
-    if scene.servo[FAULTED] != 0.0:
+    if scene.faulted[0] != 0.0:
         release(scene)
     display(scene, k)
 
@@ -49,7 +48,7 @@ def begin(scene: Wiring, k: int) -> None:
 @stage
 def end(scene: Wiring, k: int, r: int, rows: FloatArray) -> None:
     """Run the rest of tick k, recorded in row r."""
-    if scene.servo[FAULTED] != 0.0:
+    if scene.faulted[0] != 0.0:
         stop(scene)
     record(scene, r, rows)
     move(scene, k)
@@ -69,15 +68,14 @@ def copy(to: FloatArray, source: FloatArray) -> None:
 @stage
 def take(scene: Wiring, k: int) -> None:
     """Take the motion that other software gave its bodies after the last tick."""
-    servo = scene.servo
     for body in scene.bodies:
         if isinstance(body, GuestWires):
             for part in body.parts:
-                if servo[body.stuck] == 0.0:
-                    code = body.taking(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
+                if body.stuck[0] == 0.0:
+                    code = body.taking(part.body, part.guest, scene.period[0])
                     if code != 0:
-                        latch(servo, k - 1, MOVER, body.index, code)
-                        servo[body.stuck] = 1.0
+                        latch(scene.servo, k - 1, MOVER, body.index, code)
+                        body.stuck[0] = 1.0
 
 
 @stage
@@ -116,15 +114,14 @@ def predict(scene: Wiring) -> None:
     """Tell couplings under the implicit integrator where their bodies would be without them."""
     for body in scene.bodies:
         if isinstance(body, BodyWires) and body.predicting is not None:
-            body.predicting(body.block, at.BODY, body.floor, 0, scene.servo[PERIOD])
+            body.predicting(body.state, body.floor, scene.period[0])
 
 
 @stage
 def couple_objects(scene: Wiring, k: int) -> None:
     """Couple the fingers to the objects: forces, limits on them, and the energies that a ledger watches."""
-    servo = scene.servo
     for grasp in scene.grasps:
-        if servo[FAULTED] == 0.0:
+        if scene.faulted[0] == 0.0:
             if grasp.limited:  # what the object receives is what is displayed
                 code = couple(grasp.state)
                 code = limit(grasp.state, code)
@@ -132,26 +129,25 @@ def couple_objects(scene: Wiring, k: int) -> None:
             else:
                 code = sample(grasp.state)
             if code != 0:
-                latch(servo, k, OBJECT_, grasp.index, code)
+                latch(scene.servo, k, OBJECT_, grasp.index, code)
                 if code == LOST:
-                    servo[grasp.stuck] = 1.0
-            if grasp.ledger is not None and servo[FAULTED] == 0.0:
-                watch_energy(grasp.state, grasp.ledger, servo)
+                    grasp.stuck[0] = 1.0
+            if grasp.ledger is not None and scene.faulted[0] == 0.0:
+                watch_energy(grasp.state, grasp.ledger, scene.period)
 
 
 @stage
-def watch_energy(grasp: GraspState, ledger: LedgerWires, servo: FloatArray) -> None:
+def watch_energy(grasp: GraspState, ledger: LedgerWires, period: FloatArray) -> None:
     """Watch the energies of a grasp."""
     if ledger.met is not None and ledger.contact_wrench is not None:
         copy(ledger.met, ledger.contact_wrench)
-    watch(grasp, ledger.state, servo[PERIOD])
+    watch(grasp, ledger.state, period[0])
 
 
 @stage
 def add_work(scene: Wiring, k: int) -> None:
     """Add the work of the last sample's forces at the fingertips; keep where these are now."""
-    servo = scene.servo
-    if k > 0 and servo[FAULTED] == 0.0:
+    if k > 0 and scene.faulted[0] == 0.0:
         for finger in scene.fingers:
             step = finger.displayed[0] * (finger.tip[0] - finger.before[0])
             for a in range(1, scene.dimensions):
@@ -216,44 +212,42 @@ def record(scene: Wiring, r: int, rows: FloatArray) -> None:
 @stage
 def move(scene: Wiring, k: int) -> None:
     """Move the bodies; tell other software the wrenches on those that it moves."""
-    servo = scene.servo
     for body in scene.bodies:
-        if servo[body.stuck] == 0.0:
+        if body.stuck[0] == 0.0:
             if isinstance(body, GuestWires):
                 for part in body.parts:
-                    body.handing(part.block, at.BODY, part.buffer, part.start, servo[PERIOD])
+                    body.handing(part.body, part.guest, scene.period[0])
             else:
-                code = body.stepping(body.block, at.BODY, body.floor, 0, servo[PERIOD])
+                code = body.stepping(body.state, body.floor, scene.period[0])
                 if code != 0:
-                    latch(servo, k, MOVER, body.index, code)
-                    servo[body.stuck] = 1.0
+                    latch(scene.servo, k, MOVER, body.index, code)
+                    body.stuck[0] = 1.0
 
 
 @stage
 def advance(scene: Wiring, k: int) -> None:
     """Move the plants under the devices' efforts and their hands."""
-    servo = scene.servo
     for plant in scene.plants:
-        if servo[plant.stuck] == 0.0:
+        if plant.stuck[0] == 0.0:
             for to, effort in plant.efforts:
                 copy(to, effort)
             if isinstance(plant.hand, HandWires):
-                ask(plant, plant.hand, k, servo)
+                ask(plant, plant.hand, k, scene.period)
             elif plant.hand is not None:
-                look_up(plant, plant.hand, k, servo)
+                look_up(plant, plant.hand, k)
             code = plant.kernel(plant.state, 0)
             if code != 0:
-                latch(servo, k, PLANT, plant.index, code)
-                servo[plant.stuck] = 1.0
+                latch(scene.servo, k, PLANT, plant.index, code)
+                plant.stuck[0] = 1.0
 
 
 @stage
-def ask(plant: PlantWires, hand: HandWires, k: int, servo: FloatArray) -> None:
+def ask(plant: PlantWires, hand: HandWires, k: int, period: FloatArray) -> None:
     """Ask a hand for its targets in the coming sample."""
     if plant.middle is not None:
-        hand.kernel(hand.state, 0, 0.5 * (k * servo[PERIOD] + (k + 1) * servo[PERIOD]))
+        hand.kernel(hand.state, 0, 0.5 * (k * period[0] + (k + 1) * period[0]))
         aim(plant.middle, hand.target)
-    hand.kernel(hand.state, 0, (k + 1) * servo[PERIOD])
+    hand.kernel(hand.state, 0, (k + 1) * period[0])
     aim(plant.end, hand.target)
 
 
@@ -265,9 +259,9 @@ def aim(to: Target, target: Target) -> None:
 
 
 @stage
-def look_up(plant: PlantWires, table: TableWires, k: int, servo: FloatArray) -> None:
+def look_up(plant: PlantWires, table: TableWires, k: int) -> None:
     """Look up the targets that a hand in plain Python gave beforehand."""
-    row = (k - int(servo[LOOKED_UP])) * table.width
+    row = (k - int(table.start[0])) * table.width
     if plant.middle is not None:
         look_up_target(plant.middle, table, row, table.width // 2)
     look_up_target(plant.end, table, row, 0)

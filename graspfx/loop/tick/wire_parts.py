@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import Floats, entries_of, size_for
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop import plant as plants
@@ -16,7 +17,7 @@ from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.observer import MET
 from graspfx.loop.parts import BodyGroup, DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
-from graspfx.loop.tick.memory import CHUNK, PERIOD, STUCK
+from graspfx.loop.tick.memory import CHUNK, ServoState
 from graspfx.loop.tick.script import Port, Table, Tick
 from graspfx.loop.tick.sources import sources
 from graspfx.loop.tick.wires import (
@@ -36,6 +37,7 @@ from graspfx.loop.tick.wires import (
     Wiring,
 )
 from graspfx.objects.body import NativeBody
+from graspfx.objects.guest import GuestState
 
 FloatArray = NDArray[np.float64]
 
@@ -51,10 +53,13 @@ class Wirer:
     def __init__(self, parts: Parts, tick: Tick) -> None:
         self.parts, self.tick, self.script = parts, tick, tick.script
         self.n, self.d = n, d = len(parts.layout.fingers), parts.layout.dimensions
-        self.first = STUCK + len(parts.movers) + len(parts.plants)
-        self.servo = tick.own = np.zeros(self.first + 2 * n * d + n)
-        self.servo[PERIOD] = parts.period
-        self.script.memory("servo", self.servo, [PERIOD])
+        whole = {"bodies": len(parts.movers), "plants": len(parts.plants), "fingers": n, "dimensions": d}
+        tick.own = np.zeros(size_for(ServoState, **whole))
+        self.servo = servo = ServoState(tick.own)
+        for name, number in whole.items():
+            setattr(servo, name, number)
+        servo.period = parts.period
+        self.script.memory("servo", tick.own, entries_of(ServoState, "period", *whole))
         for part in parts.objects:
             self.script.memory("object", part.grasped.block, part.grasped.structure)
         for observer in parts.observers:
@@ -77,6 +82,8 @@ class Wirer:
         devices = [self._device(i, station, fingers) for i, station in enumerate(self.parts.stations)]
         return Wiring(
             servo=self.servo,
+            faulted=self.servo.array(ServoState.faulted),
+            period=self.servo.array(ServoState.period),
             dimensions=self.d,
             fingers=fingers,
             devices=devices,
@@ -90,9 +97,9 @@ class Wirer:
     # Fingers and devices ------------------------------------------------------------------------------------------
 
     def _fingers(self) -> list[FingerWires]:
-        n, d, first = self.n, self.d, self.first
-        displayed, before = self.servo[first : first + 2 * n * d].reshape(2, n, d)
-        energy = self.servo[first + 2 * n * d :]
+        n, d = self.n, self.d
+        displayed, before = self.servo.displayed.array(n), self.servo.before.array(n)
+        energy = self.servo.array(ServoState.energy)
         fingers: dict[int, FingerWires] = {}
         for part in self.parts.objects:
             block, limited = part.grasped.block, part.grasped.limit is not None
@@ -192,15 +199,18 @@ class Wirer:
                 self._floor(self.parts.movers[number])
             met = None if observer.met is None else observer.buffer[MET : MET + 6]
             ledger = LedgerWires(LedgerState(observer.buffer), met, observer.met)
-        return GraspWires(i, grasped.block, grasped.state, grasped.limit is not None, STUCK + number, ledger)
+        return GraspWires(i, grasped.state, grasped.limit is not None, self._stuck_body(number), ledger)
+
+    def _stuck_body(self, i: int) -> FloatArray:
+        return self.servo.array(ServoState.stuck_bodies)[i : i + 1]
 
     def _bodies(self) -> Iterator[BodyWires | GuestWires]:
         for i, mover in enumerate(self.parts.movers):
-            body, stuck = mover.body, STUCK + i
+            body, stuck = mover.body, self._stuck_body(i)
             if (guest := guest_of(body)) is not None:
                 self.tick.guests.append(i)
                 parts = [
-                    GuestPart(self.parts.objects[number].grasped.block, guest.buffer, place)
+                    GuestPart(self.parts.objects[number].grasped.state.body, GuestState(guest.buffer, place))
                     for number, place in zip(mover.objects, guest.places, strict=True)
                     if place >= 0
                 ]
@@ -208,7 +218,7 @@ class Wirer:
             elif isinstance(body, NativeBody):
                 grasped = self.parts.objects[mover.objects[0]].grasped
                 predicting = body.predicting if grasped.implicit else None
-                yield BodyWires(i, stuck, grasped.block, self._floor(mover), predicting, body.stepping)
+                yield BodyWires(i, stuck, grasped.state.body, Floats(self._floor(mover)), predicting, body.stepping)
             else:
                 self.tick.bodies.append(i)
 
@@ -261,7 +271,7 @@ class Wirer:
             end = _target(state, port.end, port.end + size, size)
             yield PlantWires(
                 index=j,
-                stuck=STUCK + len(self.parts.movers) + j,
+                stuck=self.servo.array(ServoState.stuck_plants)[j : j + 1],
                 state=state,
                 kernel=m.plant.kernel,
                 efforts=list(self._efforts(m, m.plant)),
@@ -287,7 +297,7 @@ class Wirer:
             table = Table(j, np.zeros(CHUNK * width), len(targets) == 2)
             self.tick.tables.append(table)
             self.script.memory("targets", table.memory)
-            return TableWires(table.memory, width)
+            return TableWires(table.memory, self.servo.array(ServoState.table_start), width)
         port = _target(hand.state, hand.ports.position, hand.ports.velocity, size)
         if plants.is_still(hand):
             for target in targets:
@@ -300,14 +310,13 @@ class Wirer:
 
     def _columns(self) -> list[tuple[int, FloatArray, int]]:
         """List each number of a row, with the memory and the entry that it shows."""
-        size, displayed = self.n * self.d, self.first
-        before, energy = displayed + size, displayed + 2 * size
+        size, servo = self.n * self.d, self.servo
         own = {
-            "displayed_force": (displayed, size),
-            "device_energy": (energy, self.n),
-            "true_position": (before, size),
+            "displayed_force": (servo.displayed.offset, size),
+            "device_energy": (servo.energy.offset, self.n),
+            "true_position": (servo.before.offset, size),
         }
-        return sorted(sources(self.parts, self.servo, own), key=lambda column: column[0])
+        return sorted(sources(self.parts, self.tick.own, own), key=lambda column: column[0])
 
 
 def _target(memory: FloatArray, position: int, velocity: int, size: int) -> Target:

@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import Floats
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
+from graspfx.loop.tick.memory import ServoState
+from graspfx.objects.body_state import BodyState
+from graspfx.objects.guest import GuestState
 
 FloatArray = NDArray[np.float64]
 Kernel = Callable[..., Any]
@@ -79,10 +83,9 @@ class GraspWires:
     """An object and its coupling."""
 
     index: int
-    block: FloatArray
-    state: GraspState  # the same block
+    state: GraspState
     limited: bool
-    stuck: int  # the servo's entry that says that its body cannot go on
+    stuck: FloatArray  # 1 if its body cannot go on, (1,)
     ledger: LedgerWires | None
 
 
@@ -91,20 +94,19 @@ class BodyWires:
     """A body that kernels move."""
 
     index: int
-    stuck: int
-    block: FloatArray
-    floor: FloatArray  # memory of what it stands on, or the block again
+    stuck: FloatArray  # 1 if it cannot go on, (1,)
+    state: BodyState
+    floor: Floats  # memory of what it stands on, or the object's block again
     predicting: Kernel | None  # under the implicit integrator
     stepping: Kernel
 
 
 @dataclass(eq=False, repr=False)
 class GuestPart:
-    """One object of a guest: its block, and where its part of the guest's buffer begins."""
+    """One object of a guest, and its part of the guest's buffer."""
 
-    block: FloatArray
-    buffer: FloatArray
-    start: int
+    body: BodyState
+    guest: GuestState
 
 
 @dataclass(eq=False, repr=False)
@@ -112,7 +114,7 @@ class GuestWires:
     """A body, or a world of bodies, that other software moves between two calls."""
 
     index: int
-    stuck: int
+    stuck: FloatArray  # 1 if it cannot go on, (1,)
     parts: Sequence[GuestPart]
     handing: Kernel
     taking: Kernel
@@ -140,6 +142,7 @@ class TableWires:
     """The targets of a hand that is plain Python, asked beforehand for many ticks."""
 
     memory: FloatArray
+    start: FloatArray  # the tick that it begins with, (1,)
     width: int  # of a tick: r and r' at the end of its sample, then in its middle if asked for
 
 
@@ -148,7 +151,7 @@ class PlantWires:
     """A plant that a kernel moves."""
 
     index: int
-    stuck: int
+    stuck: FloatArray  # 1 if it cannot go on, (1,)
     state: FloatArray
     kernel: Kernel
     efforts: Sequence[tuple[FloatArray, FloatArray]]  # where it takes each device's, and where that has them
@@ -161,7 +164,9 @@ class PlantWires:
 class Wiring:
     """A scene."""
 
-    servo: FloatArray
+    servo: ServoState
+    faulted: FloatArray  # 1 after a fault, (1,)
+    period: FloatArray  # T, (1,) [s]
     dimensions: int
     fingers: Sequence[FingerWires]
     devices: Sequence[DeviceWires | PortWires]

@@ -57,6 +57,7 @@ class FloorBody(NativeBody):
 
     stepping = staticmethod(advance)
     predicting = staticmethod(expect)
+    declaration = FloorState
     buffer: FloatArray
 
     def __init__(self, member: Member, obstacles: Sequence[Obstacle], meeting: Meeting) -> None:

@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from graspfx.errors import InputError
 from graspfx.loop.motion.motion import Levels, Path, Reach, Rest, Sine, Sum, direction
-from graspfx.loop.tick.targets import minimum_jerk
+from graspfx.loop.motion.targets import minimum_jerk
 
 TIMES = np.array([0.0, 0.4, 1.0, 1.5, 2.5])
 POINTS = np.array([[0.0, 0.0], [0.01, -0.02], [0.03, -0.02], [0.02, 0.01], [0.05, 0.02]])

@@ -12,13 +12,14 @@ import pytest
 from numpy.typing import NDArray
 
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import Floats
 from graspfx.devices.simulated import PointDevice, connect
 from graspfx.errors import InputError
 from graspfx.loop.hand import Hand, JoinedHands, join
 from graspfx.loop.motion.motion import Levels, Path, Reach, Rest, Sine, Sum
+from graspfx.loop.motion.targets import count_until
 from graspfx.loop.motion.turn import Turn
 from graspfx.loop.plant import FusedHand
-from graspfx.loop.tick.targets import later
 
 FloatArray = NDArray[np.float64]
 
@@ -77,12 +78,12 @@ def test_compiled_targets_are_the_same_to_rounding() -> None:
         np.testing.assert_allclose(by_kernel(HANDS[name], kernel), expected, rtol=0, atol=3e-15)
 
 
-def test_later_is_bisection() -> None:
+def test_times_are_counted_by_bisection() -> None:
     rng = np.random.default_rng(6)
     for count in (1, 2, 7, 64):
         times = np.sort(np.round(rng.uniform(0.0, 1.0, count), 2))
         for t in [*rng.uniform(-0.1, 1.1, 30), *times]:
-            assert later(times, 0, count, t) == bisect_right(times.tolist(), t)
+            assert count_until(Floats(times), count, t) == bisect_right(times.tolist(), t)
 
 
 class Jump:

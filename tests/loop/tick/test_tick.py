@@ -42,7 +42,7 @@ def as_it_stands(scene: gx.Scene, ticks: int) -> NDArray[np.float64]:
             begin(wiring, k)
             end(wiring, k, k, rows.reshape(-1))
             for i in tick.guests:
-                if not wiring.servo[wiring.bodies[i].stuck]:
+                if not wiring.bodies[i].stuck[0]:
                     servo.movers[i].body.exchange()
         assert not tick.ports
         assert not tick.tables
@@ -159,6 +159,17 @@ def test_a_part_may_say_which_record_its_memory_is(monkeypatch: pytest.MonkeyPat
     assert names.shared(device, 3) == "device.pose.z"
     assert names.entry(device, second.ports.position) == "device[1].position"  # beyond the record, by the port
     assert names.entry(device, len(second.state) - 1).startswith("device[1][")
+
+
+@pytest.mark.parametrize("name", ["knob", "paper-waving"])
+def test_all_entries_of_our_parts_have_names(name: str) -> None:
+    with build(gx.load(name), live=False) as servo:
+        tick = write(servo.parts)
+        names = Names(servo.parts, tick)
+        for array, memory in tick.script.arrays.items():
+            if array.rstrip("0123456789") in ("servo", "device", "plant", "hand", "ledger"):
+                entries = [names.entry(array, k) for k in range(len(memory))]
+                assert [entry for entry in entries if entry.startswith(f"{names.memories[array]}[")] == []
 
 
 @pytest.mark.parametrize("name", [n for n, origin in plugins.names("scenes").items() if "GraspFX" in origin])

@@ -1,0 +1,114 @@
+"""Blocks of hands: motions and their parts, turns, one hand, and hands joined."""
+
+from __future__ import annotations
+
+from graspfx.compile.records import Floats, Record, Table, floats, room, table
+from graspfx.spatial import Vector
+
+SINE, REACH, PATH, LEVELS, OTHER = range(1, 6)  # kinds of parts
+
+
+class Displacement(Record):
+    """A motion at a time, on its first axes."""
+
+    value: Vector  # x [m, rad]
+    rate: Vector  # x' [m/s, rad/s]
+
+
+class MotionPart(Record):
+    """A term of a motion: what the block of every kind begins with."""
+
+    kind: int
+    entries: int  # of its block
+    count: int  # of points or levels
+    dimensions: int  # d
+
+
+class SinePart(MotionPart):
+    """a s((t - begin) / ramp) sin(w (t - begin)) u."""
+
+    amplitude: float  # a
+    angular_frequency: float  # w = 2 pi f [rad/s]
+    begin: float  # [s]
+    ramp: float  # [s]
+    direction: Vector  # u
+
+
+class ReachPart(MotionPart):
+    """s((t - begin) / duration) times a displacement."""
+
+    begin: float  # [s]
+    duration: float  # [s]
+    displacement: Vector
+
+
+class PathPart(MotionPart):
+    """Cubics between times; the first four of a row are by powers, from the highest on, d components each."""
+
+    times: Floats = floats("count")  # [s]
+    cubics: Table = table("count - 1", "4 * dimensions")
+    last: Floats = floats("dimensions")  # position
+
+
+class LevelsPart(MotionPart):
+    """From level to level, in one dimension."""
+
+    begins: Floats = floats("count")  # [s]
+    durations: Floats = floats("count")  # [s]
+    levels: Floats = floats("count + 1")  # from the first zero on
+
+
+class OtherPart(MotionPart):
+    """A motion of the caller's, who writes it for each time."""
+
+    now: Displacement
+
+
+class Course(Record):
+    """A motion: it is what its parts add up to."""
+
+    count: int  # of parts
+    entries: int  # of all parts
+    parts: Floats = floats("entries")  # `MotionPart`, one after another
+
+
+class Turning(Record):
+    """A turn of all targets about an axis through a point."""
+
+    course_entries: int
+    centre: Vector  # c [m]
+    axis: Vector  # u, of length one
+    now: Displacement  # of the angle
+    angle: Course = room("course_entries")  # in time
+
+
+class HandState(Record):
+    """A hand: n fingers in d dimensions; arrays are (n, d), finger by finger."""
+
+    fingers: int  # n
+    dimensions: int  # d
+    squeeze_entries: int
+    motion_entries: int
+    turns: int  # how many there are
+    turn_entries: int  # of all turns
+    closing: Displacement  # of the squeeze, at the time
+    shift: Displacement  # of the motion, at the time
+    position: Floats = floats("fingers * dimensions")  # r [m]
+    velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
+    rest: Floats = floats("fingers * dimensions")  # [m]
+    along: Floats = floats("fingers * dimensions")  # what each finger does of the squeeze
+    squeeze: Course = room("squeeze_entries")
+    motion: Course = room("motion_entries")
+    turning: Floats = floats("turn_entries")  # `Turning`, one after another
+
+
+class JoinedHandsState(Record):
+    """Several hands as one; their blocks follow."""
+
+    hands: int
+    fingers: int  # n, of all
+    dimensions: int  # d
+    starts: Floats = floats("hands")  # where each hand's block begins; 0 for one whose targets the caller writes
+    position: Floats = floats("fingers * dimensions")  # r [m]
+    velocity: Floats = floats("fingers * dimensions")  # r' [m/s]
+    sources: Table = table("fingers", "2")  # where each finger's r and r' stand

@@ -1,0 +1,268 @@
+"""Where a hand means its fingers to be at a time: motions, squeeze and turns."""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Floats
+from graspfx.loop.motion.state import (
+    LEVELS,
+    PATH,
+    REACH,
+    SINE,
+    Course,
+    Displacement,
+    HandState,
+    JoinedHandsState,
+    LevelsPart,
+    MotionPart,
+    OtherPart,
+    PathPart,
+    ReachPart,
+    SinePart,
+    Turning,
+)
+from graspfx.spatial import ZERO, Matrix, Vector, cross
+
+
+def minimum_jerk(s: float) -> tuple[float, float]:
+    """Compute 10 s^3 - 15 s^4 + 6 s^5 and its derivative by s; 0 before s = 0, 1 after s = 1.
+
+    The step with the least integral of squared jerk between two states of rest (T. Flash and N. Hogan, The coordination
+    of arm movements, J. Neuroscience 5(7), 1985).
+    """
+    if s <= 0.0:
+        return 0.0, 0.0
+    if s >= 1.0:
+        return 1.0, 0.0
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0)), 30.0 * s * s * (1.0 - s) * (1.0 - s)
+
+
+@kernel
+def count_until(times: Floats, count: int, t: float) -> int:
+    """Count those of increasing times that are not after t."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        if t < times[middle]:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+# Motions --------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def add_sine(part: SinePart, t: float, now: Displacement) -> None:
+    """Add a sine."""
+    since = t - part.begin
+    if since < 0.0:
+        return
+    s, ds = 1.0, 0.0
+    ramp = part.ramp
+    if ramp > 0.0:
+        s, ds = minimum_jerk(since / ramp)
+        ds /= ramp
+    a, w = part.amplitude, part.angular_frequency
+    sin, cos = math.sin(w * since), math.cos(w * since)
+    length, rate = a * s * sin, a * (s * w * cos + ds * sin)
+    for j in range(part.dimensions):
+        now.value[j] += length * part.direction[j]
+        now.rate[j] += rate * part.direction[j]
+
+
+@kernel
+def add_reach(part: ReachPart, t: float, now: Displacement) -> None:
+    """Add a reach."""
+    s, ds = minimum_jerk((t - part.begin) / part.duration)
+    ds /= part.duration
+    for j in range(part.dimensions):
+        now.value[j] += s * part.displacement[j]
+        now.rate[j] += ds * part.displacement[j]
+
+
+@kernel
+def add_path(part: PathPart, t: float, now: Displacement) -> None:
+    """Add a path: the cubic of the piece that t is in, or the nearer end."""
+    count, d = part.count, part.dimensions
+    times, cubics, last = part.times, part.cubics, part.last
+    if t >= times[count - 1]:
+        for j in range(d):
+            now.value[j] += last[j]
+    elif t <= times[0]:
+        for j in range(d):
+            now.value[j] += cubics[0, 3 * d + j]
+    else:
+        k = count_until(times, count, t) - 1
+        s = t - times[k]
+        cubic = cubics[k]
+        for j in range(d):
+            c3, c2, c1 = cubic[j], cubic[d + j], cubic[2 * d + j]
+            now.value[j] += ((c3 * s + c2) * s + c1) * s + cubic[3 * d + j]
+            now.rate[j] += (3.0 * c3 * s + 2.0 * c2) * s + c1
+
+
+@kernel
+def add_levels(part: LevelsPart, t: float, now: Displacement) -> None:
+    """Add levels: the one that was reached last, or the step to the next."""
+    count, durations, levels = part.count, part.durations, part.levels
+    k = count_until(part.begins, count, t) - 1
+    level = levels[k + 1]
+    if k >= 0:
+        since, duration = t - part.begins[k], durations[k]
+        if since < duration:
+            before = levels[k]
+            s, ds = minimum_jerk(since / duration)
+            change = level - before
+            now.value[0] += before + s * change
+            now.rate[0] += ds / duration * change
+            return
+    now.value[0] += level
+
+
+@kernel
+def add_other(part: OtherPart, now: Displacement) -> None:
+    """Add a motion of the caller's."""
+    for j in range(part.dimensions):
+        now.value[j] += part.now.value[j]
+        now.rate[j] += part.now.rate[j]
+
+
+@kernel
+def displace(course: Course, t: float, now: Displacement) -> None:
+    """Compute the offset of a motion and its rate at the time t: the sum of its parts."""
+    now.value = ZERO
+    now.rate = ZERO
+    at = course.parts.offset
+    for _ in range(course.count):
+        part = MotionPart(course.buffer, at)
+        kind = part.kind
+        if kind == SINE:
+            add_sine(SinePart(course.buffer, at), t, now)
+        elif kind == REACH:
+            add_reach(ReachPart(course.buffer, at), t, now)
+        elif kind == PATH:
+            add_path(PathPart(course.buffer, at), t, now)
+        elif kind == LEVELS:
+            add_levels(LevelsPart(course.buffer, at), t, now)
+        else:
+            add_other(OtherPart(course.buffer, at), now)
+        at += part.entries
+
+
+# Turns ----------------------------------------------------------------------------------------------------------------
+
+
+@inline
+def vector_at(components: Floats, i: int) -> Vector:
+    """Read one of some vectors in space."""
+    return Vector(components[3 * i], components[3 * i + 1], components[3 * i + 2])
+
+
+@inline
+def axis_matrix(u: Vector, cos: float, sin: float) -> Matrix:
+    """Compute u u' + cos (I - u u') + sin [u]x."""
+    x, y, z = u.x, u.y, u.z
+    xx, yy, zz = x * x + cos * (1.0 - x * x), y * y + cos * (1.0 - y * y), z * z + cos * (1.0 - z * z)
+    xy, xz, yz = x * y * (1.0 - cos), x * z * (1.0 - cos), y * z * (1.0 - cos)
+    sx, sy, sz = sin * x, sin * y, sin * z
+    return Matrix(xx, xy - sz, xz + sy, xy + sz, yy, yz - sx, xz - sy, yz + sx, zz)
+
+
+@kernel
+def turn_plane(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
+    """Turn positions and velocities (n, 2) about z by the angle of now."""
+    angle, rate, c = turning.now.value.x, turning.now.rate.x, turning.centre
+    cos, sin = math.cos(angle), math.sin(angle)
+    for i in range(n):
+        x, y = position[2 * i] - c.x, position[2 * i + 1] - c.y
+        ax, ay = cos * x - sin * y, sin * x + cos * y
+        vx, vy = velocity[2 * i], velocity[2 * i + 1]
+        position[2 * i] = c.x + ax
+        position[2 * i + 1] = c.y + ay
+        velocity[2 * i] = cos * vx - sin * vy - rate * ay
+        velocity[2 * i + 1] = sin * vx + cos * vy + rate * ax
+
+
+@kernel
+def turn_space(turning: Turning, position: Floats, velocity: Floats, n: int) -> None:
+    """Turn positions and velocities (n, 3) about the axis by the angle of now."""
+    angle, rate, c, u = turning.now.value.x, turning.now.rate.x, turning.centre, turning.axis
+    R = axis_matrix(u, math.cos(angle), math.sin(angle))
+    for i in range(n):
+        arm = R @ (vector_at(position, i) - c)
+        v = R @ vector_at(velocity, i) + rate * cross(u, arm)
+        place = c + arm
+        position[3 * i], position[3 * i + 1], position[3 * i + 2] = place.x, place.y, place.z
+        velocity[3 * i], velocity[3 * i + 1], velocity[3 * i + 2] = v.x, v.y, v.z
+
+
+@kernel
+def turn(turning: Turning, t: float, position: Floats, velocity: Floats, n: int, d: int) -> int:
+    """Turn positions and velocities (n, d) in place; return 0 if there was nothing to turn.
+
+    r -> c + R (r - c), v -> R v + angle' u x R (r - c), R = u u' + cos (I - u u') + sin [u]x.
+    """
+    displace(turning.angle, t, turning.now)
+    if turning.now.value.x == 0.0 and turning.now.rate.x == 0.0:
+        return 0
+    if d == 2:
+        turn_plane(turning, position, velocity, n)
+    else:
+        turn_space(turning, position, velocity, n)
+    return 1
+
+
+# Hands ----------------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def target(hand: HandState, t: float) -> None:
+    """Compute r and r' of a hand at time t (`graspfx.loop.hand.Hand`)."""
+    n, d, turns = hand.fingers, hand.dimensions, hand.turns
+    if turns == 0 and hand.motion.count == 0 and hand.squeeze.count == 0:
+        return  # its rest stands there since the hand was made
+    closing, shift = hand.closing, hand.shift
+    position, velocity, rest, along = hand.position, hand.velocity, hand.rest, hand.along
+    displace(hand.squeeze, t, closing)
+    displace(hand.motion, t, shift)
+    s, ds = closing.value.x, closing.rate.x
+    for a in range(d):
+        dx = dv = 0.0
+        if turns == 0:  # else the offset comes after them
+            dx = shift.value[a]
+            dv = shift.rate[a]
+        for j in range(a, n * d, d):
+            position[j] = rest[j] + s * along[j] + dx
+            velocity[j] = ds * along[j] + dv
+    if turns == 0:
+        return
+    at = hand.turning.offset
+    for _ in range(turns):
+        turning = Turning(hand.buffer, at)
+        turn(turning, t, position, velocity, n, d)
+        at = turning.angle.offset + turning.course_entries
+    for a in range(d):
+        dx, dv = shift.value[a], shift.rate[a]
+        for j in range(a, n * d, d):
+            position[j] += dx
+            velocity[j] += dv
+
+
+@kernel
+def joined_target(joined: JoinedHandsState, t: float) -> None:
+    """Compute r and r' of joined hands (`graspfx.loop.hand.JoinedHands`)."""
+    d = joined.dimensions
+    for h in range(joined.hands):
+        start = int(joined.starts[h])
+        if start > 0:
+            target(HandState(joined.buffer, joined.offset + start), t)
+    for i in range(joined.fingers):
+        r = Floats(joined.buffer, joined.offset + int(joined.sources[i, 0]))
+        v = Floats(joined.buffer, joined.offset + int(joined.sources[i, 1]))
+        for a in range(d):
+            joined.position[i * d + a] = r[a]
+            joined.velocity[i * d + a] = v[a]
