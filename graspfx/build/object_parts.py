@@ -198,6 +198,10 @@ RULES: Numbers = {  # the arguments of `Rules`
         ("coupling.damping_depth",), ("gradual", "damping_depth"),
         lambda scene, fingers, masses: scene.coupling.damping_depth,
     ),
+    "pad": Number(
+        ("finger.*.pad", "finger.*.pad.stiffness"), ("padded", "fingers.pad", *KIND),
+        lambda scene, fingers, masses: [pad.stiffness if (pad := scene.finger[i].pad) else 0.0 for i in fingers],
+    ),
 }  # fmt: skip
 
 GRASP: Numbers = {  # the other arguments of `GraspedObject.fill`

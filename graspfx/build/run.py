@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from graspfx import plugins
 from graspfx.build.build import build, make_layout
 from graspfx.build.resolve import Parts, resolve
+from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.recording.header import Header, machine, now, versions
@@ -81,6 +82,7 @@ def run(
             began = perf_counter()
             servo.run(ticks, recorder, stop)
             took, complete = perf_counter() - began, servo.ticks == ticks
+            keep_lowerings()  # of kernels that were called
             recording = recorder.finish(
                 took if complete else None, complete=complete, engine=servo.engine.name, **servo.coupling
             )

@@ -70,6 +70,8 @@ def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str
     dampings = [number_of(part.damping) for part in (coupling.external, coupling.internal)]
     if any(math.isnan(value) for value in dampings):
         return None, "its damping is given by matrices"
+    if loop.pads is not None:
+        return None, "its fingertips are compliant"
     if loop.compliance.any():
         return None, "its damping grows with depth, and is not whole here"
     if linear.delay.any():

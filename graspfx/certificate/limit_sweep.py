@@ -179,7 +179,10 @@ def _point(scene: Scene, at: str) -> tuple[float, float, float]:
     unit = float(loop.linear.mass.mean()) / scene.period**2 / 100.0
     # from one hundredth of what a bare mass allows: the first loss above whatever is stable
     stiffness = loop.conventional(1.0)
-    edge = reach(loop.linear, lambda s: s * unit * stiffness)
+    if loop.pads is None:
+        edge = reach(loop.linear, lambda s: s * unit * stiffness)
+    else:
+        edge = reach(loop.linear, lambda s: loop.conventional(s * unit))
     return internal, external, unit * edge.factor
 
 

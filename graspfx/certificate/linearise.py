@@ -60,6 +60,7 @@ class Linearised:
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
         compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
+        pads: normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; None without any.
     """
 
     linear: Linearisation
@@ -78,6 +79,7 @@ class Linearised:
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
     compliance: FloatArray = field(repr=False)
+    pads: tuple[FloatArray, FloatArray] | None = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +205,10 @@ def _matrices(
     law = part.law
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
-    gains = ScaledGains(law, split, n, normals)
+    pads = _pads(g, at_rest=J is not None)
+    if pads is not None and not pads[1].all():
+        assumed.append("pads give way where nothing presses yet: no stiffness along their normals")
+    gains = ScaledGains(law, split, n, normals, pads)
     compliance = np.repeat(g.damper_compliance(at_rest=J is not None), d)
     if np.isinf(compliance).any():
         assumed.append("no damping where nothing presses yet: it grows with depth")
@@ -263,6 +268,17 @@ def _matrices(
     )
 
 
+def _pads(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
+    """Give the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; none without force."""
+    stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
+    padded = np.flatnonzero(np.isfinite(stiffness))
+    if not len(padded):
+        return None
+    normals = np.zeros((n, d, len(padded)))
+    normals[padded, :, np.arange(len(padded))] = g.inward()[padded]
+    return normals.reshape(n * d, -1), stiffness[padded] if at_rest else np.zeros(len(padded))
+
+
 def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
     """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
     frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
@@ -283,6 +299,14 @@ def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
     full[:3, :3] = state[body.MASS] * np.eye(3)
     full[3:, 3:] = R @ np.diag(state[body.INERTIA : body.INERTIA + 3]) @ R.T
     return np.asarray(full[np.ix_(grip.axes, grip.axes)])
+
+
+def _all_pads(shares: Sequence[_Share], V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Join the pads of all shares, along the axes V."""
+    if all(share.gains.pads is None for share in shares):
+        return None
+    pads = [share.gains.pads or (np.zeros((len(share.compliance), 0)), np.zeros(0)) for share in shares]
+    return V.T @ block_diagonal([normals for normals, _ in pads]), np.concatenate([springs for _, springs in pads])
 
 
 def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
@@ -352,6 +376,7 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
         stiffness=stiffness,
         conventional=conventional,
         compliance=np.concatenate([share.compliance for share in shares]),
+        pads=_all_pads(shares, V),
     )
 
 

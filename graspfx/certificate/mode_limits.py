@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.pushing import without_freedoms
-from graspfx.analysis.series import in_series
+from graspfx.analysis.series import in_series, springs_in_series
 from graspfx.analysis.stability.modal import Mode, modes
 from graspfx.certificate.certificate import STANDING, Limit
 from graspfx.certificate.linearise import Linearised
@@ -52,6 +52,8 @@ def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare:
 
 def reduced(loop: Linearised) -> dict[str, tuple[float, float]]:
     """Limit [N/m] and frequency [Hz] of each mode that is one by itself, the weakest of its name; empty without any."""
+    if loop.pads is not None:
+        return {}  # what is in series with a gain makes its mode no multiple of it
     try:
         parts = modes(loop.linear)
     except InputError:
@@ -165,9 +167,13 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
     P = basis.T @ basis
     I = np.eye(len(P))  # noqa: E741 (the identity's letter)
     ked, kid = number_of(coupling.external.damping), number_of(coupling.internal.damping)
-    compliance = loop.compliance[np.isin(loop.finger_of_column, pushers)]
+    pushing = np.isin(loop.finger_of_column, pushers)
+    compliance = loop.compliance[pushing]
     damping = near.damping if math.isnan(ked + kid) else in_series(ked * P + kid * (I - P), compliance)
-    return near.with_changes(stiffness=kep * P + kip * (I - P), damping=damping)
+    K = kep * P + kip * (I - P)
+    if loop.pads is not None:
+        K = springs_in_series(K, loop.pads[0][pushing], loop.pads[1])
+    return near.with_changes(stiffness=K, damping=damping)
 
 
 def _stiffest(linear: Linearisation) -> float:

@@ -45,6 +45,7 @@ KERNELS = {
     "fade": "fade",
     "split": "refactor",
     "torsion": "twist",
+    "pads": "press",
     "damping by depth": "damping_share",
     "energy": "watch",
     "limit": "limit",
@@ -72,6 +73,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield from _split(scene)
     yield _metric(scene)
     yield _impedance(scene)
+    yield _pads(scene)
     yield _projection(scene)
     yield _gradual(scene)
     yield _torsion(scene)
@@ -252,6 +254,15 @@ def _gradual(scene: Scene) -> Row:
     return "damping by depth", True, f"it grows up to its value over {depth:g} mm of depth: no step at a touch"
 
 
+def _pads(scene: Scene) -> Row:
+    stiffness = [finger.pad.stiffness for finger in scene.finger if finger.pad is not None]
+    if not stiffness:
+        return "pads", False, "fingertips are rigid: no finger.pad"
+    of = f"{min(stiffness):g}" if min(stiffness) == max(stiffness) else f"{min(stiffness):g} to {max(stiffness):g}"
+    why = f"{len(stiffness)} of {len(scene.finger)} fingertips, f_n = k depth^1.5, k = {of} N/m^1.5"
+    return "pads", True, f"{why}: depths found with the forces of eq. (4), in a few passes of its solver"
+
+
 def _metric(scene: Scene) -> Row:
     if scene.coupling.metric == "equal":
         return "metric", False, "equal: every finger counts the same in the split"
@@ -292,6 +303,9 @@ def limits_inside(scene: Scene, thing: Object) -> bool:
     fingers = [i for i, k in enumerate(scene.finger_objects) if scene.object[k] is thing]
     if not attached and any(scene.coefficients[i] for i in fingers):
         return True
+    padded = any(scene.finger[i].pad is not None for i in fingers)
+    if padded and scene.coupling.friction == "stick" and not equal_gains(scene):
+        return False
     return _scalar(scene)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.pushing import condensed
+from graspfx.analysis.series import springs_in_series
 from graspfx.certificate.rest.resting import Grip
 from graspfx.grasp.impedance import Coupling, Impedance
 from graspfx.grasp.split import Split
@@ -25,6 +26,7 @@ class ScaledGains:
     split: Split
     fingers: int
     normals: FloatArray | None  # (m, p), orthonormal directions of forces, where some tangents carry none
+    pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) of compliant fingertips, their stiffness [N/m]
 
     def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
         n, m = self.fingers, self.split.components
@@ -43,12 +45,16 @@ class ScaledGains:
             K_e = shifts * K_t + turns * (K_e - K_t)
         else:
             K_e = shifts * K_e
-        return self.release_tangents(K_e + internal * inner.stiffness(self.split))
+        return self.soften(self.release_tangents(K_e + internal * inner.stiffness(self.split)))
 
     def alone(self, k: float) -> FloatArray:
         """Give K for every finger by itself with stiffness k, in the metric."""
         law = Coupling(external=Impedance(k), internal=Impedance(k), form=self.law.form)
-        return self.release_tangents(law.stiffness(self.split))
+        return self.soften(self.release_tangents(law.stiffness(self.split)))
+
+    def soften(self, K: FloatArray) -> FloatArray:
+        """Put the pads in series with K."""
+        return K if self.pads is None else springs_in_series(K, *self.pads)
 
     def release_tangents(self, K: FloatArray) -> FloatArray:
         """Release the tangents of contacts that slip from K."""

@@ -29,6 +29,7 @@ Member = TypeVar("Member", covariant=True)  # a group of records is one of any c
 _REFERENCE = "offset of a record in the same block"
 Ref = Annotated[R, _REFERENCE]  # a field of one entry: the offset at which the record stands
 
+_LAYOUTS: dict[type[Record], dict[str, Field]] = {}
 SCALARS = (float, int, bool)
 
 
@@ -68,6 +69,7 @@ class Field:
         self.kind: Any = None
         self.reference = False
         self.offset = self.size = ""  # numbers, or expressions of the record's whole numbers
+        self.start, self.terms = 0, dict[str, int]()  # what the offset consists of: a number, and sizes how many times
 
     def place(self, record: Record) -> int:
         return record.offset + evaluate(self.offset, record)
@@ -208,20 +210,21 @@ def layout(cls: type[Record]) -> dict[str, Field]:
     return fields
 
 
-_LAYOUTS: dict[type[Record], dict[str, Field]] = {}
-
-
 def _layout(cls: type[Record]) -> dict[str, Field]:
     hints = get_type_hints(cls, include_extras=True)
     fields = {n: vars(c)[n] for c in reversed(cls.__mro__) for n in inspect.get_annotations(c)}
-    offset = "0"
+    start, terms = 0, dict[str, int]()
     for name, field in fields.items():
         kind = hints[name]
         if get_origin(kind) is Annotated and _REFERENCE in kind.__metadata__:
             field.reference, kind = True, get_args(kind)[0]
-        field.kind, field.offset = kind, offset
+        field.kind, field.start, field.terms = kind, start, dict(terms)
+        field.offset = " + ".join([str(start), *(f"{count} * ({term})" for term, count in terms.items())])
         field.size = "1" if field.reference else _size(cls, name, kind, field.extent)
-        offset = added(offset, field.size)
+        if field.size.isdigit():
+            start += int(field.size)
+        else:
+            terms[field.size] = terms.get(field.size, 0) + 1
     return fields
 
 
@@ -238,13 +241,6 @@ def _size(cls: type[Record], name: str, kind: Any, extent: Extent | None) -> str
     if is_value(kind) or (isinstance(kind, type) and issubclass(kind, Record)):
         return str(size_of(kind)) if extent is None else extent.rows
     raise InputError(f"{cls.__name__}.{name}", kind, "float, int, bool, a value class, a record, Many, Floats or Table")
-
-
-def added(a: str, b: str) -> str:
-    """Add two sizes, numbers as numbers."""
-    if a.isdigit() and b.isdigit():
-        return str(int(a) + int(b))
-    return b if a == "0" else f"{a} + {b}"
 
 
 @cache

@@ -19,17 +19,17 @@ CHOICES = (
     "count", "dimensions", "coordinates", "width", "unknowns", "components", "matrix_entries",
     "equal", "dense", "damped", "singular", "attached", "stick", "fade", "at_contact", "implicit", "shape", "mixed",
     "friction", "rays", "observed", "problem", "damping_problem", "gradual", "limited",
-    "stiffness_rule", "damping_rule", "axes_of_gains", "kep", "ked", "kip", "kid",
+    "stiffness_rule", "damping_rule", "axes_of_gains", "kep", "ked", "kip", "kid", "padded", "padded_count",
 )  # fmt: skip
 GAINS = ("external_stiffness", "external_damping", "internal_stiffness", "internal_damping")
-LACKING = ("coefficient", "patch", "radius")
+LACKING = ("coefficient", "patch", "radius", "pad")
 
 
 def structure_entries(grasp: GraspState) -> Index:
     """List the entries that never change in a run and choose what is computed: counts, switches, offsets.
 
-    Values are not among them but for zeros that stay zero, gains, and what a finger lacks of friction, of a patch
-    and of a radius; and for weights of one that never fade.
+    Values are not among them but for zeros that stay zero, gains, and what a finger lacks of friction, of a patch,
+    of a radius and of a pad; and for weights of one that never fade.
     """
     S, fingers = grasp.buffer, grasp.fingers
     fixed = entries_of(GraspState, *CHOICES)

@@ -77,6 +77,7 @@ class Grip:
             raise InputError("patch", rules.patch, "one number for each gain where fingers are soft")
         if self.soft and not (rules.attached or rules.stick or mu[self.patch > 0.0].all()):
             raise InputError("patch", rules.patch, "friction where a finger is soft", "without it there is no torsion")
+        self._check_pads()
         if not 0.0 <= rules.damping_depth < np.inf:
             raise InputError("damping_depth", rules.damping_depth, "a length, zero or more [m]")
         kep, kip = self.law.external.stiffness, self.law.internal.stiffness
@@ -90,6 +91,17 @@ class Grip:
         if self.shape is None and not rules.attached:
             raise InputError("shape", None, "a box or a sphere", "give the object a shape, or attach the contacts")
 
+    def _check_pads(self) -> None:
+        if not (np.isfinite(self.pad) & (self.pad >= 0.0)).all():
+            raise InputError("pad", self.rules.pad, "zero or more, for all fingers or one for each [N/m^1.5]")
+        if self.padded and self.rules.attached:
+            raise InputError("pad", self.rules.pad, "unilateral contacts", "a pad only pushes, what is attached pulls")
+        if self.padded and self.implicit and self.damped:
+            raise InputError(
+                "pad", self.rules.pad, "no damping with the implicit integrator",
+                "its damping is solved with the motion, which the pads' depths would have to be too",
+            )  # fmt: skip
+
     @property
     def friction(self) -> FloatArray:
         """The coefficients, (n,)."""
@@ -99,6 +111,16 @@ class Grip:
     def patch(self) -> FloatArray:
         """The lengths of the contact patches, (n,) [m]."""
         return np.broadcast_to(np.asarray(self.rules.patch, dtype=float), self.count)
+
+    @property
+    def pad(self) -> FloatArray:
+        """The stiffnesses of compliant fingertips, (n,) [N/m^1.5]."""
+        return np.broadcast_to(np.asarray(self.rules.pad, dtype=float), self.count)
+
+    @property
+    def padded(self) -> bool:
+        """True if some fingertip is compliant."""
+        return bool(np.any(self.pad))
 
     @property
     def gains(self) -> list[float | FloatArray]:
@@ -184,6 +206,7 @@ class _Room:
             "unknowns": n * coordinates + (int((_free(grip) != 0.0).sum()) if grip.implicit else 0),
             "components": n * d if grip.matrices else 0,
             "matrix_entries": sum(matrix.size for matrix in squares),
+            "padded_count": n if grip.padded else 0,
         }
         unknowns = n * coordinates if grip.square else MODES
         problem = problem_size(n, unknowns) if grip.problems else 0
@@ -257,6 +280,7 @@ def _fill_rules(grasp: GraspState, grip: Grip) -> None:
     grasp.attached, grasp.stick, grasp.at_contact = rules.attached, rules.stick, rules.at_contact
     grasp.friction, grasp.rays, grasp.implicit = grip.slips, grip.rays, grip.implicit
     grasp.limited = grip.limit is not None
+    grasp.padded = grip.padded
     grasp.gradual, grasp.damping_depth = grip.gradual, rules.damping_depth
     if rules.fade is not None and not rules.attached:
         grasp.fade = True
@@ -303,6 +327,7 @@ def _fill_fingers(grasp: GraspState, grip: Grip) -> None:
     fingers.array(FingerState.weight)[:] = fingers.array(FingerState.share)
     fingers.array(FingerState.coefficient)[:] = grip.friction if grip.slips else 0.0
     fingers.array(FingerState.patch)[:] = grip.patch
+    fingers.array(FingerState.pad)[:] = grip.pad
     fingers.array(FingerState.face)[:] = -1.0
     fingers.array(FingerState.frame)[:] = EYE
     fingers.array(FingerState.anchor)[:] = list_of(grasp.body.motion.rotation)

@@ -47,6 +47,7 @@ class FingerState(FramedContact):
     saturated: bool  # at its limit
     law_force: Vector  # the law's own, before limits, W [N]
     carried: Vector4  # P f, its part of the least force of the same wrench, O [N]
+    pad: float  # k of its compliant fingertip, 0 where it has none [N/m^1.5]
 
 
 class Gain(Record):
@@ -54,6 +55,24 @@ class Gain(Record):
 
     whole: bool  # (n d) x (n d), else n times d x d
     first: int  # of its entries among those of all four
+
+
+class PadState(Record):
+    """A finger's compliant fingertip in the search for its depth (`pad`)."""
+
+    depth: float  # delta [m]
+    whole: Vector4  # e, of which the law gets e - delta n
+    push: float  # f_n of a pass [N]
+    stretch: float  # and e_n - delta, which goes with it [m]
+    before_push: float  # of the pass before
+    before_stretch: float
+    from_push: float  # of the pass that the next step starts from
+    from_stretch: float
+    from_depth: float
+    bound: float  # sum of its row of the normals' part of K [N/m]
+    pushes: bool  # in the sample for which B was filled
+    presses: bool  # may have a depth
+    moves: bool  # is not held at none
 
 
 class GraspState(Record):
@@ -114,6 +133,10 @@ class GraspState(Record):
     gradual: bool  # damping grows with depth (`depth`)
     damping_depth: float  # over which it grows [m]
     stiffest: Vector  # of gains that are matrices: the largest eigenvalues of kip, ked and kid
+    padded: bool  # some finger has a compliant fingertip (`pad`)
+    padded_count: int  # n where some finger has one, else 0
+    pads_known: bool  # B has been filled
+    pad_passes: int  # of the last search for depths
     gains_known: bool
     gains_rotation: Matrix  # of the object, that K and D were computed from
     freedom: Freedom
@@ -138,6 +161,10 @@ class GraspState(Record):
     skewest_stiffness: Table = table("components", "components")  # the K with the largest skew part so far
     skewest_damping: Table = table("components", "components")
     matrices: Floats = floats("matrix_entries")  # kep, ked, kip, kid
+    pads: Many[PadState] = many("padded_count")
+    pad_slope: Table = table("padded_count", "padded_count")  # B, d f_n/d e_n as it is known [N/m]
+    pad_square: Table = table("padded_count", "padded_count")  # of the model, and the vector that goes with it
+    pad_vector: Floats = floats("padded_count")
 
     @property
     def motion(self) -> Motion:

@@ -209,6 +209,12 @@ class GraspedObject:
         weighted = [compliance(grasp, finger, normal_force(finger)) for finger in grasp.fingers]
         return np.array(weighted) / self.array(FingerState.weight)
 
+    def pad_stiffness(self) -> FloatArray:
+        """Tangents 3/2 k^(2/3) f_n^(1/3) of compliant fingertips by the last forces, (n,) [N/m]; inf of rigid ones."""
+        k = self.array(FingerState.pad)
+        f = np.array([max(normal_force(finger), 0.0) for finger in self._grasp.fingers])
+        return np.where(k > 0.0, 1.5 * np.cbrt(k * k * f), np.inf)
+
     def check_activity(self) -> None:
         """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.
 

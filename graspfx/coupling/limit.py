@@ -20,6 +20,7 @@ from graspfx.coupling.coulomb import force_of_modes, force_with_friction, pose_c
 from graspfx.coupling.frictionless import frictionless_force
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.pad import press, relax
 from graspfx.coupling.react import react
 from graspfx.coupling.scaling import LIMIT_MARGIN, scale
 from graspfx.spatial import NOTHING, ZERO
@@ -41,6 +42,8 @@ def limit(grasp: GraspState, fault: int) -> int:
         for finger in grasp.fingers:
             finger.cut = LIMIT_MARGIN * finger.limit
         fault = force_in_cut_cones(grasp)
+        if grasp.padded:
+            relax(grasp)
         for finger in grasp.fingers:
             finger.cut = math.inf
     if fault == 0:
@@ -110,14 +113,22 @@ def mark(grasp: GraspState, inside: bool) -> None:
 def is_inside(grasp: GraspState) -> bool:
     """Tell whether the projection itself can be asked for forces within limits.
 
-    Not with the implicit integrator, nor where gains are matrices and there is no coefficient of friction.
+    Not with the implicit integrator, nor where gains are matrices and there is no coefficient of friction, nor where
+    compliant fingertips stick.
     """
+    if grasp.padded and grasp.stick and not grasp.equal:
+        return False
     return not grasp.implicit and (grasp.friction or not grasp.dense)
 
 
 @kernel
 def force_in_cut_cones(grasp: GraspState) -> int:
     """Find the forces of the cut cones: the elastic one, then damping; give 0 or UNRESOLVED."""
+    if grasp.padded:
+        fault = press(grasp)
+        if fault != 0:
+            return fault
+        keep_elastic(grasp)
     if grasp.friction:
         return force_with_friction(grasp)
     if grasp.rays:

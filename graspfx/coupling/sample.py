@@ -12,6 +12,7 @@ from graspfx.coupling.gains import fill_gains
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.limit import forget_limits, limit
+from graspfx.coupling.pad import press, relax
 from graspfx.coupling.react import FINE, react
 from graspfx.coupling.unilateral import unilateral
 from graspfx.spatial import NOTHING, ZERO
@@ -34,10 +35,14 @@ def couple(grasp: GraspState) -> int:
     if fault == FINE:
         resplit(grasp)
         fault = respond(grasp, True)
+        if grasp.padded:
+            relax(grasp)
     while fault == AGAIN:
         resplit(grasp)
         passes -= 1
         fault = respond(grasp, passes > 0)
+        if grasp.padded:
+            relax(grasp)
     return fault
 
 
@@ -57,6 +62,10 @@ def respond(grasp: GraspState, again: bool) -> int:
     """Find the forces on the object. AGAIN, where `again` allows it, asks for the split anew."""
     if grasp.attached:
         return attached(grasp)
+    if grasp.padded:
+        fault = press(grasp)
+        if fault != FINE:
+            return fault
     if grasp.friction:
         return force_with_friction(grasp)
     if grasp.rays:

@@ -162,7 +162,7 @@ class VelocityEstimator:
             self.update(position)
 
     def update(self, position: ArrayLike) -> FloatArray:
-        """Give the velocity after this next position; the array belongs to the estimator and is overwritten."""
+        """Update the velocity by the next position; the array belongs to the estimator and is overwritten."""
         self._position[...] = position
         S, x, v = self._entries, self._x, self._v
         component = source_function(estimate)  # without a view for each

@@ -77,7 +77,7 @@ def require_same(one, other):
 def test_measures_are_those_of_single_runs(line, jobs, ticks):
     values = {KEP: np.linspace(5.0, 90.0, 7), BV: np.linspace(0.1, 1.5, 5)}
     batch = gx.run_batch(line, values, ticks * line.period)
-    assert jobs[0].aside == batch.shape[0] * batch.shape[1] == 35  # all side by side
+    assert jobs[0].side_by_side == batch.shape[0] * batch.shape[1] == 35  # all side by side
     for index in [(0, 0), (3, 2), (6, 4)]:
         run = single(line, batch, index, ticks * line.period)
         for quantity in ("finger_position", "object_position", "finger_force"):
@@ -94,7 +94,7 @@ def test_lanes_give_what_runs_one_by_one_give(line, jobs, monkeypatch):
     aside = gx.run_batch(line, values, 0.5)
     monkeypatch.setattr(many, "LOOK", math.inf)
     one_by_one = gx.run_batch(line, values, 0.5)
-    assert [job.aside for job in jobs] == [42, 0]
+    assert [job.side_by_side for job in jobs] == [42, 0]
     require_same(aside, one_by_one)
 
 
@@ -112,7 +112,7 @@ def test_object_slows_down_as_the_closed_form_has_it(line, jobs):
     t = 199 * scene.period  # of the last row
     expected = 0.3 * m / b * -np.expm1(-b * t / m)
     np.testing.assert_allclose(batch["object_position"]["last"][..., 0], expected, rtol=1e-13)
-    assert jobs[0].aside == 36
+    assert jobs[0].side_by_side == 36
 
 
 def test_keys_of_one_part_are_built_together(line):
@@ -185,7 +185,7 @@ def test_unilateral_contact_side_by_side_or_not(jobs, monkeypatch):
     aside = gx.run_batch(scene, values, 0.3, threads=1)
     monkeypatch.setattr(many, "LOOK", math.inf)
     require_same(aside, gx.run_batch(scene, values, 0.3))
-    assert 0 < jobs[0].aside < 64
+    assert 0 < jobs[0].side_by_side < 64
 
 
 def test_meshes_run_too():
@@ -206,7 +206,7 @@ def test_faults_are_those_of_single_runs(line, jobs):
     kept = gx.run_batch(line, {KEP: [2e4]}, 3.0, keep="recordings")
     run = single(line, kept, (0,), 3.0)
     assert require(kept.recordings)[0].faults == run.faults
-    assert jobs[0].aside == 6
+    assert jobs[0].side_by_side == 6
 
 
 def test_values_that_differ_far_inside_a_long_array_differ():
@@ -280,7 +280,7 @@ def test_memory_does_not_grow_with_buffers(line, jobs):
     batch = gx.run_batch(line, {BV: [0.5, 0.8] * 10_000}, 0.1, measure=["object_position"], statistics=["last"])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert jobs[0].aside == len(batch) == 20_000
+    assert jobs[0].side_by_side == len(batch) == 20_000
     assert peak < 40e6
     assert len(np.unique(batch["object_position"]["last"])) == 2
 
@@ -317,7 +317,7 @@ def test_variants_that_fault_at_once_do_not_lend_their_line(line, jobs):
     scene = line.replace({"object.mass": 1e-3, "object.integrator": "exact"})
     batch = gx.run_batch(scene, {KEP: [1e40, 30.0, 40.0]}, 0.5)
     assert batch.fault_tick.tolist() == [single(scene, batch, (0,), 0.5).faults[0].tick, -1, -1]
-    assert jobs[0].aside == 0
+    assert jobs[0].side_by_side == 0
 
 
 def test_equal_gains_per_finger_have_a_program_of_their_own(line):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import marshal
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -355,7 +355,7 @@ def test_a_lowering_is_kept_and_comes_back(tmp_path: Path, monkeypatch: pytest.M
     first.save()
     content = cache.load("lowered-test")
     assert content is not None
-    again = Store("lowered-test", json.loads(content)).find(function)
+    again = Store("lowered-test", marshal.loads(content)).find(function)
     assert again is not None
     assert (again.text, again.code, again.callees, again.files) == (text, code, names, (records.__file__,))
 

@@ -51,6 +51,12 @@ def gaps_at(begin: float, end: float) -> Callable[[Recording], FloatArray]:
     return depths
 
 
+def depths_in_the_end(recording: Recording) -> FloatArray:
+    gap = recording.gap
+    assert gap is not None
+    return -gap[-1]
+
+
 def forces_in_the_end(recording: Recording) -> FloatArray:
     return np.linalg.norm(recording.finger_force[-1], axis=1)
 
@@ -187,6 +193,10 @@ TORSION = WEIGHT * 0.015 * np.cos(TILT) / 2
 SLIPPING = np.hypot(WEIGHT / 2, TORSION / RHO) / 0.6
 # density x s/2 R^2 sin(2 pi/s) h of a prism with s = 6 sides, a third of its weight for each finger
 CARRIED = 600.0 * 3 * 0.03**2 * np.sin(np.pi / 3) * 0.05 * 9.81 / 3
+# Hand, coupling and pads in series, the block free: s = f/k_h + f/kip + (d_1 + d_2)/2, d_i = (f/k_i)^(2/3).
+PADS = np.array([2e4, 8e4])
+PINCH = brentq(lambda f: f / 500.0 + f / 1000.0 + ((f / PADS) ** (2 / 3)).mean() - 0.006, 0.0, 10.0)
+YIELD = (PINCH / PADS) ** (2 / 3)
 NUMBERS: dict[str, Any] = {
     # e = (2, -1) mm: kep times the mean of 0.5 mm, and kip times 1.5 mm from it
     "reference-1dof": (first_forces, [30.0 * 0.0005 + 70.0 * 0.0015, 30.0 * 0.0005 - 70.0 * 0.0015], 1e-15),
@@ -240,6 +250,11 @@ NUMBERS: dict[str, Any] = {
             5e-3 * TORSION,
         ),  # 0.2 % are left of the swing with which it took up its weight
         (first_slip, [SLIPPING] * 2, 0.01 * SLIPPING),  # the pinch falls by 0.3 % in a sample
+    ),
+    "soft-pads": (
+        (forces_in_the_end, [PINCH] * 2, 1e-7),  # 1.573 N
+        (depths_in_the_end, PINCH / 1000.0 + YIELD, 1e-8),  # 3.408 mm and 2.301 mm
+        (where_it_stands, [-(YIELD[0] - YIELD[1]) / 2, 0.0], 1e-7),  # 0.554 mm towards the softer one
     ),
     "unequal-devices": (change_of_squeeze, [0.0] * 3, 1e-15),  # rounding of 50 mm is 7e-18
     "prism": (pinch_and_weight, [[1.0, CARRIED]] * 3, 1e-9),  # 1 s after the lift

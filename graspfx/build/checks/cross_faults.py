@@ -22,6 +22,7 @@ from graspfx.build.checks.touching import (
     control_faults,
     metric_faults,
     own_coefficient,
+    pad_faults,
     soft_faults,
 )
 from graspfx.build.checks.viscosity import may_turn, viscosity_faults
@@ -79,6 +80,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
         yield own_hand_faults(scene, i, stock)
         yield own_coefficient(scene, ("finger", i, "friction"), finger)
         yield soft_faults(scene, i, finger)
+        yield pad_faults(scene, i, finger)
         yield _own_device(scene, ("finger", i, "device"), finger, stock)
     for i, device in enumerate(_items(scene, "device")):
         yield setting_faults(scene, ("device", i), device, stock)

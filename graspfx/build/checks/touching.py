@@ -1,4 +1,4 @@
-"""Faults of friction, soft fingers, and of what asks for the masses of devices."""
+"""Faults of friction, soft fingers, pads, and of what asks for the masses of devices."""
 
 from __future__ import annotations
 
@@ -50,6 +50,20 @@ def soft_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
             yield ("finger", i, "model"), "a soft finger expects an object with a shape: torsion is about its normal"
     elif coupling.friction != "stick" and scene.coefficients[i] == 0.0:
         yield ("finger", i, "model"), "a soft finger without friction has no torsion: give coupling.friction or its own"
+
+
+def pad_faults(scene: SceneTable, i: int, finger: Any) -> Iterator[Finding]:
+    """Find a compliant fingertip where a pad cannot be in series with the coupling."""
+    if finger.pad is None:
+        return
+    at: Location = ("finger", i, "pad")
+    coupling, thing = scene.coupling, scene.object[scene.finger_objects[i]]
+    if coupling.contact == "attached":
+        yield at, "expected unilateral contact: a pad only pushes, attached contacts pull too"
+    implicit = thing.dynamics == "native" and thing.integrator == "implicit"
+    if implicit and any(np.any(part.damping) for part in (coupling.external, coupling.internal)):
+        text = "expected no damping beside the integrator 'implicit', which solves it with the motion"
+        yield at, f"{text}: a pad's depth follows the elastic force; take another integrator, or no damping"
 
 
 def contact_axes_faults(scene: SceneTable, share: str) -> Iterator[Finding]:

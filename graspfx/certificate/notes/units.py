@@ -30,6 +30,8 @@ def _suspects(scene: Scene) -> Iterator[tuple[str, float, str]]:
             yield f"finger.{i}.start from its object", float(np.linalg.norm(away)), "m"
         if finger.radius > LARGEST:
             yield f"finger.{i}.radius", finger.radius, "m"
+        if finger.pad is not None and finger.pad.stiffness * LARGEST**1.5 < 1.0:  # deeper than that at 1 N
+            yield f"finger.{i}.pad.stiffness", finger.pad.stiffness, "N/m^1.5"
     for i, thing in enumerate(scene.object):
         if thing.mass is not None and thing.mass > HEAVIEST:
             yield f"object.{i}.mass", thing.mass, "kg"

@@ -36,7 +36,8 @@ def lowered(function: FunctionType) -> FunctionType:
         text, code, files = stored.text, stored.code, stored.files
         callees = {alias: attrgetter(name)(import_module(module)) for alias, (module, name) in stored.callees.items()}
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-    namespace = {**function.__globals__, **{name: _executed(callee) for name, callee in callees.items()}}
+    namespace = {**function.__globals__, **callees}
+    namespace |= {name: _on_call(namespace, name, f) for name, f in callees.items() if hasattr(f, LOWERED)}
     exec(code, namespace)
     result = namespace[function.__name__]
     assert isinstance(result, FunctionType)
@@ -47,10 +48,16 @@ def lowered(function: FunctionType) -> FunctionType:
     return result
 
 
-def _executed(function: Any) -> Any:
-    """Lower a kernel; give any other function as it is."""
-    original = getattr(function, LOWERED, None)
-    return function if original is None else lowered(original)
+def _on_call(namespace: dict[str, Any], name: str, kernel: Any) -> Any:
+    """Make a function that stands for a kernel until it is called: most scenes call few of those that they name."""
+    original = getattr(kernel, LOWERED)
+
+    def first(*arguments: Any, **keywords: Any) -> Any:
+        namespace[name] = lowered(original)
+        return namespace[name](*arguments, **keywords)
+
+    setattr(first, LOWERED, original)
+    return first
 
 
 def lowered_text(function: FunctionType) -> tuple[str, dict[str, Any], tuple[str, ...]]:

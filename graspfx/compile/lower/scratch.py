@@ -52,6 +52,8 @@ class Scratch:
         self.files: set[str] = {file}
         self.callees: dict[str, Callable[..., Any]] = {}
         self.buffers: list[str] = []  # of the kernel's parameters
+        self.records: set[str] = set()  # offsets of the parameters that are records, none of them optional
+        self.sizes: dict[tuple[str, str], ast.stmt] = {}  # of their fields, worked out at the kernel's beginning
 
     def entry(self, owner: Place, field: Field) -> Lowered:
         """Read a field of a record."""
@@ -64,7 +66,7 @@ class Scratch:
             return Span(owner.buffer, at)
         if kind is Table:
             assert field.extent is not None
-            return Grid(owner.buffer, at, self.size(owner, field.extent.columns))
+            return Grid(owner.buffer, at, self.fixed_size(owner, field.extent.columns))
         if get_origin(kind) is Many:
             assert field.extent is not None
             each = get_args(kind)[0]
@@ -76,9 +78,21 @@ class Scratch:
         return entries(kind, owner.buffer, at)
 
     def at(self, owner: Place, field: Field) -> ast.expr:
-        if field.offset.isdigit():
-            return plus(owner.offset, int(field.offset))
-        return ast.BinOp(owner.offset, ast.Add(), self.size(owner, field.offset))
+        """Express where a field begins."""
+        at = owner.offset
+        for term, count in field.terms.items():
+            size = self.fixed_size(owner, term)
+            at = ast.BinOp(at, ast.Add(), size if count == 1 else ast.BinOp(ast.Constant(count), ast.Mult(), size))
+        return plus(at, field.start)
+
+    def fixed_size(self, owner: Place, text: str) -> ast.expr:
+        """Express a size on which offsets depend: of a parameter's record it is worked out once, at the beginning."""
+        if not (isinstance(owner.offset, ast.Name) and owner.offset.id in self.records):
+            return self.size(owner, text)
+        name = f"{owner.buffer}{len(self.sizes)}"
+        known = self.sizes.setdefault((owner.buffer, text), assign(name, self.size(owner, text)))
+        assert isinstance(known, ast.Assign) and isinstance(known.targets[0], ast.Name)
+        return load(known.targets[0].id)
 
     def size(self, owner: Place, text: str) -> ast.expr:
         """Express a size by the record's entries."""

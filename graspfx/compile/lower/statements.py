@@ -24,6 +24,7 @@ from graspfx.compile.lower.kinds import (
 )
 from graspfx.compile.lower.pieces import assign, assign_all, kind_of, product_of, store_of, sum_of
 from graspfx.compile.lower.scratch import Frame
+from graspfx.compile.marks import optional
 from graspfx.compile.records import layout
 from graspfx.compile.specialise.syntax import place
 
@@ -40,6 +41,8 @@ class Body(Expressions):
             frame.scope[a.arg] = value
             self.buffers += [value.buffer] if isinstance(value, Place | Span | Grid | Group) else []
             names = [part.id for part in expressions(value) if isinstance(part, ast.Name)]
+            if isinstance(value, Place) and not optional(kinds[a.arg])[1]:
+                self.records.add(f"{a.arg}_at")
             labels = labels_of(kinds[a.arg])
             parameters += [
                 ast.arg(name, ast.Constant(label) if label else None) for name, label in zip(names, labels, strict=True)
@@ -50,6 +53,7 @@ class Body(Expressions):
                     raise self.cannot(a, "has a default, which only a number can have")
                 defaults.append(default)
         body = self.block(tree.body, frame)
+        body = [*self.sizes.values(), *body]
         args = ast.arguments([], parameters, None, [], [], None, defaults)
         node = ast.FunctionDef(name=tree.name, args=args, body=body, decorator_list=[], type_params=[])  # type: ignore[call-arg, unused-ignore] # type_params from Python 3.12 on
         place(node)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
-import json
 import marshal
 import sys
 from dataclasses import dataclass, field
@@ -40,22 +38,19 @@ class Store:
         if entry is None:
             return None
         text, code, callees, files = entry
-        loaded = marshal.loads(base64.b64decode(code))
-        return Lowering(
-            text, loaded, {alias: (module, name) for alias, (module, name) in callees.items()}, tuple(files)
-        )
+        return Lowering(text, marshal.loads(code), dict(callees), tuple(files))
 
     def add(self, function: FunctionType, lowering: Lowering) -> None:
         """Add a kernel, if it is ours: the key says nothing of others' sources."""
         if all(is_own(file) for file in lowering.files):
-            code = base64.b64encode(marshal.dumps(lowering.code)).decode()
-            self.entries[_name(function)] = [lowering.text, code, lowering.callees, lowering.files]
+            entry = lowering.text, marshal.dumps(lowering.code), tuple(lowering.callees.items()), lowering.files
+            self.entries[_name(function)] = entry
             self.changed = True
 
     def save(self) -> None:
         """Write what is new; a cache that cannot be written costs the next process the lowering again."""
         if self.changed:
-            disk.store(self.key, json.dumps(self.entries).encode())
+            disk.store(self.key, marshal.dumps(self.entries))
             self.changed = False
 
 
@@ -65,7 +60,7 @@ def store() -> Store:
     digest = hashlib.sha256(repr((sys.version, marshal.version, source_stamps())).encode())
     key = f"lowered-{digest.hexdigest()}"
     content = disk.load(key)
-    return Store(key, json.loads(content) if content is not None else {})
+    return Store(key, marshal.loads(content) if content is not None else {})
 
 
 def _name(function: FunctionType) -> str:

@@ -83,6 +83,8 @@ class LedgerState(Record):
     mobility: float  # largest w_i/m_i of the devices [1/kg]
     split: Ref[ModeSplit]
     split_entries: int
+    curved: Vector  # a tenth of what the elastic forces of pads make with their depths now, by mode [J]
+    held_curved: Vector  # of the held forces
     started: bool
     scale: float  # the largest energy so far [J]
     accounts: Accounts

@@ -13,6 +13,9 @@ against the object in its axes. With the displacement h that the springs hold, f
 so that f_j'd = V_j+ - V_j + damped + braked + slipped + reshaped - leaked: an identity, whatever the law did. The
 fingers' work is the wrench's and f'd, the wrench's that of `graspfx.objects.energy`. All is summed by itself; the gap
 between the fingers' work and all the rest is rounding, or the books are wrong.
+
+A compliant fingertip adds its depth (fe_n/k)^(2/3) along the normal to h and stores 2/5 of its force times that, not
+1/2: the tenth is taken from V_j, and what it changes by, of third order in a step, counts as reshaped.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from graspfx.grasp.rigid_modes import rigid_modes
 from graspfx.loop.energy.books import FingerBooks, ForceByMode, LedgerState
 from graspfx.loop.energy.leak import ROTATION, TRANSLATION, ModeSplit, Sum, balance, book, spend, squares
 from graspfx.objects.energy import keep, kinetic, settle
-from graspfx.spatial import NOTHING, Vector4, cross, dot, inner, with_torsion
+from graspfx.spatial import NOTHING, ZERO, Vector4, cross, dot, inner, with_torsion
 
 
 @kernel
@@ -38,12 +41,16 @@ def observe(grasp: GraspState, ledger: LedgerState, T: float) -> None:
     load(grasp, ledger)
     if started:
         book_springs(ledger)
+        if grasp.padded:
+            book_pads(ledger)
     for j in range(3):
         total = 0.0
         for finger in ledger.fingers:
             for a in range(4):
                 total += finger.elastic.parts[j].force[a] * finger.stretch[a]
         account = ledger.accounts.parts[j]
+        if grasp.padded:
+            total -= 2.0 * ledger.curved[j]
         account.stored = 0.5 * total
         if not started:
             account.opened = 0.5 * total
@@ -105,12 +112,39 @@ def load(grasp: GraspState, ledger: LedgerState) -> None:
     kep, kip = grasp.external_stiffness, grasp.internal_stiffness
     if ledger.components > 0:
         if stretch_by_matrix(grasp, ledger):
+            if grasp.padded:
+                add_pads(grasp, ledger, True)
             return
     elif kep > 0.0 and kip > 0.0:
         stretch(split, ledger.fingers, kep, kip)
+        if grasp.padded:
+            add_pads(grasp, ledger, True)
         return
     for i, finger in enumerate(ledger.fingers):  # without cones, and where a K without an inverse leaves it open
         finger.stretch = grasp.fingers[i].displacement
+    if grasp.padded:
+        add_pads(grasp, ledger, False)
+
+
+@kernel
+def add_pads(grasp: GraspState, ledger: LedgerState, adds: bool) -> None:
+    """Compute a tenth of what pads' forces make with their depths (fe_n/k)^(2/3), which h+ gets too if it `adds`."""
+    ledger.curved = ZERO
+    for i, finger in enumerate(ledger.fingers):
+        k, push = grasp.fingers[i].pad, dot(finger.normal, finger.force.vector)
+        if k > 0.0 and push > 0.0:
+            depth = (push / k) ** (2.0 / 3.0)
+            for j in range(3):
+                ledger.curved[j] += 0.1 * depth * dot(finger.elastic.parts[j].force.vector, finger.normal)
+            if adds:
+                finger.stretch = with_torsion(finger.stretch.vector + depth * finger.normal, finger.stretch.t)
+
+
+@kernel
+def book_pads(ledger: LedgerState) -> None:
+    """Book what pads store less than springs of the same force and depth: where what is stored changes its form."""
+    for j in range(3):
+        book(ledger.losses[j].reshaped, ledger.curved[j] - ledger.held_curved[j])
 
 
 @kernel
@@ -236,6 +270,8 @@ def hold(grasp: GraspState, ledger: LedgerState) -> None:
         split_force(split, fingers, fingers.part(FingerBooks.force), fingers.part(FingerBooks.held))
     if braked:
         split_force(split, fingers, fingers.part(FingerBooks.brake), fingers.part(FingerBooks.held_brake))
+    if grasp.padded:
+        ledger.held_curved = ledger.curved
     keep(grasp.body, ledger.start)
     ledger.started = True
 

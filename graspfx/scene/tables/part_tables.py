@@ -177,6 +177,13 @@ _by_name = Discriminator(lambda value: "<name>" if isinstance(value, str) else "
 DeviceOrName = Annotated[Annotated[str, Tag("<name>")] | Annotated[Device, Tag("<table>")], _by_name]
 
 
+class Pad(Table):
+    """A compliant fingertip in series with the coupling: f_n = k depth^1.5 along the contact's normal (Hertz)."""
+
+    kind: Literal["hertz"]
+    stiffness: Positive = Field(description="k [N/m^1.5]; 4/3 E* sqrt(R) of a ball on a plane")
+
+
 class Finger(Table):
     """A fingertip: the device that moves it, the hand that holds it, the object that it touches."""
 
@@ -194,3 +201,8 @@ class Finger(Table):
         default=None, description="rho of a soft finger: with friction mu its torsion is mu rho f_n at most [m]"
     )
     friction: NotNegative | None = Field(default=None, description="coefficient of its own; coupling.friction")
+    pad: Pad | None = Field(
+        default=None,
+        description="a compliant fingertip: f_n = k depth^1.5 [N] along the normal, the depth [m] adds to e_n of "
+        "eq. (4); for unilateral contacts",
+    )

@@ -127,7 +127,7 @@ def test_bodies_on_planes(shape: Any, integrator: str) -> None:
 @pytest.mark.parametrize("by_spin", [False, True])
 @pytest.mark.parametrize(("d", "turns"), [(1, 0), (2, 1), (3, 0), (3, 1), (3, 3)])
 def test_guests(d: int, turns: int, by_spin: bool) -> None:
-    """What is handed over, and what is told after it, at random."""
+    """A guest is handed random motions, and told of them after that."""
     rng = np.random.default_rng(turns)
     free = {1: [True], 2: [True] * 3, 3: [True] * 3 + [True] * turns + [False] * (3 - turns)}[d]
     state = random_body(d, "semi-implicit", free, [3e-4, 5e-4, 6e-4], rng)

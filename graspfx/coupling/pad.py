@@ -1,0 +1,238 @@
+"""Compliant fingertips: f_n = k depth^1.5 along the contact's normal, in series with the coupling.
+
+A pad takes its depth delta from the displacement, e - delta n for e in eq. (4), so that the elastic force is the one of
+
+    f = argmin over the cones of 1/2 f'K^-1 f + sum_i (3/5) k_i^(-2/3) f_n,i^(5/3) - e'f,
+
+a nonlinear compliance beside K^-1 (Hertz 1882; Johnson, Contact Mechanics, 1985, 4.22). The depths are the zero of
+k_i delta_i^1.5 - f_n,i(e - delta n), the gradient of a convex function: 0 <= d f_n/d e_n <= the normals' part of K.
+Each pass asks the law for its elastic force at depths, whatever solver it has, and takes the next ones from a model
+f_n + B (change of e_n - delta), solved with the pads' own power. B is learned by secants (Broyden 1965) and stays in
+the block for the next sample. Where a step does not help, B becomes the normals' part of K, which is no less than any
+slope: that step, a proximal one, always lowers the function.
+"""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import kernel
+from graspfx.cones.cut import shorten
+from graspfx.cones.elimination import eliminate
+from graspfx.coupling.contact_frames import assemble
+from graspfx.coupling.contacts import UNRESOLVED
+from graspfx.coupling.conventional import separate
+from graspfx.coupling.coulomb import elastic_in_cones
+from graspfx.coupling.frictionless import elastic_along_normals
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.law import normal_force
+from graspfx.coupling.unilateral import project
+from graspfx.spatial import inner, with_torsion
+
+PASSES = 100  # of a sample at most
+EXACT = 1e-13  # of the largest force: what f_n - k delta^1.5 may be
+ROUNDING = 1e-15  # of the stiffness times the longest displacement: so much the law's own force is off
+SHRINKS = 0.7  # what is left may be at most so much of what was left before, else the next step is a proximal one
+INNER = 30  # Newton's steps for the model, which ask for no force
+STILL = 1e-16  # of the deepest: steps that are done
+
+
+@kernel
+def press(grasp: GraspState) -> int:
+    """Find the pads' depths and take them from the displacements; give 0 or a fault of the forces."""
+    for i, finger in enumerate(grasp.fingers):
+        grasp.pads[i].whole = finger.displacement
+    if not same_touch(grasp):
+        fill_slope(grasp)
+    predict(grasp, False)
+    left = math.inf
+    proximal = False
+    for k in range(PASSES):
+        take_depths(grasp)
+        fault = elastic(grasp)
+        if fault != 0:
+            return fault
+        miss, allowed = measure(grasp)
+        if k > 0:
+            learn(grasp)
+        store_pass(grasp)
+        if miss <= allowed:
+            accept(grasp)
+            grasp.pad_passes = k + 1
+            return 0
+        if proximal or miss < SHRINKS * left:
+            accept(grasp)
+            left = miss
+            proximal = False
+        else:
+            fill_slope(grasp)
+            proximal = True
+        predict(grasp, proximal)
+    grasp.pad_passes = PASSES
+    return UNRESOLVED
+
+
+@kernel
+def relax(grasp: GraspState) -> None:
+    """Give the displacements of pressed pads back; those of fingers that were let go of may be new."""
+    for i, finger in enumerate(grasp.fingers):
+        if grasp.pads[i].depth > 0.0:
+            finger.displacement = grasp.pads[i].whole
+
+
+@kernel
+def elastic(grasp: GraspState) -> int:
+    """Find the elastic force of the law, by the solver that it has; give 0 or a fault."""
+    if grasp.friction:
+        return elastic_in_cones(grasp)
+    if grasp.rays:
+        if grasp.external_stiffness <= grasp.internal_stiffness:
+            return elastic_along_normals(grasp)
+        return elastic_in_cones(grasp)
+    if grasp.equal and not grasp.dense and not grasp.implicit:
+        separate(grasp)
+        if grasp.limited:
+            for finger in grasp.fingers:
+                finger.local, _ = shorten(finger.local, 3, finger.cut)
+        return 0
+    return project(grasp)
+
+
+@kernel
+def take_depths(grasp: GraspState) -> None:
+    """Take the pads' depths from the displacements, along the normals."""
+    for i, finger in enumerate(grasp.fingers):
+        pad = grasp.pads[i]
+        taken = pad.whole.vector - pad.depth * finger.normal
+        finger.displacement = with_torsion(taken, pad.whole.t)
+
+
+@kernel
+def measure(grasp: GraspState) -> tuple[float, float]:
+    """Compute max |f_n - k delta^1.5| and what it may be; write f_n and e_n - delta of the pass."""
+    miss = force = 0.0
+    longest = stiffest = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        pad = grasp.pads[i]
+        pad.push = max(normal_force(finger), 0.0)
+        pad.stretch = inner(finger.normal, finger.displacement.vector)
+        if finger.pad > 0.0:
+            miss = max(miss, abs(pad.push - finger.pad * pad.depth * math.sqrt(pad.depth)))
+        stiffest = max(stiffest, pad.bound)
+        for a in range(4):
+            force = max(force, abs(finger.local[a]))
+            longest = max(longest, abs(pad.whole[a]))
+    return miss, max(EXACT * force, ROUNDING * stiffest * longest)
+
+
+@kernel
+def store_pass(grasp: GraspState) -> None:
+    """Copy f_n and e_n - delta of this pass to those of the pass before."""
+    for i in range(grasp.count):
+        pad = grasp.pads[i]
+        pad.before_push = pad.push
+        pad.before_stretch = pad.stretch
+
+
+@kernel
+def accept(grasp: GraspState) -> None:
+    """Let the next step, or the next sample, begin from this pass."""
+    for i in range(grasp.count):
+        pad = grasp.pads[i]
+        pad.from_push = pad.push
+        pad.from_stretch = pad.stretch
+        pad.from_depth = pad.depth
+
+
+@kernel
+def learn(grasp: GraspState) -> None:
+    """Change B so that it maps the last change of e_n - delta to that of f_n, by the least that does: Broyden's way.
+
+    Rows of fingers that have had no force stay as they are.
+    """
+    square = 0.0
+    for i in range(grasp.count):
+        s = grasp.pads[i].stretch - grasp.pads[i].before_stretch
+        square += s * s
+    if not square > 0.0:
+        return
+    for i in range(grasp.count):
+        pad = grasp.pads[i]
+        if pad.push > 0.0 or pad.before_push > 0.0:
+            off = pad.push - pad.before_push
+            for j in range(grasp.count):
+                off -= grasp.pad_slope[i, j] * (grasp.pads[j].stretch - grasp.pads[j].before_stretch)
+            off /= square
+            for j in range(grasp.count):
+                grasp.pad_slope[i, j] += off * (grasp.pads[j].stretch - grasp.pads[j].before_stretch)
+
+
+@kernel
+def same_touch(grasp: GraspState) -> bool:
+    """Tell whether the fingers that push are those for which B was filled, and store who pushes now."""
+    same = grasp.pads_known
+    grasp.pads_known = True
+    for i in range(grasp.count):
+        pad = grasp.pads[i]
+        pushes = pad.from_push > 0.0
+        same = same and pushes == pad.pushes
+        pad.pushes = pushes
+    return same
+
+
+@kernel
+def fill_slope(grasp: GraspState) -> None:
+    """Compute the normals' part of K for B, and the sums of its rows."""
+    assemble(grasp, True)
+    c = grasp.coordinates
+    for i in range(grasp.count):
+        total = 0.0
+        for j in range(grasp.count):
+            entry = 0.5 * (grasp.square[i * c, j * c] + grasp.square[j * c, i * c])
+            total += abs(entry)
+            grasp.pad_slope[i, j] = entry
+        grasp.pads[i].bound = total
+
+
+@kernel
+def predict(grasp: GraspState, proximal: bool) -> None:
+    """Solve k delta^1.5 = f_n + B (e_n - delta - from) for the depths of the pads that press, by Newton's method.
+
+    A finger without force is taken to stay so and gets no depth, but for a proximal step, which lets it go down only.
+    """
+    n = grasp.count
+    for i, finger in enumerate(grasp.fingers):
+        pad = grasp.pads[i]
+        pad.depth = pad.from_depth
+        pad.presses = finger.pad > 0.0 and (pad.from_push > 0.0 or (proximal and pad.depth > 0.0))
+        if not pad.presses:
+            pad.depth = 0.0
+    for _ in range(INNER):
+        for i, finger in enumerate(grasp.fingers):
+            pad = grasp.pads[i]
+            left = pad.from_push - finger.pad * pad.depth * math.sqrt(pad.depth)
+            for j, other in enumerate(grasp.fingers):
+                also = grasp.pads[j]
+                grasp.pad_square[i, j] = 0.0
+                if also.presses or also.from_push > 0.0:
+                    change = inner(other.normal, also.whole.vector) - also.depth - also.from_stretch
+                    left += grasp.pad_slope[i, j] * change
+            pad.moves = pad.presses and (pad.depth > 0.0 or left > 0.0)
+            grasp.pad_vector[i] = left if pad.moves else 0.0
+        for i, finger in enumerate(grasp.fingers):
+            pad = grasp.pads[i]
+            for j in range(n):
+                both = pad.moves and grasp.pads[j].moves
+                grasp.pad_square[i, j] = grasp.pad_slope[i, j] if both else 0.0
+            grasp.pad_square[i, i] += 1.5 * finger.pad * math.sqrt(pad.depth) if pad.moves else 1.0
+        if not eliminate(grasp.pad_square, grasp.pad_vector, n):
+            break
+        step = deepest = 0.0
+        for i in range(n):
+            pad = grasp.pads[i]
+            depth = max(pad.depth + grasp.pad_vector[i], 0.0)
+            step = max(step, abs(depth - pad.depth))
+            deepest = max(deepest, depth)
+            pad.depth = depth
+        if step <= STILL * deepest:
+            break
