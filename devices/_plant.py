@@ -84,7 +84,7 @@ class HeldPlant(ABC):
         self._effort = arrays["effort"]
         self._start, self._end = (arrays["start"], arrays["start_rate"]), (arrays["end"], arrays["end_rate"])
         self._middle = (arrays["middle"], arrays["middle_rate"]) if "middle" in arrays else None
-        self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
         self._held: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
         self._shown: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
         self.placed = 0  # how often, so that a device knows that its finger was lifted
@@ -92,7 +92,7 @@ class HeldPlant(ABC):
     @property
     def time(self) -> float:
         """Since `place` [s]: samples times the period, from where the period last changed."""
-        S = self._S
+        S = self._entries
         now: float = S[SINCE] + S[TICKS] * S[PERIOD]
         return now
 
@@ -104,13 +104,13 @@ class HeldPlant(ABC):
         self._put(p)
         self.position[...] = p
         self.velocity[...] = 0.0
-        self._S[SINCE] = self._S[TICKS] = 0.0
+        self._entries[SINCE] = self._entries[TICKS] = 0.0
         self._held = None
         self.placed += 1
 
     def hold(self, hand: Hand, T: float) -> None:
         """Put the hand's gains, its targets at the plant's time and samples of T seconds into the block."""
-        K, B, S = hand.stiffness, hand.damping, self._S
+        K, B, S = hand.stiffness, hand.damping, self._entries
         n, d = self.position.shape
         if not (math.isfinite(T) and T > 0.0):
             raise InputError("T", T, "a finite time above zero [s]")
@@ -133,7 +133,7 @@ class HeldPlant(ABC):
         """Move for T seconds under efforts (n, d), held, and the hand; DeviceError if the motion cannot go on."""
         if force.shape != self._effort.shape:
             raise InputError("force", force, f"an array of shape {self._effort.shape}")
-        S, held = self._S, self._held
+        S, held = self._entries, self._held
         if (
             held is None
             or hand is not held[0]

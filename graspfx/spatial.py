@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from graspfx.compile.kernel import inline, kernel
 from graspfx.compile.records import Table
@@ -300,13 +299,6 @@ def rotate_numbers(
     return x + qw * tx + qy * tz - qz * ty, y + qw * ty + qz * tx - qx * tz, z + qw * tz + qx * ty - qy * tx
 
 
-def write_quaternion_matrix(S: Any, o: int, x: float, y: float, z: float, w: float) -> None:
-    """Writes the matrix of a unit quaternion at o, nine entries row by row."""
-    S[o], S[o + 1], S[o + 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
-    S[o + 3], S[o + 4], S[o + 5] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
-    S[o + 6], S[o + 7], S[o + 8] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
-
-
 def quaternion(R: Sequence[float]) -> tuple[float, float, float, float]:
     """The unit quaternion of a rotation matrix, nine entries row by row, w >= 0 (Shepperd, 1978: no digits lost)."""
     a, b, c, d, e, f, g, h, i = R
@@ -322,46 +314,6 @@ def quaternion(R: Sequence[float]) -> tuple[float, float, float, float]:
         q = (c + g, f + h, largest, d - b)
     sign = -1.0 if q[3] < 0.0 else 1.0
     return normalised(sign * q[0], sign * q[1], sign * q[2], sign * q[3])
-
-
-def write_angle_matrix(S: Any, o: int, angle: float) -> None:
-    """Writes the matrix of a rotation about z at o, nine entries row by row."""
-    c, s = math.cos(angle), math.sin(angle)
-    S[o], S[o + 1], S[o + 2] = c, -s, 0.0
-    S[o + 3], S[o + 4], S[o + 5] = s, c, 0.0
-    S[o + 6], S[o + 7], S[o + 8] = 0.0, 0.0, 1.0
-
-
-def write_orthogonal(S: Any, o: int, count: int, size: int) -> None:
-    """One-sided Jacobi: rotates `count` vectors (one entry, then size - 1 components) until they are orthogonal.
-
-    Small norms come out accurate relative to themselves, unlike through a 3 x 3 moment matrix.
-    """
-    for _ in range(SWEEPS):
-        turned = False
-        for p in range(count - 1):
-            for q in range(p + 1, count):
-                u, v = o + p * size, o + q * size
-                uu = vv = uv = 0.0
-                for j in range(1, size):
-                    uu += S[u + j] * S[u + j]
-                    vv += S[v + j] * S[v + j]
-                    uv += S[u + j] * S[v + j]
-                if uv * uv <= 1e-31 * uu * vv:
-                    continue
-                turned = True
-                zeta = (vv - uu) / (2.0 * uv)
-                t = 1.0 / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
-                if zeta < 0.0:
-                    t = -t
-                c = 1.0 / math.sqrt(1.0 + t * t)
-                s = c * t
-                for j in range(1, size):
-                    a, b = S[u + j], S[v + j]
-                    S[u + j] = c * a - s * b
-                    S[v + j] = s * a + c * b
-        if not turned:
-            return
 
 
 @kernel

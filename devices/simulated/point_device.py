@@ -51,7 +51,7 @@ class PointDevice:
         self.state: FloatArray = np.zeros(
             size_for(PointDeviceState, fingers=k, dimensions=d, delay=delay, estimate_size=each)
         )
-        self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
         block = PointDeviceState(self.state)
         block.fingers, block.dimensions, block.delay, block.estimate_size = k, d, delay, each
         block.rounded, block.bounded, block.limited = resolution > 0.0, workspace is not None, force_limit is not None
@@ -136,7 +136,7 @@ class PointDevice:
                 estimator.reset()
             self._seen = now
             self._sensed[...] = self._true
-            self._fault = self.reading(self._S, 0)
+            self._fault = self.reading(self._entries, 0)
         if self._fault:
             raise DeviceError(self.fault_text(self._fault))
         return self._position, self._velocity, plant.time
@@ -151,12 +151,12 @@ class PointDevice:
         if np.shape(forces) != self._shape:
             raise InputError("forces", forces, f"an array of shape {self._shape}")
         self._command[...] = forces
-        code = self.writing(self._S, 0)
+        code = self.writing(self._entries, 0)
         if code:
             raise DeviceError(self.fault_text(code))
 
     def stop(self) -> None:
-        self.stopping(self._S, 0)
+        self.stopping(self._entries, 0)
 
     def fault_text(self, code: int) -> str:
         """What a number that a kernel gave means, with the figures in the block."""

@@ -43,8 +43,8 @@ class TwoLinkArm(ABC):
         self._window, self._delay = velocity_window, delay
         each, late = size(velocity_window), delay or 0
         self.state: FloatArray = np.zeros(size_for(ArmState, delay=late, estimate_size=each))
-        self._S: Any = self.state.data  # plain floats, where items of an array cost twice as much
-        block = self._block = ArmState(self._S)
+        self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
+        block = self._block = ArmState(self._entries)
         block.base, block.lengths = Point(*arm.base), Both(*arm.links)
         block.zero, block.step, block.gear = Both(*wiring.zero), Both(*wiring.step), Both(*wiring.gear)
         block.torque_limit = Both(*wiring.torque_limit)

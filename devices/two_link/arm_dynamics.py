@@ -311,9 +311,9 @@ class ArmPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf f
         n = len(mechanics)
         self._geometry = [m.arm for m in mechanics]
         super().__init__(ArmPlantState, n, 2)
-        block = self._block = ArmPlantState(self._S)
+        block = self._block = ArmPlantState(self._entries)
         starts = [stages.now.offset for stages in block.stages]
-        self._angles: Any = [self._S[start : start + size_of(ArmStage)] for start in starts]
+        self._angles: Any = [self._entries[start : start + size_of(ArmStage)] for start in starts]
         K, B, gains = block.stiffness.offset, block.damping.offset, 2 * n * n
         self._stiffness = self.state[K : K + gains].reshape(2, n, n)
         self._damping = self.state[B : B + gains].reshape(2, n, n)

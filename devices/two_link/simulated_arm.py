@@ -77,19 +77,19 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
                 estimator.reset()
             self._seen = now
             self._block.angles = Both(self._angles[0], self._angles[1])
-            self._fault = self.reading(self._S, 0)
+            self._fault = self.reading(self._entries, 0)
         if self._fault:
             raise DeviceError(self.fault_text(self._fault))
         return self._position, self._velocity, plant.time
 
     def write(self, forces: FloatArray) -> None:
         self._take(forces)
-        code = self.writing(self._S, 0)
+        code = self.writing(self._entries, 0)
         if code:
             raise DeviceError(self.fault_text(code))
 
     def stop(self) -> None:
-        self.stopping(self._S, 0)
+        self.stopping(self._entries, 0)
 
     def close(self) -> None:
         self.stop()

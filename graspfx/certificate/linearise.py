@@ -16,6 +16,7 @@ from graspfx.build.mechanics import Mechanics, mechanics
 from graspfx.build.object_parts import ObjectPart
 from graspfx.build.resolve import Parts, resolve
 from graspfx.build.still_hands import still_hands
+from graspfx.certificate.pads import joined_pads, pads_of
 from graspfx.certificate.rest.cone_edge import EDGE, edge_directions
 from graspfx.certificate.rest.from_recording import recorded, set_pose
 from graspfx.certificate.rest.ground import LOW, Ground, ground_under
@@ -205,7 +206,7 @@ def _matrices(
     law = part.law
     if rules.axes != "world":
         law = law.turned(R[:d, :d] if rules.axes == "object" else _contact_axes(g, R))
-    pads = _pads(g, at_rest=J is not None)
+    pads = pads_of(g, at_rest=J is not None)
     if pads is not None and not pads[1].all():
         assumed.append("pads give way where nothing presses yet: no stiffness along their normals")
     gains = ScaledGains(law, split, n, normals, pads)
@@ -268,17 +269,6 @@ def _matrices(
     )
 
 
-def _pads(g: GraspedObject, *, at_rest: bool) -> tuple[FloatArray, FloatArray] | None:
-    """Give the normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; none without force."""
-    stiffness, n, d = g.pad_stiffness(), g.fingers, g.dimensions
-    padded = np.flatnonzero(np.isfinite(stiffness))
-    if not len(padded):
-        return None
-    normals = np.zeros((n, d, len(padded)))
-    normals[padded, :, np.arange(len(padded))] = g.inward()[padded]
-    return normals.reshape(n * d, -1), stiffness[padded] if at_rest else np.zeros(len(padded))
-
-
 def _contact_axes(g: GraspedObject, R: FloatArray) -> FloatArray:
     """Give the contacts' frames in world axes, the normal first, (n, d, d) with the axes as columns."""
     frames = g.rows[:, at.FRAME : at.FRAME + 9].reshape(-1, 3, 3)
@@ -299,14 +289,6 @@ def _inertia(state: FloatArray, R: FloatArray, grip: Grip) -> FloatArray:
     full[:3, :3] = state[body.MASS] * np.eye(3)
     full[3:, 3:] = R @ np.diag(state[body.INERTIA : body.INERTIA + 3]) @ R.T
     return np.asarray(full[np.ix_(grip.axes, grip.axes)])
-
-
-def _all_pads(shares: Sequence[_Share], V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Join the pads of all shares, along the axes V."""
-    if all(share.gains.pads is None for share in shares):
-        return None
-    pads = [share.gains.pads or (np.zeros((len(share.compliance), 0)), np.zeros(0)) for share in shares]
-    return V.T @ block_diagonal([normals for normals, _ in pads]), np.concatenate([springs for _, springs in pads])
 
 
 def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
@@ -376,7 +358,7 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
         stiffness=stiffness,
         conventional=conventional,
         compliance=np.concatenate([share.compliance for share in shares]),
-        pads=_all_pads(shares, V),
+        pads=joined_pads([share.gains for share in shares], V),
     )
 
 

@@ -116,6 +116,8 @@ class Record:
 
     def __init_subclass__(cls) -> None:
         for name in inspect.get_annotations(cls):
+            if hasattr(Record, name):
+                raise InputError(f"{cls.__name__}.{name}", name, "another name: every view has this one itself")
             extent = cls.__dict__.get(name)
             setattr(cls, name, Field(name, extent if isinstance(extent, Extent) else None))
 

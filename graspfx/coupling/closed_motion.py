@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.objects import integrators as body
-from graspfx.spatial import exponential_numbers as exponential
-from graspfx.spatial import product
-from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
+from graspfx.objects.body_state import BodyState, Motion
+from graspfx.spatial import ZERO, Quaternion, exponential_numbers, product, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
@@ -53,14 +51,14 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
         fingers: (n, d) [m].
     """
     block, worst = grasped.block.copy(), LoopEnergy(0.0, 0.0)
-    S = grasped.block
-    S[at.ATTACHED] = 1.0
-    S[at.IMPLICIT] = S[at.DAMPED] = S[at.OBSERVED] = 0.0
-    S[at.BODY + body.ANGULAR_VELOCITY : at.BODY + body.ANGULAR_VELOCITY + 3] = 0.0
-    start = S.copy()
+    state = GraspState(grasped.block)
+    state.attached = True
+    state.implicit = state.damped = state.observed = False
+    state.body.motion.angular_velocity = ZERO
+    start = grasped.block.copy()
     try:
         for axis, way in list(_motions(grasped, fingers)):
-            S[:] = start
+            grasped.block[:] = start
             worst = max(worst, _round(grasped, fingers, axis, way), key=lambda each: abs(each.share))
     finally:
         grasped.block[:] = block
@@ -69,9 +67,10 @@ def worst_turn(grasped: GraspedObject, fingers: FloatArray) -> LoopEnergy:
 
 def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int, FloatArray]]:
     """List axes of turns, 0 to 2, with the amplitude (d,) of the sideways motion."""
-    d, S = grasped.dimensions, grasped.body_state
-    free = S[body.FREE : body.FREE + 6] != 0.0
-    arm = math.sqrt(float(((fingers - S[body.POSITION : body.POSITION + d]) ** 2).sum(axis=1).mean()))
+    d, body = grasped.dimensions, BodyState(grasped.body_state)
+    free = np.concatenate([body.array(BodyState.free_translation), body.array(BodyState.free_rotation)]) != 0.0
+    centre = body.motion.array(Motion.position)[:d]
+    arm = math.sqrt(float(((fingers - centre) ** 2).sum(axis=1).mean()))
     units = [np.eye(3)[a] for a in range(d) if free[a]]
     units += [(a + s * b) / math.sqrt(2.0) for i, a in enumerate(units) for b in units[i + 1 :] for s in (1.0, -1.0)]
     for axis in np.flatnonzero(free[3:]).tolist():
@@ -80,21 +79,21 @@ def _motions(grasped: GraspedObject, fingers: FloatArray) -> Iterator[tuple[int,
 
 
 def _round(grasped: GraspedObject, fingers: FloatArray, axis: int, way: FloatArray) -> LoopEnergy:
-    d, S = grasped.dimensions, grasped.body_state
-    centre = S[body.POSITION : body.POSITION + d].copy()
-    start = S[body.QUATERNION : body.QUATERNION + 4].tolist()
+    d, body = grasped.dimensions, BodyState(grasped.body_state)
+    motion = body.motion
+    position, force, moment = motion.array(Motion.position), body.array(BodyState.force), body.array(BodyState.moment)
+    centre, start = position[:d].copy(), motion.array(Motion.quaternion).tolist()
     created = peak = 0.0
     for phase in 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES:
         sine, cosine = math.sin(phase), math.cos(phase)
         turn = [0.0, 0.0, 0.0]
         turn[axis] = TURN * sine
-        S[body.POSITION : body.POSITION + d] = centre + (1.0 + cosine) * way
-        q = product(*exponential(*turn), *start)
-        S[body.QUATERNION : body.QUATERNION + 4] = q
-        quaternion_matrix(S, body.ROTATION, *q)
+        position[:d] = centre + (1.0 + cosine) * way
+        motion.quaternion = Quaternion(*product(*exponential_numbers(*turn), *start))
+        motion.rotation = quaternion_matrix(motion.quaternion)
         grasped.finger_position[:] = fingers
         grasped.sample()
-        power = -sine * float(S[body.FORCE : body.FORCE + d] @ way) + TURN * cosine * float(S[body.MOMENT + axis])
+        power = -sine * float(force[:d] @ way) + TURN * cosine * float(moment[axis])
         created += 2.0 * math.pi / SAMPLES * power
         peak = max(peak, 0.5 * float((grasped.force * (fingers - grasped.contact_position)).sum()))
     return LoopEnergy(created, peak)

@@ -103,8 +103,7 @@ def take_depths(grasp: GraspState) -> None:
     """Take the pads' depths from the displacements, along the normals."""
     for i, finger in enumerate(grasp.fingers):
         pad = grasp.pads[i]
-        taken = pad.whole.vector - pad.depth * finger.normal
-        finger.displacement = with_torsion(taken, pad.whole.t)
+        finger.displacement = with_torsion(pad.whole.vector - pad.depth * finger.normal, pad.whole.t)
 
 
 @kernel

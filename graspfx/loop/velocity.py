@@ -145,7 +145,7 @@ class VelocityEstimator:
         self._used = states.array(VelocityEstimate.used)
         self._memory = self._state.reshape(self._count, self._size)[:, start_of(VelocityEstimate, "filled") :]
         # Plain floats from a view cost half of what array items do.
-        self._S: Any = self._state.data
+        self._entries: Any = self._state.data
         self._x: Any = self._position.reshape(-1).data
         self._v: Any = self._velocity.reshape(-1).data
 
@@ -164,7 +164,7 @@ class VelocityEstimator:
     def update(self, position: ArrayLike) -> FloatArray:
         """Update the velocity by the next position; the array belongs to the estimator and is overwritten."""
         self._position[...] = position
-        S, x, v = self._S, self._x, self._v
+        S, x, v = self._entries, self._x, self._v
         component = source_function(estimate)  # without a view for each
         for j in range(self._count):
             v[j] = component(S, j * self._size, x[j])

@@ -388,3 +388,8 @@ def test_a_record_of_varying_size_takes_the_entries_that_its_owner_says() -> Non
     assert Shelf(A, 1).upper.offset == 1 + 2 + 4
     assert A[1 + 2 + 4 + 1] == 5.0
     assert name_of(Shelf, 1 + 2 + 4 + 1, S, offset=1) == "upper.values[0]"
+
+
+def test_a_field_cannot_take_the_name_of_a_views_own_attribute() -> None:
+    with pytest.raises(InputError, match=r"Bad\.offset"):
+        type("Bad", (Record,), {"__annotations__": {"offset": float}})

@@ -82,7 +82,7 @@ def test_depth_and_force_go_together_in_a_run(changes: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("changes", [DAMPED, MATRICES], ids=str)
 def test_both_engines_agree(changes: dict[str, Any]) -> None:
-    """The same bits compiled and interpreted, from the first touch to the hold."""
+    """Both give the same bits from the first touch to the hold."""
     one, other = (gx.run(closing(**changes, engine=kind)) for kind in ("compiled", "interpreted"))
     assert np.array_equal(one.finger_force, other.finger_force)
     assert np.array_equal(one.finger_position, other.finger_position)

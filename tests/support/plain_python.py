@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FunctionType
 
 from graspfx.compile.kernel import written
 
@@ -17,7 +18,7 @@ def plain_python() -> Iterator[None]:
         (module, name, member)
         for module in modules
         for name, member in list(vars(module).items())
-        if hasattr(member, "__kernel__")
+        if isinstance(member, FunctionType) and hasattr(member, "__kernel__")
     ]
     try:
         for module, name, member in lowered:

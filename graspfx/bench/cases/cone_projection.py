@@ -73,15 +73,15 @@ def _by_clarabel(solver: ByClarabel, p: Problem) -> FloatArray:
 
 
 def _gauss_seidel(kind: Problems) -> Iterator[Method]:
-    sweeps = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
+    sweeps: Any = compiled(gauss_seidel) if is_installed("llvmlite") else gauss_seidel
     theta = 0.0 if kind.law == "coulomb" else 1.0
     m, N = 3 * kind.fingers, len(kind.members)
-    blocks = np.array([np.concatenate([p.W.ravel(), p.e, np.zeros(m)]) for p in kind.members])
+    blocks = np.array([np.concatenate([[m], p.W.ravel(), p.e, np.zeros(m)]) for p in kind.members])
     flat = blocks.ravel()
     for tolerance in TOLERANCES:
 
         def call(tolerance: float = tolerance) -> None:
-            if sweeps(flat, N, blocks.shape[1], m, kind.friction, theta, tolerance) == SWEEPS:
+            if sweeps(flat, 0, blocks.shape[1], N, kind.friction, theta, tolerance) == SWEEPS:
                 raise RuntimeError(f"not done after {SWEEPS} sweeps")
 
         def error(call: Callable[[], None] = call) -> float:

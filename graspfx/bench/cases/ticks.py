@@ -17,12 +17,13 @@ from graspfx.bench.peers.paper import PaperProgram, Springs, coupling, rotation_
 from graspfx.bench.peers.springs import MuJoCoSprings
 from graspfx.build.build import build
 from graspfx.build.run import run
+from graspfx.compile.records import numbers
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.objects import integrators as at
 from graspfx.scene.model import Scene
-from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
+from graspfx.spatial import Quaternion, quaternion_matrix
 
 TITLE = "Whole ticks: devices, coupling, object, recording"
 LIMITS = """
@@ -242,9 +243,7 @@ def recorded_error(recording: Recording, truth: FloatArray, g: Springs) -> float
     R = np.eye(3)
     turn = motion.orientation
     if g.dimensions == 3 and turn is not None:
-        flat = np.zeros(9)
-        quaternion_matrix(flat, 0, *turn[-1])
-        R = flat.reshape(3, 3)
+        R = np.array(list(numbers(quaternion_matrix(Quaternion(*turn[-1].tolist()))))).reshape(3, 3)
     elif turn is not None:
         R = rotation_matrix(2, float(turn[-1]), ())
     return anchor_error((motion.position[-1], R[: g.dimensions, : g.dimensions]), truth, g)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import Any
+import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Many, Record, Table, floats, table
 
 FloatArray = NDArray[np.float64]
 
@@ -59,44 +61,59 @@ class ByClarabel:
         return f
 
 
-def gauss_seidel(S: Any, N: int, size: int, m: int, mu: float, theta: float, tolerance: float) -> int:
+class SweepProblem(Record):
+    """One projection, its unknowns three for each contact: the normal force first."""
+
+    size: int  # m
+    W: Table = table("size", "size")  # K^-1
+    e: Floats = floats("size")
+    f: Floats = floats("size")  # the solution
+
+
+@kernel
+def gauss_seidel(problems: Many[SweepProblem], mu: float, theta: float, tolerance: float) -> int:
     """Iterate contact by contact f_i = R(f_i - (W f - e)_i / w_i), W = K^-1, until no force changes by a share.
 
-    S has N blocks of W (m, m), e and f; each starts from f = 0. Returns the most sweeps that a block took.
+    Each starts from f = 0. Returns the most sweeps that a problem took.
     """
     most = 0
-    for k in range(N):
-        W = k * size
-        e = W + m * m
-        f = e + m
-        for i in range(m):
-            S[f + i] = 0.0
-        sweep, change, largest = 0, 1.0, 0.0
-        while sweep < SWEEPS and change > tolerance * largest:
-            sweep += 1
-            change = largest = 0.0
-            for i in range(0, m, 3):
-                r = 0.0
-                for a in range(3):
-                    total = 0.0
-                    for b in range(3):
-                        total += abs(S[W + (i + a) * m + i + b])
-                    r = max(r, total)
-                t0, t1, t2 = S[e + i], S[e + i + 1], S[e + i + 2]
-                for q in range(m):
-                    t0 -= S[W + i * m + q] * S[f + q]
-                    t1 -= S[W + (i + 1) * m + q] * S[f + q]
-                    t2 -= S[W + (i + 2) * m + q] * S[f + q]
-                t0, t1, t2 = S[f + i] + t0 / r, S[f + i + 1] + t1 / r, S[f + i + 2] + t2 / r
-                slip = sqrt(t1 * t1 + t2 * t2)
-                if t0 + theta * mu * slip <= 0.0:
-                    t0 = t1 = t2 = 0.0
-                elif mu == 0.0 or slip > mu * t0:
-                    t0 = (t0 + theta * mu * slip) / (1.0 + theta * mu * mu)
-                    share = mu * t0 / slip if slip > 0.0 else 0.0
-                    t1, t2 = share * t1, share * t2
-                change = max(change, abs(t0 - S[f + i]), abs(t1 - S[f + i + 1]), abs(t2 - S[f + i + 2]))
-                largest = max(largest, t0)
-                S[f + i], S[f + i + 1], S[f + i + 2] = t0, t1, t2
-        most = max(most, sweep)
+    for problem in problems:
+        sweeps = sweep_contacts(problem, mu, theta, tolerance)
+        most = max(most, sweeps)
     return most
+
+
+@kernel
+def sweep_contacts(problem: SweepProblem, mu: float, theta: float, tolerance: float) -> int:
+    """Iterate one problem; return the sweeps that it took."""
+    m, W, e, f = problem.size, problem.W, problem.e, problem.f
+    for i in range(m):
+        f[i] = 0.0
+    sweep, change, largest = 0, 1.0, 0.0
+    while sweep < SWEEPS and change > tolerance * largest:
+        sweep += 1
+        change = largest = 0.0
+        for i in range(0, m, 3):
+            r = 0.0
+            for a in range(3):
+                total = 0.0
+                for b in range(3):
+                    total += abs(W[i + a, i + b])
+                r = max(r, total)
+            t0, t1, t2 = e[i], e[i + 1], e[i + 2]
+            for q in range(m):
+                t0 -= W[i, q] * f[q]
+                t1 -= W[i + 1, q] * f[q]
+                t2 -= W[i + 2, q] * f[q]
+            t0, t1, t2 = f[i] + t0 / r, f[i + 1] + t1 / r, f[i + 2] + t2 / r
+            slip = math.sqrt(t1 * t1 + t2 * t2)
+            if t0 + theta * mu * slip <= 0.0:
+                t0 = t1 = t2 = 0.0
+            elif mu == 0.0 or slip > mu * t0:
+                t0 = (t0 + theta * mu * slip) / (1.0 + theta * mu * mu)
+                share = mu * t0 / slip if slip > 0.0 else 0.0
+                t1, t2 = share * t1, share * t2
+            change = max(change, abs(t0 - f[i]), abs(t1 - f[i + 1]), abs(t2 - f[i + 2]))
+            largest = max(largest, t0)
+            f[i], f[i + 1], f[i + 2] = t0, t1, t2
+    return sweep

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.certificate.rest.cone_edge import edge_directions, released
+from graspfx.compile.records import numbers
 from graspfx.cones.problem import SLIDE
 from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import integrators as body
 from graspfx.objects.body import FREEDOMS
+from graspfx.spatial import Quaternion, quaternion_matrix
 from graspfx.spatial import exponential_numbers as exponential
-from graspfx.spatial import write_quaternion_matrix as quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
@@ -65,9 +66,8 @@ class Grip:
         S[o + body.POSITION : o + body.POSITION + 3] += shift[:3]
         if shift[3:].any():
             R = S[o + body.ROTATION : o + body.ROTATION + 9].reshape(3, 3)
-            turn = np.zeros(9)
-            quaternion_matrix(turn, 0, *exponential(*shift[3:].tolist()))
-            R[:] = turn.reshape(3, 3) @ R
+            turn = quaternion_matrix(Quaternion(*exponential(*shift[3:].tolist())))
+            R[:] = np.array(list(numbers(turn))).reshape(3, 3) @ R
 
     def tried(self, y: FloatArray) -> FloatArray | None:
         """Compute `forces` after a motion y, from which nothing remains."""

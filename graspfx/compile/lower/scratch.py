@@ -90,9 +90,9 @@ class Scratch:
         if not (isinstance(owner.offset, ast.Name) and owner.offset.id in self.records):
             return self.size(owner, text)
         name = f"{owner.buffer}{len(self.sizes)}"
-        assignment = self.sizes.setdefault((owner.buffer, text), assign(name, self.size(owner, text)))
-        assert isinstance(assignment, ast.Assign) and isinstance(assignment.targets[0], ast.Name)
-        return load(assignment.targets[0].id)
+        line = self.sizes.setdefault((owner.buffer, text), assign(name, self.size(owner, text)))
+        assert isinstance(line, ast.Assign) and isinstance(line.targets[0], ast.Name)
+        return load(line.targets[0].id)
 
     def size(self, owner: Place, text: str) -> ast.expr:
         """Express a size by the record's entries."""
