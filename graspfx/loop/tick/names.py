@@ -43,9 +43,9 @@ class Names:
         self._declarations = {
             arrays[id(array)]: declaration for array, declaration in _declarations(parts) if id(array) in arrays
         }
-        named = [_servo(parts, tick.own), _ports(parts, tick)]
-        named += [each(parts) for each in (_devices, _plants, _hands, _guests)]
-        self._entries = {(arrays[id(array)], k): name for array, k, name in chain(*named) if id(array) in arrays}
+        entries = [_servo(parts, tick.own), _ports(parts, tick)]
+        entries += [each(parts) for each in (_devices, _plants, _hands, _guests)]
+        self._entries = {(arrays[id(array)], k): name for array, k, name in chain(*entries) if id(array) in arrays}
 
     def entry(self, array: str, k: int) -> str:
         """Name an entry of an array; one that nothing declares by its number."""
