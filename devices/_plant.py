@@ -1,4 +1,4 @@
-"""What the simulated plants have in common: the front of their block, their time, and the hand that holds them."""
+"""Parts that simulated plants have in common: the front of their block, their time, and the hand that holds them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NOT_FINITE = 1  # what a kernel gives for inputs that are not
 
 
 class PlantState(Record):
-    """What the block of every plant begins with: n fingers in d dimensions; arrays are (n, d), finger by finger."""
+    """Front of the block of every plant: n fingers in d dimensions; arrays are (n, d), finger by finger."""
 
     fingers: int  # n
     dimensions: int  # d
@@ -40,7 +40,7 @@ class PlantState(Record):
 
 
 class MiddlePlantState(PlantState):
-    """The same of a plant that asks for the target in the middle of a sample."""
+    """Front of the block of a plant that asks for the target in the middle of a sample."""
 
     middle: Floats = floats("fingers * dimensions")
     middle_rate: Floats = floats("fingers * dimensions")
@@ -85,8 +85,8 @@ class HeldPlant(ABC):
         self._start, self._end = (arrays["start"], arrays["start_rate"]), (arrays["end"], arrays["end_rate"])
         self._middle = (arrays["middle"], arrays["middle_rate"]) if "middle" in arrays else None
         self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
-        self._held: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
-        self._shown: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
+        self._coupled_hand: tuple[Hand, FloatArray, FloatArray] | None = None  # the hand and its gains
+        self._targets: tuple[FusedHand, Any, FloatArray, FloatArray] | None = None  # its block and its targets there
         self.placed = 0  # how often, so that a device knows that its finger was lifted
 
     @property
@@ -105,7 +105,7 @@ class HeldPlant(ABC):
         self.position[...] = p
         self.velocity[...] = 0.0
         self._entries[SINCE] = self._entries[TICKS] = 0.0
-        self._held = None
+        self._coupled_hand = None
         self.placed += 1
 
     def hold(self, hand: Hand, T: float) -> None:
@@ -121,24 +121,24 @@ class HeldPlant(ABC):
         self._grip(K, B, T)
         if S[PERIOD] != T:
             S[SINCE], S[TICKS], S[PERIOD] = now, 0.0, T
-        self._shown = None
+        self._targets = None
         if isinstance(hand, FusedHand):
             r, v = (hand.state[at : at + n * d].reshape(n, d) for at in hand.ports)
-            self._shown = hand, hand.state.data, r, v
+            self._targets = hand, hand.state.data, r, v
         S[STILL] = float(is_still(hand))
         self._aim(hand, now, self._start)
-        self._held = hand, K, B
+        self._coupled_hand = hand, K, B
 
     def advance(self, force: FloatArray, hand: Hand, T: float) -> None:
         """Move for T seconds under efforts (n, d), held, and the hand; DeviceError if the motion cannot go on."""
         if force.shape != self._effort.shape:
             raise InputError("force", force, f"an array of shape {self._effort.shape}")
-        S, held = self._entries, self._held
+        S, coupled = self._entries, self._coupled_hand
         if (
-            held is None
-            or hand is not held[0]
-            or hand.stiffness is not held[1]
-            or hand.damping is not held[2]
+            coupled is None
+            or hand is not coupled[0]
+            or hand.stiffness is not coupled[1]
+            or hand.damping is not coupled[2]
             or S[PERIOD] != T
         ):
             self.hold(hand, T)
@@ -152,11 +152,11 @@ class HeldPlant(ABC):
             raise DeviceError(self.fault_text(code))
 
     def _aim(self, hand: Hand, time: float, at: Pair) -> None:
-        """The hand's targets at a time into the block."""
-        if self._shown is None:
+        """Write the hand's targets at a time into the block."""
+        if self._targets is None:
             at[0][...], at[1][...] = hand.target(time)
             return
-        fused, S, r, v = self._shown
+        fused, S, r, v = self._targets
         fused.kernel(S, 0, time)
         at[0][...] = r
         at[1][...] = v
@@ -172,7 +172,7 @@ class HeldPlant(ABC):
 
     @abstractmethod
     def _put(self, position: FloatArray) -> None:
-        """What else is to be placed; DeviceError, and nothing changed, if it cannot be."""
+        """Place what else there is to place; raise DeviceError, and change nothing, if it cannot be."""
 
     @abstractmethod
     def _grip(self, K: FloatArray, B: FloatArray, T: float) -> None:

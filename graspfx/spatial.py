@@ -300,7 +300,7 @@ def rotate_numbers(
 
 
 def quaternion(R: Sequence[float]) -> tuple[float, float, float, float]:
-    """The unit quaternion of a rotation matrix, nine entries row by row, w >= 0 (Shepperd, 1978: no digits lost)."""
+    """Compute the unit quaternion of a rotation matrix, row by row, w >= 0 (Shepperd, 1978: no digits lost)."""
     a, b, c, d, e, f, g, h, i = R
     squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # of 2 x, 2 y, 2 z, 2 w
     largest = max(squares)

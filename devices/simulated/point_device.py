@@ -99,7 +99,7 @@ class PointDevice:
 
     @staticmethod
     def plant(devices: Sequence[Device]) -> PointPlant:
-        """The plant that moves all fingertips of these devices, in their order, and which they read from now on."""
+        """Make the plant that moves all fingertips of these devices, in their order; from now on they read it."""
         points = [device for device in devices if isinstance(device, PointDevice)]
         if not points or len(points) < len(devices):
             raise InputError(
@@ -159,7 +159,7 @@ class PointDevice:
         self.stopping(self._entries, 0)
 
     def fault_text(self, code: int) -> str:
-        """What a number that a kernel gave means, with the figures in the block."""
+        """Explain a number that a kernel gave, with the figures in the block."""
         i, kind = divmod(code - 1, sample.KINDS)
         finger, at = f"finger {i} of a simulated device", _point(self._position[i])
         if kind + 1 == sample.ENDLESS_FORCE:

@@ -85,7 +85,7 @@ class TwoLinkArm(ABC):
 
     @property
     def largest_force(self) -> FloatArray:
-        """What the motors reach in every direction where the finger was read last, (1,) [N].
+        """Largest force that the motors reach in every direction where the finger was read last, (1,) [N].
 
         With both motors at the base it is the same everywhere, the peak force.
         """
@@ -95,13 +95,13 @@ class TwoLinkArm(ABC):
     def effective_mass(self, position: Sequence[float]) -> FloatArray:
         """Lambda = (J M^-1 J')^-1, (2, 2) [kg], with the finger at a position [m]; needs the masses of the links."""
         x, y = position
-        mass: FloatArray = self._known().effective_mass(*self.arm.angles(x, y))
+        mass: FloatArray = self._require_mechanics().effective_mass(*self.arm.angles(x, y))
         return mass
 
     def effective_friction(self, position: Sequence[float]) -> FloatArray:
         """J^-T D J^-1, (2, 2) [N s/m], with the finger at a position [m]; needs the joints' damping."""
         x, y = position
-        damping: FloatArray = self._known().effective_friction(*self.arm.angles(x, y))
+        damping: FloatArray = self._require_mechanics().effective_friction(*self.arm.angles(x, y))
         return damping
 
     def open(self, period: float) -> None:
@@ -113,7 +113,7 @@ class TwoLinkArm(ABC):
         """Zero torque, and let go of the hardware; returns also with the hardware gone, and twice."""
 
     def fault_text(self, code: int) -> str:
-        """What a number that a kernel gave means, with the figures in the block."""
+        """Explain a number that a kernel gave, with the figures in the block."""
         counts, links, force = self._block.counts, self._block.links, self._block.command
         if code == sample.NO_COUNTS:
             return f"the arm's board gives counts {counts.first:.17g}, {counts.second:.17g}: check encoders and cables"
@@ -140,7 +140,7 @@ class TwoLinkArm(ABC):
             raise DeviceError("the arm is not open: call open(period) first")
         return self._estimator
 
-    def _known(self) -> Mechanics:
+    def _require_mechanics(self) -> Mechanics:
         if self.mechanics is None:
             raise InputError(
                 "mechanics", None, "a device that knows its masses and damping", "give all five settings to connect"
@@ -178,12 +178,12 @@ class TwoLink(TwoLinkArm):
             counts = self.board.counts()
         except OSError as error:
             raise DeviceError(f"the arm's board gives no counts: {error}") from error
-        taken = time.perf_counter() - self._began
+        time_of_reading = time.perf_counter() - self._began
         self._block.counts = Both(*counts)
         code = sample.follow(self._block)
         if code:
             raise DeviceError(self.fault_text(code))
-        return self._position, self._velocity, taken
+        return self._position, self._velocity, time_of_reading
 
     def write(self, forces: FloatArray) -> None:
         self._take(forces)

@@ -58,7 +58,7 @@ class SimulatedTwoLink(TwoLinkArm):  # type: ignore[misc] # mypy does not see th
         if not arms or len(arms) < len(devices):
             kinds = [type(device).__name__ for device in devices]
             raise InputError("devices", kinds, "one or more simulated two-link arms")
-        plant = ArmPlant([device._known() for device in arms])
+        plant = ArmPlant([device._require_mechanics() for device in arms])
         for i, device in enumerate(arms):
             device._wire(plant, i)
         return plant

@@ -96,8 +96,8 @@ class Hand:
         numbers = entries_of(HandState, *whole, "turns")
         self.structure = np.concatenate([numbers, *(at + course.structure for at, course in placed)])
         self.ports = plant.HandPorts(position=block.position.offset, velocity=block.velocity.offset)
-        self._asked = [each for each in placed if each[1].others]  # others' motions, which no kernel knows
-        if not self._asked and type(self).target is Hand.target:
+        self._plain_parts = [each for each in placed if each[1].others]  # others' motions, which no kernel knows
+        if not self._plain_parts and type(self).target is Hand.target:
             self.kernel: plant.HandKernel = target  # makes it a FusedHand
 
     @classmethod
@@ -155,7 +155,7 @@ class Hand:
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
-        for at, course in self._asked:
+        for at, course in self._plain_parts:
             course.ask(self.state, at, time)
         target(HandState(self.state.data), time)
         return _targets(self.state, self.ports, self._stiffness)
@@ -174,7 +174,7 @@ class JoinedHands:
     def __init__(self, hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> None:
         if not hands:
             raise InputError("hands", hands, "one hand at least")
-        self._asked: list[tuple[plant.Hand, int, int]] = []  # hands without a kernel, where r and r' are written
+        self._plain_parts: list[tuple[plant.Hand, int, int]] = []  # hands without a kernel, where r and r' are written
         n = sum(hand.stiffness.shape[1] for hand in hands)
         if order is not None and sorted(order) != list(range(n)):
             raise InputError("order", order, f"each of the {n} fingers once")
@@ -202,7 +202,7 @@ class JoinedHands:
             else:
                 starts.append(0)
                 r, v = at, at + fingers * d
-                self._asked.append((hand, r, v))
+                self._plain_parts.append((hand, r, v))
                 parts.append(np.zeros(2 * fingers * d))
             places += [(r + i * d, v + i * d) for i in range(fingers)]
             at += len(parts[-1])
@@ -211,7 +211,7 @@ class JoinedHands:
         self.state: FloatArray = np.concatenate([front, *parts])
         self.structure = np.array(structure, dtype=np.intp)
         self.ports = plant.HandPorts(position=block.position.offset, velocity=block.velocity.offset)
-        if not self._asked and type(self).target is JoinedHands.target:
+        if not self._plain_parts and type(self).target is JoinedHands.target:
             self.kernel: plant.HandKernel = joined_target  # makes it a FusedHand
 
     @property
@@ -227,11 +227,11 @@ class JoinedHands:
     @property
     def still(self) -> bool:
         """Whether no target of any hand ever changes."""
-        return type(self).target is JoinedHands.target and not self._asked and self._still
+        return type(self).target is JoinedHands.target and not self._plain_parts and self._still
 
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
-        for hand, at, rate in self._asked:
+        for hand, at, rate in self._plain_parts:
             r, v = hand.target(time)
             self.state[at : at + r.size] = r.ravel()
             self.state[rate : rate + v.size] = v.ravel()

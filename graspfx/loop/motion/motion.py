@@ -106,7 +106,7 @@ def parts_of(motion: Motion) -> Sequence[Part]:
 
 
 class _Parts:
-    """What our motions have in common: the parts that they are made of, and the kernel that adds these up."""
+    """Parts that our motions have in common: those that they are made of, and the kernel that adds these up."""
 
     def __init__(self, dimensions: int | None, parts: Sequence[Part]) -> None:
         self.dimensions = dimensions
@@ -218,7 +218,7 @@ class Path(_Parts):
 
     @classmethod
     def read(cls, file: str | PathLike[str], folder: FilePath | None = None) -> Path:
-        """The path in a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
+        """Read the path in a CSV file whose first line names the columns t, x[, y[, z]], in s and m.
 
         Args:
             file: a relative one starts in `folder`, the current one if None.
@@ -268,7 +268,7 @@ class Levels(_Parts):
 
 
 def overlap(begin: float, duration: float, following: float) -> bool:
-    """Whether what begins `following` does so before this is over, by more than the rounding of 0.1 + 0.2."""
+    """Tell whether what begins `following` does so before this is over, by more than the rounding of 0.1 + 0.2."""
     end = begin + duration
     return following < end - ROUNDING * max(abs(begin), abs(end))
 
@@ -281,16 +281,16 @@ class Sum(_Parts):
     """
 
     def __init__(self, motions: Sequence[Motion]) -> None:
-        known = {motion.dimensions for motion in motions} - {None}
-        if not motions or len(known) > 1:
-            given = [motion.dimensions for motion in motions]
-            raise InputError("motions", given, "one motion at least, all of the same number of dimensions")
-        dimensions = known.pop() if known else None
+        dimension_set = {motion.dimensions for motion in motions} - {None}
+        if not motions or len(dimension_set) > 1:
+            numbers = [motion.dimensions for motion in motions]
+            raise InputError("motions", numbers, "one motion at least, all of the same number of dimensions")
+        dimensions = dimension_set.pop() if dimension_set else None
         super().__init__(dimensions, [part for motion in motions for part in parts_of(motion)])
 
 
 def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArray:
-    """The unit vector (d,) along a vector of any length, or along the axis 0, 1 or 2 of `dimensions`."""
+    """Compute the unit vector (d,) along a vector of any length, or along the axis 0, 1 or 2 of `dimensions`."""
     if isinstance(axis, int | np.integer) and not isinstance(axis, bool):
         if dimensions is None:
             raise InputError("axis", axis, "a vector (d,)", "or give `dimensions` with the number of an axis")
@@ -311,7 +311,7 @@ def direction(axis: int | ArrayLike, dimensions: int | None = None) -> FloatArra
 
 
 def floats(name: str, value: ArrayLike) -> FloatArray:
-    """An array of floats from what a caller gave, or InputError."""
+    """Make an array of floats from what a caller gave, or raise InputError."""
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -319,7 +319,7 @@ def floats(name: str, value: ArrayLike) -> FloatArray:
 
 
 def _table(path: FilePath, rows: Any) -> tuple[int, list[list[float]]]:
-    """The dimensions of a CSV reader's columns, and its rows."""
+    """Give the dimensions of a CSV reader's columns, and its rows."""
     names = [name.strip() for name in next(rows, [])]
     d = len(names) - 1
     if not 1 <= d <= 3 or names != ["t", *AXES[:d]]:

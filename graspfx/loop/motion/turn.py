@@ -50,8 +50,8 @@ class Turn:
         """The turn as a `Turning`."""
         _, structure, others = self._course
         start = start_of(Turning, "angle")
-        known = np.append(start + structure, entries_of(Turning, "course_entries"))
-        return CourseBlock(self._entries, known, [(start + at, angle) for at, angle in others])
+        fixed = np.append(start + structure, entries_of(Turning, "course_entries"))
+        return CourseBlock(self._entries, fixed, [(start + at, angle) for at, angle in others])
 
     def turned(self, time: float, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions (n, d) [m] and velocities (n, d) [m/s] after this turn, from those before it; the same arrays
