@@ -37,6 +37,7 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
 # What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
 UPWARD = {
     "Recording.beside": "graspfx.certificate.comparison.beside",
+    "Recording.plot": "graspfx.show.drawing.plot",
     "Scene.faults": "graspfx.build.checks.faults.find_faults",
     "Scene.linearise": "graspfx.certificate.linearise.linearise",
     "Scene.reach_faults": "graspfx.build.resolve.reach_faults",
