@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.bench.measure import Row
-from graspfx.bench.report.questions import NAMES, Curves, Dots, Panel, Question, Scatter, Spread, question
+from graspfx.bench.report.questions import NAMES, Curves, Dots, Panel, Question, Savings, Scatter, Spread, question
 from graspfx.show import style
 from graspfx.show.style import FINGERS, INK, MARKERS, NEUTRAL, PALE, panel
 
@@ -97,10 +97,11 @@ def _draw(axes: Axes, each: Panel, rows: Sequence[Row], looks: dict[str, tuple[s
         for k, (name, (colour, marker)) in enumerate(looks.items()):
             if name in lines:  # the later, the smaller, so that none of those that coincide is hidden
                 x, y = zip(*lines[name], strict=True)
-                dashes, thick = ("-", 2.0) if name.startswith("GraspFX") else ((0.0, (4.0, 1.5)), 1.2)
+                own = name.startswith("GraspFX")
+                dashes, thick = ("-", max(1.2, 3.2 - 1.4 * k)) if own else ((0.0, (4.0, 1.5)), 1.2)
                 axes.plot(
                     x, [max(value, LEAST) for value in y], color=colour, marker=marker, linestyle=dashes,
-                    markersize=(7.0 - 0.6 * k) * weight, lw=thick * weight, label=name,
+                    markersize=(8.0 - 0.8 * k) * weight, lw=thick * weight, label=name,
                 )  # fmt: skip
     elif isinstance(each, Dots):
         _draw_dots(axes, each, rows, weight)
