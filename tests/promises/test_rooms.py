@@ -42,7 +42,7 @@ def test_the_way_up_leads_up(name: str) -> None:
     module, _, function = plugins.UPWARD[name].rpartition(".")
     assert callable(getattr(import_module(module), function))
     order = in_order(rooms())
-    home = {"Recording": "loop", "Scene": "scene"}[name.partition(".")[0]]
+    home = {"Linearisation": "analysis", "Recording": "loop", "Scene": "scene"}[name.partition(".")[0]]
     assert order.index(module.split(".")[1]) < order.index(home)
 
 
