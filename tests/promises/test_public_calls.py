@@ -42,11 +42,11 @@ CALLS: dict[str, tuple[Callable[[gx.Scene], Any], str]] = {
     "batch of measures": (batch(measure=3), "measure: given 3, expected a list of names"),
     "batch of threads": (batch(threads="two"), "threads: given 'two', expected "),
     "worst motion": (lambda _: passivity.worst_motion(1.0, 0.2, 1e-3, 10**6), "samples: given 1000000, expected at"),
-    "run of nothing": (lambda _: gx.run(None), "scene: given None, expected a scene, or the name"),  # type: ignore[arg-type] # which is no scene
+    "run of nothing": (lambda _: gx.run(None), "scene: given None, expected a scene; gx.load(name)"),  # type: ignore[arg-type] # which is no scene
     "run with a list": (run(overrides=["x"]), "overrides: given ['x'], expected values by dotted key"),
     "run with two times": (run(overrides=0.1), "overrides: given 0.1, expected values by dotted key"),
     "run in real time": (run(real_time=True), "real_time: given True, expected False; no run keeps the world's clock"),
-    "check of a number": (lambda _: gx.check(3), "scene: given 3, expected a scene, or the name or path of one"),  # type: ignore[arg-type] # likewise
+    "check of a number": (lambda _: gx.check(3), "scene: given 3, expected a scene; gx.load(name)"),  # type: ignore[arg-type] # likewise
     "certify nothing": (lambda _: gx.certify(None), "scene: given None, expected a scene"),  # type: ignore[arg-type] # likewise
     "run into an array": (run(out=np.zeros(3)), "out: given an array of shape (3,), expected the path of a folder"),
     "run into a number": (run(out=3), "out: given 3, expected the path of a folder"),
