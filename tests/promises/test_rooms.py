@@ -33,7 +33,7 @@ def test_a_cycle_is_found() -> None:
 
 def test_imports_in_functions_and_for_type_checkers_are_seen() -> None:
     assert "graspfx.grasp.quality.internal" in imports()["graspfx.grasp.split"]  # in a method, and for type checkers
-    assert "graspfx.loop.device" in imports()["graspfx.devices.simulated.point_device"]
+    assert "graspfx.protocols" in imports()["graspfx.devices.simulated.point_device"]
     assert "graspfx.analysis.stability" in imports()["graspfx.certificate.mode_limits"]  # entered on the way
 
 
