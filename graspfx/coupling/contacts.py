@@ -7,7 +7,7 @@ from graspfx.cones.cone import contact_frame
 from graspfx.cones.problem import SLIDE
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.torsion import twist
-from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
+from graspfx.grasp.rigid_modes import faded_weight, rigid_modes
 from graspfx.spatial import Vector, cross, dot, with_torsion
 from graspfx.surfaces.closed_form.proxy import MESH, closest_to_ball
 from graspfx.surfaces.triangles.ball import ball_contact
@@ -101,7 +101,7 @@ def is_weight_used(grasp: GraspState) -> bool:
 @kernel
 def fade(grasp: GraspState, finger: FingerState) -> None:
     """Weigh a finger by its gap."""
-    finger.weight = finger.share * (1.0 - smoothstep(finger.gap, grasp.fade_start, grasp.fade_end))
+    finger.weight = faded_weight(finger.share, finger.gap, grasp.fade_start, grasp.fade_end)
 
 
 @inline
@@ -156,6 +156,7 @@ def refactor(grasp: GraspState) -> None:
 def turn_axes(grasp: GraspState) -> None:
     """Give the free world directions in the object's frame, translations first."""
     motion = grasp.motion
+    grasp.centre = motion.position
     k = 0
     for a in range(3):
         if grasp.body.free_translation[a] != 0.0:

@@ -27,6 +27,8 @@ class Header:
         machine: platform, processor, python.
         frames: by object with a mesh, the pose of the mesh file's frame in the recorded one, which is at the centre of
             mass along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
+        split: by object, what P of its grasp is made of besides the columns: a `SplitRule` as a table. Empty in a
+            recording of formats 1 and 2.
     """
 
     period: float
@@ -40,6 +42,7 @@ class Header:
     versions: Mapping[str, str] = field(default_factory=dict)
     machine: Mapping[str, str] = field(default_factory=dict)
     frames: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
+    split: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 class RunFault(NamedTuple):
