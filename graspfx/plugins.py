@@ -38,6 +38,7 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
 UPWARD = {
     "Linearisation.scene": "graspfx.scene.load.to_scene",
     "Recording.beside": "graspfx.certificate.comparison.beside",
+    "Recording.plot": "graspfx.show.drawing.plot",
     "Scene.faults": "graspfx.build.checks.faults.find_faults",
     "Scene.linearise": "graspfx.certificate.linearise.linearise",
     "Scene.reach_faults": "graspfx.build.resolve.reach_faults",

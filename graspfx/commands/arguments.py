@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 SET = "--set"
+FORMATS = ("png", "svg", "pdf")
+WIDTHS = ("screen", "page", "column")
 
 
 def add_scene(parser: ArgumentParser) -> None:
@@ -23,6 +25,19 @@ def add_overrides(parser: ArgumentParser) -> None:
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
     whole = "let the scene name files outside of its folder: what is Python among them runs"
     parser.add_argument("--trust", action="store_true", help=whole)
+
+
+def add_style(parser: ArgumentParser) -> None:
+    """Add --format and --width."""
+    formats = "of the figure: in pixels, or as lines and text that can be edited"
+    parser.add_argument("--format", choices=FORMATS, default=None, help=formats)
+    widths = "of the figure: for a screen, or 7.2 or 3.5 inches of a journal, with type that is legible there"
+    parser.add_argument("--width", choices=WIDTHS, default="screen", help=widths)
+
+
+def picture_name(stem: str, options: Namespace) -> str:
+    """Name the file of a figure by its format."""
+    return f"{stem}.{options.format or FORMATS[0]}"
 
 
 def scene(text: str) -> str:

@@ -21,6 +21,7 @@ GAP = 0.11  # between panels
 LEAD = 0.05  # between a strip and its panel
 BAR = 0.13  # width of a colour bar
 MOST_LINES = 3  # of a title
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # from number to number along an ordinate
 PITCH = 1.32  # from line to line, in sizes of the type
 
 
@@ -32,6 +33,7 @@ class Sheet:
         panels: (rows, columns) of axes.
         bar: axes for a colour bar, or None.
         width: sizes of type and paper.
+        arranged: whether everything has its place.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class Sheet:
     ) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
+        from matplotlib.ticker import MaxNLocator
 
         self.figure: Figure = Figure(figsize=(width.inches, 4.0), dpi=width.dpi)
         FigureCanvasAgg(self.figure)
@@ -61,6 +64,7 @@ class Sheet:
         self._letters = [""] * len(heights)
         self._legends: dict[int, list[Artist]] = {}
         self._strips: list[Any] = []
+        self.arranged = False
         self.panels: NDArray[Any] = np.empty((len(heights), columns), dtype=object)
         for r in range(len(heights)):
             for c in range(columns):
@@ -70,6 +74,8 @@ class Sheet:
                     sharex=self.panels[0, 0] if share_x and (r or c) else None,
                     sharey=self.panels[r, 0] if share_y and c else None,
                 )
+                if not (share_y and c):
+                    self.panels[r, c].yaxis.set_major_locator(MaxNLocator("auto", steps=STEPS, min_n_ticks=3))
                 if share_x and r + 1 < len(heights):
                     self.panels[r, c].tick_params(labelbottom=False)
                 if share_y and c:
@@ -121,6 +127,7 @@ class Sheet:
         above = [strip[0] + title for strip, title in zip(heads, titled, strict=True)]
         tall = self._place(left, right, above, below, head, between)
         self._set(heads, titled, tall, left)
+        self.arranged = True
         return self.figure
 
     def _place(
@@ -161,12 +168,12 @@ class Sheet:
         """Write titles and legends; return the height of the former, and the legends with theirs [inches]."""
         size, inch = self.width.title, self.figure.dpi_scale_trans
         pitch = PITCH * size / 72.0
-        whole = self._folded(self._title, self.width.inches - 2.0 * EDGE, size)
+        whole = self._folded(self._title, self.width.inches - left - EDGE, size)
         each = [self._folded(text, room, size) for text, room in zip(self._titles, wide, strict=True)]
         lines = max(len(text) for text in each)
         head = EDGE + pitch * (len(whole) + lines) + (LEAD if whole or lines else 0.0)
         x = left
-        marks = [(EDGE if not lines else left, 0.0, whole)] if whole else []
+        marks = [(left, 0.0, whole)]
         for text, room in zip(each, wide, strict=True):
             marks.append((x, pitch * len(whole), text))
             x += room + between
@@ -184,8 +191,9 @@ class Sheet:
         plain = PITCH * self.width.text / 72.0 + LEAD if self._letters[row] else 0.0
         room = right - left
         for columns in range(len(handles), 0, -1):
+            down = [handle for k in range(columns) for handle in handles[k::columns]]  # that rows are read in order
             legend = self.figure.legend(
-                handles=handles, loc="upper left", bbox_to_anchor=(left, 0.0), ncols=columns, columnspacing=1.4,
+                handles=down, loc="upper left", bbox_to_anchor=(left, 0.0), ncols=columns, columnspacing=1.4,
                 bbox_transform=self.figure.dpi_scale_trans, handletextpad=0.5, labelspacing=0.25,
                 fontsize=self.width.text,
             )  # fmt: skip
@@ -220,7 +228,7 @@ class Sheet:
         lines: list[str] = []
         for paragraph in filter(None, text.split("\n")):
             full = ""
-            for word in paragraph.split():
+            for word in paragraph.split(" "):
                 for piece in self._pieces(word, room, size):
                     joined = f"{full} {piece}" if full else piece
                     if full and self._length(joined, size) > room:

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from graspfx.errors import InputError
 from graspfx.show.sheet import Sheet
@@ -35,9 +35,10 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # as many as have no common facto
 INK, NOTE, GRID, NEUTRAL, PALE = "#1a1a1a", "#444444", "#e4e4e4", "#7f7f7f", "#b8b8b8"
 LINE, THICK, HAIR = 1.3, 2.4, 0.7  # [points]
 BAND = 0.22  # opacity of the band between least and greatest
-AXES = ("-", (0, (5.0, 2.0)), (0, (1.2, 1.4)))  # dashes of what is along, or about, x, y and z
+AXES = ("-", (0.0, (5.0, 2.0)), (0.0, (1.2, 1.4)))  # dashes of what is along, or about, x, y and z
 FORMATS = ("png", "svg", "pdf")
-UNDATED = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
+COLOURS = 256
+UNDATED = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 
 
 @contextmanager
@@ -58,7 +59,8 @@ def look(width: str = "screen") -> Iterator[Width]:
             "axes.grid": True, "grid.color": GRID, "grid.linewidth": 0.6, "axes.xmargin": 0.0,
             "axes.formatter.useoffset": False, "axes.formatter.limits": (-4, 5), "axes.labelpad": 3.0,
             "xtick.major.size": 3.0, "ytick.major.size": 3.0, "xtick.minor.size": 1.5, "ytick.minor.size": 1.5,
-            "lines.linewidth": LINE, "lines.markersize": 4.0, "lines.dash_capstyle": "butt", "hatch.linewidth": 0.5,
+            "lines.linewidth": size.weight * LINE, "lines.markersize": 4.5 * size.weight,
+            "lines.dash_capstyle": "butt", "hatch.linewidth": 0.5,
             "svg.fonttype": "none", "pdf.fonttype": 42,  # text stays text
             "svg.hashsalt": "graspfx",  # and the same figure the same bytes
         })  # fmt: skip
@@ -121,14 +123,41 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
     target = Path(fspath(path))
     form = form or target.suffix[1:].lower()
     sheet = drawing if isinstance(drawing, Sheet) else None
+    dpi = dpi or (sheet.width if sheet is not None else WIDTHS["screen"]).dpi
     with look():
-        picture = drawing.arrange() if isinstance(drawing, Sheet) else drawing
         require_form(form, path)
-        options: dict[str, Any] = {"format": form, "metadata": UNDATED.get(form), "dpi": dpi or _dpi(sheet)}
+        picture = arranged(drawing)
         if form == "png":
-            options["pil_kwargs"] = {"optimize": True}
-        picture.savefig(target, **{key: value for key, value in options.items() if value is not None})
+            target.write_bytes(pixels(picture, dpi))
+        else:
+            picture.savefig(target, format=form, dpi=dpi, metadata=UNDATED.get(form))
     return target
+
+
+def arranged(drawing: Sheet | Figure) -> Figure:
+    """Give matplotlib's figure, in which everything has its place."""
+    if not isinstance(drawing, Sheet):
+        return drawing
+    if not drawing.arranged:
+        with look():
+            drawing.arrange()
+    return drawing.figure
+
+
+def pixels(picture: Figure, dpi: int) -> bytes:
+    """Paint a figure as PNG, in as many colours as it needs up to 256: half the bytes of all of them."""
+    from io import BytesIO
+
+    from PIL import Image
+
+    raw, file = BytesIO(), BytesIO()
+    with look():
+        picture.savefig(raw, format="rgba", dpi=dpi)
+    width, height = (int(inches * dpi) for inches in picture.get_size_inches())
+    image = Image.frombuffer("RGBA", (width, height), raw.getvalue(), "raw", "RGBA", 0, 1).convert("RGB")
+    palette = image.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    palette.save(file, format="PNG", dpi=(dpi, dpi))
+    return file.getvalue()
 
 
 def require_form(form: str, path: str | PathLike[str]) -> None:
@@ -142,10 +171,6 @@ def require_form(form: str, path: str | PathLike[str]) -> None:
     forms = FigureCanvasBase.get_supported_filetypes()
     if form not in forms:
         raise InputError("path", fspath(path), f"a file that ends in .{', .'.join(sorted(forms))}")
-
-
-def _dpi(sheet: Sheet | None) -> int:
-    return sheet.width.dpi if sheet is not None else WIDTHS["screen"].dpi
 
 
 def plain(text: str) -> str:
