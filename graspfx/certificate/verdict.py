@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from os import PathLike, fspath
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from graspfx.certificate.limit_rows import PUSHING, figures
@@ -111,15 +111,10 @@ def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | Non
         InputError: the path leads to no file, or the file holds no scene.
         PluginError: a Python file that cannot be imported, or whose `scene()` raises.
     """
-    from graspfx.scene.load import load
-    from graspfx.scene.model import Scene
+    from graspfx.scene.load import to_scene
 
     try:
-        if isinstance(scene, Scene):
-            whole = scene.replace(overrides) if overrides else scene
-        else:
-            whole = load(fspath(scene), overrides)
-        return report(whole)
+        return report(to_scene(scene, overrides))
     except SceneError as error:
         return Report(error.source, error.faults)
 

@@ -95,8 +95,7 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 @inline
 def is_weight_used(grasp: GraspState) -> bool:
     """Tell whether a free finger's weight counts: not where each finger is by itself and no energy is booked."""
-    alone = grasp.equal and not grasp.dense and not grasp.implicit
-    return not alone or grasp.friction or grasp.observed
+    return not grasp.alone or grasp.friction or grasp.observed
 
 
 @kernel

@@ -167,6 +167,11 @@ class GraspState(Record):
     pad_vector: Floats = floats("padded_count")
 
     @property
+    def alone(self) -> bool:
+        """Whether each finger's force depends on its own displacement alone: the conventional method, numbers."""
+        return self.equal and not self.dense and not self.implicit
+
+    @property
     def motion(self) -> Motion:
         """The motion that this sample is about: under the implicit integrator where the object will be."""
         return self.body.next_motion if self.implicit else self.body.motion

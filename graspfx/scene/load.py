@@ -18,6 +18,7 @@ from graspfx.scene.model import Scene, make_scene
 from graspfx.scene.overrides import by_key
 from graspfx.scene.presets import with_preset
 from graspfx.scene.source import Source
+from graspfx.scene.tables.reading import Readable
 
 PLACE = re.compile(r"\s*\(at (?:line (\d+), column \d+|end of document)\)$")
 OPEN_ENDED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
@@ -48,6 +49,21 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, 
     table = _parsed(text, source.name)
     source = with_preset(source, table, preset)
     return make_scene(table, source.changes, source, lines_from=text)
+
+
+def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
+    """Give a scene as it is, or load the one behind a name or a path; with values replaced by dotted key.
+
+    Raises:
+        InputError: neither a scene nor a name or path; and the errors of `load`.
+        SceneError: with every fault of the scene with its overrides.
+    """
+    if isinstance(scene, str | PathLike):
+        return load(scene, overrides)
+    if not isinstance(scene, Readable):
+        raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    changes = by_key(overrides)
+    return scene.replace(changes) if changes else scene
 
 
 def _text(path: Path) -> str:

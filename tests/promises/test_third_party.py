@@ -78,11 +78,11 @@ FILES = {
     ''',
     "acme_rig/syrup.py": '''
         """The native body in a fluid in which it does not move."""
-        from graspfx.objects import body
+        from graspfx.protocols import NativeBody
 
         class Stuck:
             def __init__(self, state):
-                self.real = body.create(state)
+                self.real = NativeBody(state)
 
             def free_motion(self, T):
                 self.real.free_motion(T)

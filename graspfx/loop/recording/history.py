@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.spatial import product
-from graspfx.spatial import rotate_numbers as rotate
+from graspfx.spatial import Quaternion, Vector, rotate
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -210,11 +209,10 @@ class History:
         frame = self.header.frames.get(name)
         if frame is None or motion.orientation is None:
             return motion.position, motion.orientation
-        x, y, z, w = motion.orientation.T
-        a, b, c, d = frame["orientation"]
-        # the formulas are elementwise: a column of ticks goes through them as a number does
-        offset = np.stack(np.broadcast_arrays(*rotate(x, y, z, w, *frame["position"])), axis=1)
-        return motion.position + offset, np.stack(product(x, y, z, w, a, b, c, d), axis=1)
+        q: Any = Quaternion(*motion.orientation.T)  # of columns of ticks: the formulas are elementwise
+        offset, turn = rotate(q, Vector(*frame["position"])), q @ Quaternion(*frame["orientation"])
+        columns = np.broadcast_arrays(offset.x, offset.y, offset.z)
+        return motion.position + np.stack(columns, axis=1), np.stack([turn.x, turn.y, turn.z, turn.w], axis=1)
 
     @property
     def object_position(self) -> FloatArray:
