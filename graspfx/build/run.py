@@ -178,7 +178,8 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
         scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
         scene_table=scene.to_dict(),
         scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
-        overrides=dict(source.overrides),
+        overrides=source.changes,
+        preset=source.preset,
         title=scene.title,
         created=now(),
         versions=versions(

@@ -20,7 +20,8 @@ class Header:
         scene_text: the scene file verbatim, or the scene as JSON when it has none.
         scene_table: the scene as it was run, overrides applied, as nested tables.
         scene_folder: where relative paths in the scene start; empty for the current folder.
-        overrides: by dotted key.
+        overrides: by dotted key, those of a preset among them.
+        preset: the name of the scene's preset in force; empty for none.
         title: of the scene.
         created: UTC, ISO 8601.
         versions: of what the run stands on.
@@ -37,6 +38,7 @@ class Header:
     scene_table: Mapping[str, Any] = field(default_factory=dict)
     scene_folder: str = ""
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    preset: str = ""
     title: str = ""
     created: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
