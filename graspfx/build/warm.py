@@ -42,7 +42,7 @@ def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> 
     """Compile a scene's program unless it is in the cache; devices that are no simulations are not opened."""
     began = perf_counter()
     try:
-        with build(load(name, overrides, preset=preset), live=False) as servo:
+        with build(load(name, overrides, preset=preset), hardware=False) as servo:
             programs = Compiled(servo.script).programs.values()
     except GraspFXError as error:
         return Warmed(name, CANNOT, perf_counter() - began, why=" ".join(str(error).split()))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 
 FORMAT = 3  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
@@ -36,7 +36,18 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
         "fade_shortfall": float(outcome.fade_shortfall),
         "fade_needed": float(outcome.fade_needed),
         "blended": int(outcome.blended),
+        **({"changes": changes_text(outcome.changes)} if outcome.changes else {}),
     }
+
+
+def changes_text(changes: Sequence[KeyChange]) -> str:
+    """Write changes of keys as JSON: a list of tick, key and value each."""
+    return _json([list(change) for change in changes])
+
+
+def changes_of(text: str | bytes) -> list[KeyChange]:
+    """Read changes of keys from JSON."""
+    return [KeyChange(int(tick), str(key), value) for tick, key, value in json.loads(text)]
 
 
 def format_of(attributes: Mapping[str, Any]) -> int:
@@ -85,6 +96,7 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
         fade_needed=float(attributes.get("fade_needed", 0.0)),
         blended=int(attributes.get("blended", 0)),
         engine=engine if isinstance(engine, str) else bytes(engine).decode(),
+        changes=tuple(changes_of(attributes.get("changes", "[]"))),
     )
 
 

@@ -57,6 +57,17 @@ class RunFault(NamedTuple):
         return f"tick {self.tick}: {self.message}"
 
 
+class KeyChange(NamedTuple):
+    """A value of the scene that was replaced in mid-run: the first tick that it holds in, its key and the value."""
+
+    tick: int
+    key: str
+    value: Any
+
+    def __str__(self) -> str:
+        return f"tick {self.tick}: {self.key} = {self.value}"
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a run went: what its header could not know."""
@@ -68,6 +79,7 @@ class Outcome:
     engine: str = ""  # that ran the ticks: interpreted, compiled, or compiled after some of them; empty if not known
     fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
+    changes: tuple[KeyChange, ...] = ()  # of keys in mid-run; the header's table is the scene at the start
 
 
 def now() -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError, UnknownNameError
-from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.spatial import Quaternion, Vector, rotate
 
@@ -323,6 +323,11 @@ class History:
     def faults(self) -> tuple[RunFault, ...]:
         """Faults by tick."""
         return self.outcome.faults
+
+    @property
+    def changes(self) -> tuple[KeyChange, ...]:
+        """Values of the scene that were replaced in mid-run: tick, key and value; the scene's table is the start's."""
+        return self.outcome.changes
 
     @property
     def wall_time(self) -> float | None:
