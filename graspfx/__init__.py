@@ -7,12 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from graspfx import errors as errors
+    from graspfx import protocols as protocols
     from graspfx import testing as testing
     from graspfx.analysis import passivity as passivity
     from graspfx.analysis import stability as stability
     from graspfx.batch.batch import Batch as Batch
     from graspfx.batch.batch import run_batch as run_batch
     from graspfx.build.run import run as run
+    from graspfx.build.session import Session as Session
+    from graspfx.build.session import open as open
     from graspfx.certificate.certify import Certificates as Certificates
     from graspfx.certificate.certify import certify as certify
     from graspfx.certificate.verdict import Report as Report
@@ -40,12 +44,16 @@ _HOMES = {
     "Recording": "graspfx.loop.recording.record",
     "Report": "graspfx.certificate.verdict",
     "Scene": "graspfx.scene.model",
+    "Session": "graspfx.build.session",
     "Split": "graspfx.grasp.split",
     "certify": "graspfx.certificate.certify",
     "check": "graspfx.certificate.verdict",
+    "errors": "graspfx.errors",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
+    "open": "graspfx.build.session",
     "passivity": "graspfx.analysis",
+    "protocols": "graspfx.protocols",
     "run": "graspfx.build.run",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
@@ -65,6 +73,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "open",
+    "Session",
     "check",
     "Report",
     "run_batch",
@@ -74,6 +84,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "stability",
     "passivity",
     "testing",
+    "protocols",
+    "errors",
     "__version__",
 ]
 

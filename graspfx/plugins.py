@@ -36,6 +36,7 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
 
 # What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
 UPWARD = {
+    "Linearisation.scene": "graspfx.scene.load.to_scene",
     "Recording.beside": "graspfx.certificate.comparison.beside",
     "Recording.plot": "graspfx.show.drawing.plot",
     "Scene.faults": "graspfx.build.checks.faults.find_faults",

@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Floats, Many, Record, floats, layout, many
 from graspfx.devices._plant import HeldPlant, PlantState, unfit
-from graspfx.exponential import expm1
+from graspfx.protocols import Floats, Many, Record, expm1, floats, kernel, layout, many
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -112,6 +110,11 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         groups = np.arange(block.groups.offset, block.groups[block.group_count].offset)
         members = block.members.offset + np.arange(self.position.size)
         return np.concatenate([counts, groups, members])
+
+    def adopt(self, other: PointPlant) -> None:
+        """Take over the masses and dampings of another plant of the same structure; `hold` comes next."""
+        self._mass, self._damping = other._mass, other._damping
+        self._matrix_inputs = None
 
     def _put(self, position: FloatArray) -> None:
         """Place nothing else: positions and velocities are the whole state."""

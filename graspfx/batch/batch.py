@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -114,7 +115,7 @@ class Batch:
 
 
 def run_batch(
-    scene: Scene,
+    scene: Scene | str | PathLike[str],
     values: Mapping[str, Sequence[Any] | NDArray[Any]],
     duration: float | None = None,
     *,
@@ -137,7 +138,7 @@ def run_batch(
     nanoseconds each tick. All others run one by one with the program that `gx.run` has for them.
 
     Args:
-        scene: native throughout: every device, hand and body a kernel.
+        scene: a Scene, a name or a path; native throughout: every device, hand and body a kernel.
         values: by dotted key, as for `scene.replace`; all combinations of them, the last key changing fastest.
         duration: instead of the scene's own [s]; rounded to whole periods.
         zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
@@ -155,10 +156,9 @@ def run_batch(
         UnknownNameError: a quantity or statistic that there is not.
         MissingPackageError: no LLVM.
     """
-    from graspfx.scene.model import Scene
+    from graspfx.scene.load import to_scene
 
-    if not isinstance(scene, Scene):
-        raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    scene_ = to_scene(scene)
     if not isinstance(values, Mapping):
         raise InputError("values", values, "lists by dotted key", "as in {'coupling.internal.stiffness': [50.0, 60.0]}")
     measure, statistics = _names("measure", measure), _names("statistics", statistics)
@@ -168,10 +168,10 @@ def run_batch(
     began = perf_counter()
     shape, lists, numbers = _grid(values, zip=zip)
     with plugins.unchanged():
-        variants = Variants(scene, lists, numbers)
+        variants = Variants(scene_, lists, numbers)
         groups = variants.groups()
-    warn_of_axes(resolve(scene))
-    runs = Runs(scene, variants, len(numbers), duration, threads)
+    warn_of_axes(resolve(scene_))
+    runs = Runs(scene_, variants, len(numbers), duration, threads)
     if keep == "measures":
         measures = runs.measured(groups, measure, statistics)
         results: dict[str, Any] = {

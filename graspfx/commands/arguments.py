@@ -13,14 +13,16 @@ WIDTHS = ("screen", "page", "column")
 
 
 def add_scene(parser: ArgumentParser) -> None:
-    """Add SCENE and --set."""
+    """Add SCENE, --preset and --set."""
     text = "a scene's name, or the path of a .toml or .py file"
     parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
 
 
 def add_overrides(parser: ArgumentParser) -> None:
-    """Add --set and --trust."""
+    """Add --preset, --set and --trust."""
+    text = "take the set of values that the scene states by this name, before those of --set; `check` lists them"
+    parser.add_argument("--preset", metavar="NAME", help=text)
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
     whole = "let the scene name files outside of its folder: what is Python among them runs"

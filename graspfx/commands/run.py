@@ -43,7 +43,7 @@ def execute(options: Namespace) -> int:
 
     if options.out is not None:
         _require_room(options.out, options)
-    where = place(options.scene, dict(options.overrides))
+    where = place(options.scene, dict(options.overrides), options.preset)
     entry = cached(where) if where is not None else None
     scene, notes = entry or _checked(options)
     note(notes)
@@ -97,5 +97,5 @@ def _checked(options: Namespace) -> tuple[Scene, list[str]]:
     from graspfx.build.resolve import resolve
     from graspfx.scene.load import load
 
-    scene = load(options.scene, dict(options.overrides))
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
     return scene, [*resolve(scene).mesh_notes, *doubts(scene)]

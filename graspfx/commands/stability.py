@@ -38,7 +38,7 @@ def execute(options: Namespace) -> int:
     from graspfx.scene.load import load
 
     sweeps = [Sweep.read(text) for text in options.sweep]
-    scene = load(options.scene, dict(options.overrides))
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
     scene.require_reach()
     if not sweeps:
         if options.json:

@@ -46,7 +46,8 @@ def jobs(monkeypatch):
 def single(scene, batch, index, duration):
     overrides = {key: values[index] for key, values in batch.values.items()}
     return gx.run(
-        scene.replace({k: v.item() if isinstance(v, np.generic) else v for k, v in overrides.items()}), duration
+        scene.replace({k: v.item() if isinstance(v, np.generic) else v for k, v in overrides.items()}),
+        duration=duration,
     )
 
 

@@ -154,6 +154,14 @@ def test_written_and_lowered_give_the_same_bits(seed: int) -> None:
     assert A.tobytes() != S.tobytes()
 
 
+def test_a_kernel_may_use_the_names_that_a_lowering_chooses() -> None:
+    A = block(5)
+    B = A.copy()
+    written(names_of_a_lowering)(Grasp(A))
+    names_of_a_lowering(Grasp(B))
+    assert A.tobytes() == B.tobytes()
+
+
 def test_values_come_back_as_values() -> None:
     S = block(1)
     result = hit(Grasp(S), Vector(1.0, 2.0, 2.0))
@@ -212,6 +220,38 @@ def own_vector(grasp: Grasp) -> None:
     grasp.rest[0] = v[grasp.count]
 
 
+@kernel
+def names_of_a_lowering(grasp: Grasp) -> None:
+    """Use names for numbers that a lowering chooses for its own variables."""
+    t1, i2_x, i2, t3_x, half_k, grasp_0 = 5.0, 7.0, 11.0, 13.0, 17.0, 19.0
+    v = half(cross(grasp.force, half(grasp.force)) + grasp.force)
+    grasp.rest[0] = t1 + i2_x + i2 + t3_x + half_k + grasp_0 + dot(v, cross(v, grasp.force)) + grasp.rest[1]
+    grasp.force = half(v)
+
+
+@kernel
+def name_of_a_part(grasp: Grasp) -> None:
+    """Use a vector's name with an underscore for a number."""
+    v_x = 7.0
+    v = half(grasp.force)
+    grasp.rest[0] = v_x + v.x
+
+
+@kernel
+def name_of_a_loop(grasp: Grasp) -> None:
+    """Use the name of a loop's offset for a number."""
+    finger_at = 7.0
+    for finger in grasp.fingers:
+        finger.site.weight += finger_at
+
+
+@kernel
+def name_of_a_parameter(grasp: Grasp) -> None:
+    """Use the name of a parameter's buffer for a number."""
+    grasp_ = 7.0
+    grasp.rest[0] = grasp_
+
+
 test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
 
 
@@ -222,6 +262,9 @@ test_in_while.__test__ = False  # type: ignore[attr-defined] # a kernel, no test
         (unknown_field, "has no field 'forces'"),
         (test_in_while, "compute it before the loop and at its end"),
         (own_vector, "only the running program knows"),
+        (name_of_a_part, "'v' needs 'v_x' for itself"),
+        (name_of_a_loop, "'finger' needs 'finger_at' for itself"),
+        (name_of_a_parameter, "'grasp' needs 'grasp_' for itself"),
     ],
 )
 def test_what_a_kernel_cannot_hold_is_refused_with_its_line(function: Any, why: str) -> None:

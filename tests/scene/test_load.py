@@ -12,7 +12,7 @@ import pytest
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.plugins import PluginError
 from graspfx.scene.lines import KeyLines
-from graspfx.scene.load import load
+from graspfx.scene.load import load, to_scene
 from graspfx.scene.overrides import overridden
 
 GOOD = """\
@@ -350,3 +350,20 @@ def test_a_scene_without_faults_needs_no_parser_of_lines(folder: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_scene_a_name_and_a_path_are_one_scene() -> None:
+    scene = load("reference-1dof")
+    assert to_scene(scene) is scene and to_scene(scene, {}) is scene
+    assert to_scene("reference-1dof") == scene
+    assert scene.source.path is not None and to_scene(scene.source.path) == scene
+    changed = {"coupling.internal.stiffness": 50.0}
+    assert to_scene(scene, changed) == to_scene("reference-1dof", changed) == load("reference-1dof", changed)
+    assert to_scene(scene, changed) != scene
+
+
+def test_a_scene_that_is_none() -> None:
+    with pytest.raises(InputError, match="a scene"):
+        to_scene(3.0)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="values by dotted key"):
+        to_scene(load("reference-1dof"), ["mass"])  # type: ignore[arg-type]

@@ -31,6 +31,7 @@ from graspfx.compile.lower.pieces import (
     grid_entry,
     indexed,
     kind_of,
+    names_of,
     pieces,
     product_of,
     rebuild,
@@ -100,6 +101,8 @@ class Expressions(Scratch):
 
     def attribute(self, node: ast.Attribute, frame: Frame) -> Lowered:
         owner = self.value(node.value, frame)
+        if isinstance(owner, Place | Span | Grid | Group) and node.attr in ("buffer", "offset"):
+            return load(owner.buffer) if node.attr == "buffer" else owner.offset
         if isinstance(owner, Place):
             return self.field(owner, node, frame)
         if isinstance(owner, Bundle):
@@ -121,8 +124,6 @@ class Expressions(Scratch):
             return owner.count
         if isinstance(owner, Grid) and node.attr == "columns":
             return owner.columns
-        if isinstance(owner, Place | Span | Grid | Group) and node.attr in ("buffer", "offset"):
-            return load(owner.buffer) if node.attr == "buffer" else owner.offset
         raise self.cannot(node, f"has no field {node.attr!r}")
 
     # Memory -------------------------------------------------------------------------------------------------------
@@ -130,8 +131,6 @@ class Expressions(Scratch):
     def field(self, owner: Place, node: ast.Attribute, frame: Frame) -> Lowered:
         field = layout(owner.kind).get(node.attr)
         if field is None:
-            if node.attr in ("buffer", "offset"):
-                return load(owner.buffer) if node.attr == "buffer" else owner.offset
             member = getattr(owner.kind, node.attr, None)
             if isinstance(member, property) and isinstance(member.fget, FunctionType):
                 return self.inline(member.fget, [owner], node)
@@ -331,11 +330,7 @@ class Expressions(Scratch):
         result = variable(kind, self.temporary())
         if any(isinstance(part, Place | Span | Grid | Group) for part in pieces(result)):
             raise self.cannot(node, "returns a view: return its index, or choose it by a property")
-        names_ = offsets(result)
-        if len(names_) == 1 and isinstance(result, Pack | Bundle):
-            self.out.append(ast.Assign([store_of(names_)], call))
-        else:
-            self.out.append(ast.Assign([store_of(names_)], call))
+        self.out.append(ast.Assign([store_of(offsets(result))], call))
         return result
 
     def passed(self, value: Lowered, kind: Any, arguments: Sequence[Lowered]) -> Lowered:
@@ -355,9 +350,7 @@ class Expressions(Scratch):
         """Write out a function of a few assignments and a return."""
         tree = definition(function)
         self.files.add(function.__code__.co_filename)
-        self.depth += 1
-        self.temporaries += 1
-        frame = Frame({}, function.__globals__, f"i{self.temporaries}_")
+        frame = Frame({}, function.__globals__, f"{self.temporary('i')}_", names_of(tree))
         names = [a.arg for a in tree.args.args]
         defaults = dict(zip(names[len(names) - len(tree.args.defaults) :], tree.args.defaults, strict=True))
         values = dict(zip(names, arguments, strict=False)) | dict(keywords or {})
@@ -373,7 +366,6 @@ class Expressions(Scratch):
                 raise self.cannot(node, f"gives no {name} to {function.__name__}")
         for statement in tree.body:
             if isinstance(statement, ast.Return) and statement.value is not None:
-                self.depth -= 1
                 return self.value(statement.value, frame)
             if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
                 continue
@@ -389,4 +381,5 @@ class Expressions(Scratch):
         for t, v in zip(targets, values, strict=True):
             if not isinstance(t, ast.Name):
                 raise self.cannot(statement, "assigns to something else than a variable")
+            self.variables(v, t.id, t, frame)
             frame.scope[t.id] = self.atoms(v, f"{frame.prefix}{t.id}")

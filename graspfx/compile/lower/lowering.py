@@ -79,10 +79,11 @@ def written_lines(function: FunctionType) -> list[int]:
 
 
 def _lower(function: FunctionType) -> tuple[ast.FunctionDef, Body]:
+    from graspfx.compile.lower.pieces import names_of
     from graspfx.compile.lower.scratch import Frame
     from graspfx.compile.lower.statements import Body
     from graspfx.compile.specialise.definitions import definition
 
-    body = Body(function.__qualname__, function.__code__.co_filename)
-    frame = Frame({}, function.__globals__)
-    return body.lower(definition(function), frame, parameter_kinds(function)), body
+    body, tree = Body(function.__code__.co_filename), definition(function)
+    frame = Frame({}, function.__globals__, written=names_of(tree))
+    return body.lower(tree, frame, parameter_kinds(function)), body

@@ -31,6 +31,13 @@ def indexed(tree: ast.FunctionDef) -> set[str]:
 
 
 @cache
+def names_of(tree: ast.FunctionDef) -> frozenset[str]:
+    """List all names of a function's variables, parameters and of what it uses of its module."""
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return frozenset(names | {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)})
+
+
+@cache
 def repeated(tree: ast.FunctionDef) -> set[str]:
     """Name the variables of which some number is used more than once, or all at once more than once."""
     uses: Counter[tuple[str, str]] = Counter()

@@ -17,6 +17,7 @@ from graspfx.compile.lower.kinds import (
     Place,
     Span,
     entries,
+    expressions,
     like,
     load,
     offsets,
@@ -39,21 +40,22 @@ class Frame:
     scope: dict[str, Lowered]
     namespace: Mapping[str, Any]
     prefix: str = ""  # of the variables of a function that is written out
+    written: frozenset[str] = frozenset()  # all names in its source: what a lowering adds must be others
 
 
 class Scratch:
     """The statements and temporary variables of one kernel; what must come before an expression is put into `out`."""
 
-    def __init__(self, name: str, file: str) -> None:
-        self.kernel, self.file = name, file
+    def __init__(self, file: str) -> None:
+        self.file = file
         self.out: list[ast.stmt] = []
         self.temporaries = 0
-        self.depth = 0
+        self.written: frozenset[str] = frozenset()  # all names in the kernel's source
         self.files: set[str] = {file}
         self.callees: dict[str, Callable[..., Any]] = {}
         self.buffers: list[str] = []  # of the kernel's parameters
         self.records: set[str] = set()  # offsets of the parameters that are records, none of them optional
-        self.sizes: dict[tuple[str, str], ast.stmt] = {}  # of their fields, worked out at the kernel's beginning
+        self.sizes: dict[tuple[str, str], tuple[str, ast.expr]] = {}  # of their fields, worked out at the beginning
 
     def entry(self, owner: Place, field: Field) -> Lowered:
         """Read a field of a record."""
@@ -89,10 +91,9 @@ class Scratch:
         """Express a size on which offsets depend: of a parameter's record it is worked out once, at the beginning."""
         if not (isinstance(owner.offset, ast.Name) and owner.offset.id in self.records):
             return self.size(owner, text)
-        name = f"{owner.buffer}{len(self.sizes)}"
-        line = self.sizes.setdefault((owner.buffer, text), assign(name, self.size(owner, text)))
-        assert isinstance(line, ast.Assign) and isinstance(line.targets[0], ast.Name)
-        return load(line.targets[0].id)
+        if (owner.buffer, text) not in self.sizes:
+            self.sizes[owner.buffer, text] = self.free_name(f"{owner.buffer}{len(self.sizes)}"), self.size(owner, text)
+        return load(self.sizes[owner.buffer, text][0])
 
     def size(self, owner: Place, text: str) -> ast.expr:
         """Express a size by the record's entries."""
@@ -122,14 +123,40 @@ class Scratch:
         own = str(function.__name__)
         if getattr(builtins, own, None) is function:
             return load(own)
-        name = f"{own}_k" if hasattr(function, LOWERED) else own
+        name = self.free_name(f"{own}_k" if hasattr(function, LOWERED) else own)
         while self.callees.setdefault(name, function) is not function:
-            name += "_"
+            name = self.free_name(name + "_")
         return load(name)
 
-    def temporary(self) -> str:
-        self.temporaries += 1
-        return f"t{self.temporaries}"
+    # Names ----------------------------------------------------------------------------------------------------------
+
+    def free_name(self, name: str) -> str:
+        """Lengthen a name until the kernel's source does not have it."""
+        while name in self.written:
+            name += "_"
+        return name
+
+    def temporary(self, letter: str = "t") -> str:
+        """Number a variable such that neither it nor its parts, after an underscore, are in the source."""
+        while True:
+            self.temporaries += 1
+            name = f"{letter}{self.temporaries}"
+            if not any(each == name or each.startswith(f"{name}_") for each in self.written):
+                return name
+
+    def require_other(self, name: str, value: Lowered, node: ast.AST, frame: Frame) -> None:
+        """Require that the variables which stand for a value of this name have none that the source has too."""
+        for number in expressions(value):
+            own = number.id.removeprefix(frame.prefix) if isinstance(number, ast.Name) else name
+            if own != name and own in frame.written:
+                raise self.cannot(node, f"{name!r} needs {own!r} for itself: give one of the two another name")
+
+    def variables(self, value: Lowered, name: str, node: ast.AST, frame: Frame) -> Lowered:
+        """Give variables of a name in the source for the numbers of a value."""
+        result = like(value, frame.prefix + name)
+        for number in offsets(result):
+            self.require_other(name, number, node, frame)
+        return result
 
     def atom(self, node: ast.expr) -> ast.expr:
         """Put a number in a variable, unless it is one or a constant already."""

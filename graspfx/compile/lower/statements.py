@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
+from dataclasses import replace
 
 from graspfx.compile.lower.expressions import Expressions
 from graspfx.compile.lower.kinds import (
@@ -17,7 +18,6 @@ from graspfx.compile.lower.kinds import (
     Span,
     expressions,
     labels_of,
-    like,
     load,
     offsets,
     variable,
@@ -33,11 +33,13 @@ class Body(Expressions):
     """One kernel while it is lowered."""
 
     def lower(self, tree: ast.FunctionDef, frame: Frame, kinds: dict[str, object]) -> ast.FunctionDef:
+        self.written = frame.written
         parameters: list[ast.arg] = []
         defaults: list[ast.expr] = []
         fallbacks = dict(zip([a.arg for a in tree.args.args][::-1], tree.args.defaults[::-1], strict=False))
         for a in tree.args.args:
             value = variable(kinds[a.arg], a.arg)
+            self.require_other(a.arg, value, a, frame)
             frame.scope[a.arg] = value
             self.buffers += [value.buffer] if isinstance(value, Place | Span | Grid | Group) else []
             names = [part.id for part in expressions(value) if isinstance(part, ast.Name)]
@@ -53,7 +55,7 @@ class Body(Expressions):
                     raise self.cannot(a, "has a default, which only a number can have")
                 defaults.append(default)
         body = self.block(tree.body, frame)
-        body = [*self.sizes.values(), *body]
+        body = [*(assign(name, size) for name, size in self.sizes.values()), *body]
         args = ast.arguments([], parameters, None, [], [], None, defaults)
         node = ast.FunctionDef(name=tree.name, args=args, body=body, decorator_list=[], type_params=[])  # type: ignore[call-arg, unused-ignore] # type_params from Python 3.12 on
         place(node)
@@ -113,7 +115,7 @@ class Body(Expressions):
 
     def store(self, target: ast.expr, value: Lowered, frame: Frame) -> None:
         if isinstance(target, ast.Name):
-            self.bind(target.id, value, frame)
+            self.bind(target, value, frame)
         elif isinstance(target, ast.Tuple):
             self.unpack(target, value, frame)
         elif isinstance(target, ast.Attribute):
@@ -126,15 +128,15 @@ class Body(Expressions):
         else:
             raise self.cannot(target, "cannot be assigned to")
 
-    def bind(self, name: str, value: Lowered, frame: Frame) -> None:
+    def bind(self, target: ast.Name, value: Lowered, frame: Frame) -> None:
         if isinstance(value, Constant):
-            frame.scope[name] = value
+            frame.scope[target.id] = value
             return
-        result = like(value, frame.prefix + name)
+        result = self.variables(value, target.id, target, frame)
         names = offsets(result)
         if names:
             self.out.append(assign_all(names, offsets(value)))
-        frame.scope[name] = result
+        frame.scope[target.id] = result
 
     def unpack(self, target: ast.Tuple, value: Lowered, frame: Frame) -> None:
         if not isinstance(value, Pack | Bundle) or len(value.parts) != len(target.elts):
@@ -155,7 +157,7 @@ class Body(Expressions):
     def target(self, node: ast.expr, value: Lowered, frame: Frame) -> list[ast.expr]:
         """List the numbers of a target; a name is bound to the kind of the value."""
         if isinstance(node, ast.Name):
-            frame.scope[node.id] = like(value, frame.prefix + node.id)
+            frame.scope[node.id] = self.variables(value, node.id, node, frame)
             return offsets(frame.scope[node.id])
         place = self.value(ast.parse(ast.unparse(node), mode="eval").body, frame)
         return [entry_of(number) for number in offsets(place)]
@@ -185,8 +187,8 @@ class Body(Expressions):
     def branch(self, node: ast.If, frame: Frame) -> None:
         test = self.number(node.test, frame)
         one, other = (
-            Frame(dict(frame.scope), frame.namespace, frame.prefix),
-            Frame(dict(frame.scope), frame.namespace, frame.prefix),
+            replace(frame, scope=dict(frame.scope)),
+            replace(frame, scope=dict(frame.scope)),
         )
         body = self.block(node.body, one)
         otherwise = self.block(node.orelse, other) if node.orelse else []
@@ -263,11 +265,13 @@ class Body(Expressions):
             raise self.cannot(node, "loops over something else than a range, a tuple or a group of records")
         count = self.atom(group.count)
         base = self.atom(group.offset) if not isinstance(group.offset, ast.BinOp) else group.offset
-        name = frame.prefix + (index or f"{target.id}_i")
+        name, at = frame.prefix + (index or f"{target.id}_i"), f"{frame.prefix}{target.id}_at"
+        for own in (at,) if index else (name, at):
+            self.require_other(target.id, load(own), target, frame)
         if index:
             frame.scope[index] = load(name)
-        frame.scope[target.id] = group.member(load(f"{frame.prefix}{target.id}_at"))
-        first = assign(f"{frame.prefix}{target.id}_at", sum_of(base, product_of(load(name), group.stride)))
+        frame.scope[target.id] = group.member(load(at))
+        first = assign(at, sum_of(base, product_of(load(name), group.stride)))
         body = [first, *self.block(node.body, frame)]
         self.out.append(ast.For(ast.Name(name, ast.Store()), ast.Call(load("range"), [count], []), body, []))
 
