@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from graspfx.batch.batch import Batch as Batch
     from graspfx.batch.batch import run_batch as run_batch
     from graspfx.build.run import run as run
+    from graspfx.build.session import Session as Session
+    from graspfx.build.session import open as open
     from graspfx.certificate.certify import Certificates as Certificates
     from graspfx.certificate.certify import certify as certify
     from graspfx.certificate.verdict import Report as Report
@@ -42,12 +44,14 @@ _HOMES = {
     "Recording": "graspfx.loop.recording.record",
     "Report": "graspfx.certificate.verdict",
     "Scene": "graspfx.scene.model",
+    "Session": "graspfx.build.session",
     "Split": "graspfx.grasp.split",
     "certify": "graspfx.certificate.certify",
     "check": "graspfx.certificate.verdict",
     "errors": "graspfx.errors",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
+    "open": "graspfx.build.session",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
     "run": "graspfx.build.run",
@@ -69,6 +73,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "open",
+    "Session",
     "check",
     "Report",
     "run_batch",

@@ -111,6 +111,11 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         members = block.members.offset + np.arange(self.position.size)
         return np.concatenate([counts, groups, members])
 
+    def adopt(self, other: PointPlant) -> None:
+        """Take over the masses and dampings of another plant of the same structure; `hold` comes next."""
+        self._mass, self._damping = other._mass, other._damping
+        self._matrix_inputs = None
+
     def _put(self, position: FloatArray) -> None:
         """Place nothing else: positions and velocities are the whole state."""
 

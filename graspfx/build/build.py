@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.fading import set_fade
+from graspfx.build.live import live_fields
 from graspfx.build.movers import make_movers
 from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts, resolve
@@ -27,7 +28,9 @@ FloatArray = NDArray[np.float64]
 
 
 @contextmanager
-def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = True) -> Iterator[Servo]:
+def build(
+    scene: Scene, *, engine: str = "", record: bool = True, hardware: bool = True, live: Collection[str] = ()
+) -> Iterator[Servo]:
     """Build a servo ready to tick; devices and bodies are closed at the end, whatever happens.
 
     The first build of a scene has the devices that its checks connected; a later one connects others.
@@ -36,23 +39,28 @@ def build(scene: Scene, *, engine: str = "", record: bool = True, live: bool = T
         scene: what to build.
         engine: instead of the scene's own.
         record: whether its ticks are recorded.
-        live: whether devices that are no simulations are opened too; else it is not to tick, only to be looked at.
+        hardware: whether devices that are no simulations are opened too; else it is not to tick, only to be looked at.
+        live: keys that may change in mid-run (`graspfx.build.live`): no program folds in what they reach.
 
     Raises:
+        InputError: a live key that cannot change in mid-run.
         SceneError: a finger that starts out of its device's reach.
         DeviceError: a device that does not open, or a plant that does not take its fingers together.
     """
+    fields = live_fields(live)
     parts = resolve(scene)
     start, wired = parts.start, parts.own_wires()
     if any(fault for wire in wired for fault in outside_faults(wire, start)):
         raise scene.error(placing_faults(start, wired))
     with ExitStack() as stack:
-        objects = [GraspedPart(part.name, part.grasped(parts.limits), part.fingers) for part in parts.objects]
+        objects = [
+            GraspedPart(part.name, part.grasped(parts.limits, live=fields), part.fingers) for part in parts.objects
+        ]
         movers = list(make_movers(parts, [member.grasped.body_state for member in objects], stack))
         inward = meet(parts, objects, movers)
-        plants = list(make_plants(parts, wired, inward))
+        plants = list(make_plants(parts, wired, inward, live=live))
         for wire in wired:
-            if live or isinstance(wire.device, SimulatedDevice):
+            if hardware or isinstance(wire.device, SimulatedDevice):
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
         stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
@@ -80,19 +88,34 @@ def meet(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGrou
 def make_layout(parts: Parts) -> Layout:
     """Lay out the columns of a recording; simulated devices also tell their true positions."""
     scene = parts.scene
+    soft = any(finger.model == "soft" for finger in scene.finger)
     return Layout(
         dimensions=scene.dimensions,
         fingers=scene.finger_names,
         objects=tuple(thing.name for thing in scene.object),
         finger_objects=scene.finger_objects,
         gaps=scene.coupling.contact == "unilateral",
-        moments=any(finger.model == "soft" for finger in scene.finger),
+        moments=soft,
         slips=any(scene.coefficients),
         simulated=parts.simulated,
         observed=scene.coupling.passivity != "off",
         controlled=scene.coupling.passivity == "control",
         limits=parts.limits is not None,
+        normals=soft,
+        torsion_axes=soft and scene.coupling.reaction == "fingertip",
+        predicted=_predicted(parts),
     )
+
+
+def _predicted(parts: Parts) -> tuple[int, ...]:
+    """List the objects that turn about a centre which moves some ways only, where the implicit integrator puts it."""
+    scene, d = parts.scene, parts.scene.dimensions
+    return tuple(
+        k
+        for k, thing in enumerate(scene.object)
+        if thing.integrator == "implicit" and thing.dynamics == "native" and scene.turns(thing)
+        and any(scene.free(thing)[:d]) and not all(scene.free(thing)[:d])
+    )  # fmt: skip
 
 
 def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> Iterator[Observer]:

@@ -60,6 +60,18 @@ class HandPart:
         """Give the hand as it would close if it neither moved nor turned; a plug-in's own stays as it is."""
         return self if self.driver is not None else replace(self, motion=None, turns=())
 
+    def with_course(self) -> HandPart:
+        """Give the hand with a squeeze that has a course in time, also one of zero, which else has none."""
+        table = self.holding.table
+        if (
+            self.driver is not None
+            or table is None
+            or table.form == "made"
+            or not isinstance(self.squeeze, int | float)
+        ):
+            return self
+        return replace(self, squeeze=motions.Levels([[self.squeeze, 0.0, table.squeeze_ramp]]))
+
     def hold(self, start: FloatArray, inward: FloatArray) -> plant.Hand:
         """Take hold of the fingers.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -59,16 +59,19 @@ class ObjectPart:
         """The gains as a law of its own: it remembers of what it has warned, which is one run's business."""
         return replace(self.gains)
 
-    def grasped(self, limits: FloatArray | None = None, *, predicts: bool = True) -> GraspedObject:
+    def grasped(
+        self, limits: FloatArray | None = None, *, predicts: bool = True, live: Collection[str] = ()
+    ) -> GraspedObject:
         """Make the object as the coupling sees it, with a block of its own.
 
         Args:
             limits: largest forces of all fingers of the scene [N], infinite where there is none; None where forces
                 have no limit.
             predicts: whether the implicit integrator is one (`bodies.fill`).
+            live: names of the block's fields that may change in mid-run.
         """
-        n, d = len(self.fingers), self.scene.dimensions
-        return GraspedObject(n, d, law=self.law, fill_body=self._fill_body(predicts), **self._numbers(limits))
+        n, d, fill_body = len(self.fingers), self.scene.dimensions, self._fill_body(predicts)
+        return GraspedObject(n, d, law=self.law, fill_body=fill_body, live=live, **self._numbers(limits))
 
     def fill(self, grasped: GraspedObject, limits: FloatArray | None = None) -> None:
         """Fill the block of an object that was made for another scene of the same structure, as `grasped` would."""
@@ -133,7 +136,8 @@ def _own(gain: Gains, fingers: Index) -> float | FloatArray:
 
 def _gain(share: str, quantity: str, field: str, matrix: str) -> Number:
     """Declare a gain of eq. (4): its own field where it is a number, and what tells the solvers of its kind."""
-    both = ("equal", "release", "matrices") if quantity == "stiffness" else ("equal", "damped", "singular", "matrices")
+    both = ("release",) if quantity == "stiffness" else ("damped", "singular", "gradual")
+    both = ("equal", "rays", "matrices", *both)
     return Number(
         (f"coupling.{share}.{quantity}", "coupling.form", "coupling.axes"),
         (field, matrix, *both, "stiffest", "stiffness_rule", "damping_rule"),

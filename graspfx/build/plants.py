@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,14 +21,23 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-def make_plants(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iterator[PlantWiring]:
+def make_plants(
+    parts: Parts, wired: Sequence[Wire], inward: FloatArray, live: Collection[str] = ()
+) -> Iterator[PlantWiring]:
     """Make the plants of the simulated devices: one for all devices that hands join to one another.
+
+    Args:
+        parts: of the scene.
+        wired: its devices.
+        inward: unit normals of the fingers' contacts (n, d).
+        live: keys that may change in mid-run: a squeeze among them has a course in time also where it is zero.
 
     Raises:
         SceneError: a finger that starts out of its device's reach.
         DeviceError: a plant that does not take its fingers together.
     """
     scene, start = parts.scene, parts.start
+    squeezes = any(key.endswith(".squeeze") for key in live)
     for members in _components(wired, parts.hands):
         simulated = [wired[i] for i in members]
         fingers = np.concatenate([wire.fingers for wire in simulated])
@@ -36,7 +45,7 @@ def make_plants(parts: Parts, wired: Sequence[Wire], inward: FloatArray) -> Iter
         hands, order = [], []
         for hand in parts.hands:
             if hand.fingers[0] in fingers:
-                hands.append(hand.hold(start, inward))
+                hands.append((hand.with_course() if squeezes else hand).hold(start, inward))
                 order += hand.fingers
         first = devices[0]
         assert isinstance(first, SimulatedDevice)

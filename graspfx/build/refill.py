@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from graspfx.build.bodies import BODY
 from graspfx.build.build import meet
-from graspfx.build.numbers import fields_of, general, reaches
-from graspfx.build.object_parts import GAINS, GRASP, RULES
 from graspfx.build.plants import make_plants
 from graspfx.errors import InputError
 from graspfx.loop.device import fused
@@ -18,37 +14,6 @@ from graspfx.loop.plant import fused as fused_plant
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts
     from graspfx.loop.servo import Servo
-
-POSE = ("object.*.position", "object.*.orientation", "object.*.shape")
-HANDS = ("hand", "finger.*.hand")
-DEVICES = ("device", "finger.*.device")
-TOUCH = (*POSE, "finger.*.start", "finger.*.radius")  # where fingers meet their objects
-MET = ("position", "contact", "normal", "face", "gap", "contact_world", "touching", "frame", "displacement")
-MEETING = ("walks", *(f"fingers.{name}" for name in MET))  # walks on a mesh stand behind the declared fields
-WHOLE: Mapping[str, tuple[str, ...]] = {  # blocks that a function fills whole, and the keys that it reads
-    "device": (*DEVICES, "dimensions", "period"),  # `connect` of its driver, then `open`
-    "plant": (*DEVICES, *HANDS, *TOUCH, "dimensions", "period"),  # `plant` of its devices' class, then `hold`
-    "hand": (*HANDS, *TOUCH, "dimensions"),  # `HandPart.hold`
-}
-
-
-def reach(key: str) -> dict[str, frozenset[str]]:
-    """Name what a key of a scene reaches: fields of the grasps' blocks, and other blocks that it may reach anywhere.
-
-    Returns:
-        By the kind of a block, the names of its fields; "*" for any of them.
-    """
-    plain = general(key)
-    fields = fields_of(GAINS, key) | fields_of(RULES, key) | fields_of(GRASP, key)
-    fields |= {f"body.{field}" for field in fields_of(BODY, key)}
-    if reaches(TOUCH, plain):
-        fields |= set(MEETING)
-    if reaches(POSE, plain):
-        fields |= {"fingers.anchor"}
-    if reaches((*HANDS, *TOUCH, "coupling.external.stiffness", "coupling.internal.stiffness"), plain):
-        fields |= {"fade_start", "fade_end"}  # where the fade is automatic
-    reached = {"grasp": fields} if fields else {}
-    return reached | {kind: frozenset("*") for kind, keys in WHOLE.items() if reaches(keys, plain)}
 
 
 def refill(servo: Servo, parts: Parts) -> None:

@@ -7,7 +7,7 @@ import os
 import shutil
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from graspfx.build.resolve import Parts, resolve
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
+from graspfx.loop.parts import GraspedPart
 from graspfx.loop.recording.header import Header, machine, now, versions
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
@@ -84,7 +85,7 @@ def run(
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
     with build(scene_) as servo:
-        header = header_of(parts)
+        header = header_of(parts, servo.objects)
         sinks: list[Sink] = []
         if out is not None:
             from graspfx.loop.recording.sink import FileSink
@@ -168,8 +169,8 @@ def _memory() -> float:
         return float(sys.maxsize)
 
 
-def header_of(parts: Parts) -> Header:
-    """Say for a run's recording what the scene, the time and the machine are."""
+def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
+    """Say for a run's recording what the scene, the time and the machine are, and how the objects' forces divide."""
     scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,
@@ -177,7 +178,8 @@ def header_of(parts: Parts) -> Header:
         scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
         scene_table=scene.to_dict(),
         scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
-        overrides=dict(source.overrides),
+        overrides=source.changes,
+        preset=source.preset,
         title=scene.title,
         created=now(),
         versions=versions(
@@ -187,4 +189,10 @@ def header_of(parts: Parts) -> Header:
         ),
         machine=machine(),
         frames=meshes,
+        split=split_rules(objects),
     )
+
+
+def split_rules(objects: Sequence[GraspedPart]) -> dict[str, dict[str, Any]]:
+    """Write for a header how the forces of each object's grasp divide, as the blocks have it that run."""
+    return {part.name: part.grasped.split_rule.table() for part in objects}

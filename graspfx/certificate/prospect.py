@@ -57,7 +57,7 @@ def prospect(scene: Scene) -> Prospect:
     Raises:
         GraspFXError: it cannot be built, or a part of it is not what it says.
     """
-    with build(scene, live=False, engine="auto") as servo:
+    with build(scene, hardware=False, engine="auto") as servo:
         tick = servo.script
         real = [s for s in servo.stations if not isinstance(s.device, SimulatedDevice)]
         llvm = find_spec("llvmlite") is not None

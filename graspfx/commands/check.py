@@ -30,7 +30,7 @@ def execute(options: Namespace) -> int:
     from graspfx.certificate.verdict import report
     from graspfx.scene.load import load
 
-    scene = load(options.scene, dict(options.overrides))
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
     if options.tick:
         lines = _tick(scene)
         if options.json:
@@ -51,5 +51,5 @@ def _tick(scene: Scene) -> list[str]:
     from graspfx.build.build import build
     from graspfx.loop.tick.tick_listing import listing
 
-    with build(scene, live=False) as servo:
+    with build(scene, hardware=False) as servo:
         return listing(servo.parts)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.records import Record, entries_of, start_of
-from graspfx.cones.problem import choices
+from graspfx.cones.problem import FrictionProblem, choices
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.grasp.contact_state import Freedom
 from graspfx.objects.body_state import BodyState, Motion
@@ -25,19 +27,23 @@ GAINS = ("external_stiffness", "external_damping", "internal_stiffness", "intern
 LACKING = ("coefficient", "patch", "radius", "pad")
 
 
-def structure_entries(grasp: GraspState) -> Index:
+def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
     """List the entries that never change in a run and choose what is computed: counts, switches, offsets.
 
     Values are not among them but for zeros that stay zero, gains, and what a finger lacks of friction, of a patch,
     of a radius and of a pad; and for weights of one that never fade.
+
+    Args:
+        grasp: the block.
+        live: names of fields of `GraspState` that may change in mid-run.
     """
     S, fingers = grasp.buffer, grasp.fingers
-    fixed = entries_of(GraspState, *CHOICES)
+    fixed = entries_of(GraspState, *(name for name in CHOICES if name not in live))
     fixed += entries_of(Freedom, "shifts", "turns", at=start_of(GraspState, "freedom"))
     fixed += entries_of(
         BodyState, "dimensions", "integrator", "free_translation", "free_rotation", at=start_of(GraspState, "body")
     )
-    lacking = entries_of(GraspState, *GAINS)
+    lacking = entries_of(GraspState, *(name for name in GAINS if name not in live))
     for finger in fingers:
         lacking += entries_of(FingerState, *LACKING, at=finger.offset)
     fixed += [entry for entry in lacking if S[entry] == 0.0]
@@ -47,11 +53,18 @@ def structure_entries(grasp: GraspState) -> Index:
     if has_problems(grasp):
         for problem in (grasp.problem, grasp.damping_problem):
             fixed += [problem.offset, *choices(problem.offset)]  # the count too
+        if "gradual" in live:
+            fixed.remove(compliant_entry(grasp.damping_problem))
     if grasp.shape == MESH:
         fixed += entries_of(GraspState, "mesh")
         fixed += [entry for finger in fingers for entry in entries_of(FingerState, "walk", at=finger.offset)]
         fixed += mesh_tree.choices(grasp.mesh.offset)
     return np.array(sorted(fixed), dtype=np.intp)
+
+
+def compliant_entry(problem: FrictionProblem) -> int:
+    """Find the entry that says whether compliances stand in series with a problem's contacts."""
+    return problem.offset + start_of(FrictionProblem, "compliant")
 
 
 def has_problems(grasp: GraspState) -> bool:
@@ -82,11 +95,15 @@ def recorded_entries(grasp: GraspState) -> dict[str, Index]:
         "contact_position": of_fingers("contact_world")[:, :d],
         "finger_force": of_fingers("force")[:, :d],
         "finger_moment": of_fingers("moment"),
+        "contact_normal": of_fingers("normal_world"),
+        "torsion_axis": of_fingers("twist_axis_world"),
+        "torsion_displacement": of_fingers("displacement")[:, 3],
         "touching": of_fingers("touching")[:, 0],
         "status": of_fingers("status")[:, 0],
         "gap": of_fingers("gap")[:, 0],
         "position": of(Motion, "position", motion)[:d],
         "velocity": of(Motion, "velocity", motion)[:d],
+        "centre": of(GraspState, "centre", 0)[:d],
         "orientation": orientation.get(d, of(Motion, "quaternion", motion)),
         "angular_velocity": of(Motion, "angular_velocity", motion)[turns],
         "law": of(GraspState, "law", 0),

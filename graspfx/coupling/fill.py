@@ -56,6 +56,7 @@ class Grip:
         radius: of the balls that the fingertips are, (n,) [m].
         limit: largest force of each finger, (n,) [N]; None for none at all.
         body: the object's parameters and initial state.
+        live: names of fields that may change in mid-run.
     """
 
     count: int
@@ -66,6 +67,7 @@ class Grip:
     radius: FloatArray
     limit: FloatArray | None
     body: FloatArray
+    live: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         rules, mu = self.rules, self.friction
@@ -165,14 +167,20 @@ class Grip:
     @property
     def rays(self) -> bool:
         """True if cones are rays, so that six unknowns do; else there is principal pivoting without friction."""
-        return not (self.slips or self.rules.attached or self.rules.stick or self.square or self.law.equal)
+        return self.pushes_apart and not self.law.equal
+
+    @property
+    def pushes_apart(self) -> bool:
+        """True if cones are rays wherever gains are not equal."""
+        return not (self.slips or self.rules.attached or self.rules.stick or self.square)
 
     @property
     def problems(self) -> bool:
-        """True if forces come from friction problems: with a coefficient, along rays, in balls of limits."""
+        """True if forces may come from friction problems: with a coefficient, along rays, in balls of limits."""
         holds = self.rules.attached or (self.rules.stick and not self.slips)
-        balls = self.limit is not None and holds and not (self.square or self.law.equal)
-        return self.slips or self.rays or balls
+        balls = self.limit is not None and holds and not self.square
+        apart = "equal" in self.live or not self.law.equal
+        return self.slips or (apart and (self.pushes_apart or balls))
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.compile.records import Many, size_of, start_of
+from graspfx.coupling.choices import contradiction
 from graspfx.coupling.contacts import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
 from graspfx.coupling.entries import recorded_entries, structure_entries
@@ -18,6 +19,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
+from graspfx.coupling.two_forces import SplitRule, TwoForces, two_forces
 from graspfx.grasp.impedance import Coupling
 from graspfx.objects.body_state import BodyState
 from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
@@ -42,6 +44,7 @@ class GraspedObject:
         fill_body: writes the object's parameters and initial state into its part of the block.
         radius: of the balls that the fingertips are, one or (n,) [m]; zero is a point.
         limit: largest force of each finger, one or (n,) [N], infinite where there is none; None for none at all.
+        live: names of fields of `GraspState` that may change in mid-run: a program reads them instead of folding them.
 
     Raises:
         InputError: unilateral contact without a shape or with a stiffness of zero; a radius that is no length; soft
@@ -60,9 +63,11 @@ class GraspedObject:
         shape: Shape | None = None,
         radius: ArrayLike = 0.0,
         limit: ArrayLike | None = None,
+        live: Collection[str] = (),
     ) -> None:
         n, d = fingers, dimensions
-        grip = _grip(n, d, law, rules, fill_body, shape, radius, limit)
+        self.live = frozenset(live)
+        grip = _grip(n, d, law, rules, fill_body, shape, radius, limit, self.live)
         self.fingers, self.dimensions, self.law = n, d, law
         self.matrices, self.soft = grip.matrices, grip.soft
         self.block = np.zeros(block_size(grip))
@@ -104,7 +109,7 @@ class GraspedObject:
         Raises:
             InputError: numbers that make a block of another length, and as of the class.
         """
-        grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit)
+        grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit, self.live)
         fill_block(self.block, grip, period)
         self.law, self.matrices, self.soft = law, grip.matrices, grip.soft
         self._walk_anew()
@@ -114,6 +119,12 @@ class GraspedObject:
         if self._walks is None:
             return
         self._walks.array(MeshFinger.reach)[:] = np.inf
+        if self.state.fade:
+            self.set_fade(self.state.fade_start, self.state.fade_end)
+
+    def adopt(self, other: GraspedObject) -> None:
+        """Take over the law of another object with its fingers, and the reach of its fade, whose numbers stand here."""
+        self.law = other.law
         if self.state.fade:
             self.set_fade(self.state.fade_start, self.state.fade_end)
 
@@ -129,7 +140,7 @@ class GraspedObject:
     @property
     def structure(self) -> Index:
         """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets."""
-        return structure_entries(self.state)
+        return structure_entries(self.state, self.live)
 
     @property
     def implicit(self) -> bool:
@@ -215,6 +226,19 @@ class GraspedObject:
         f = np.array([max(normal_force(finger), 0.0) for finger in self._grasp.fingers])
         return np.where(k > 0.0, 1.5 * np.cbrt(k * k * f), np.inf)
 
+    @property
+    def split_rule(self) -> SplitRule:
+        """All that P is made of besides contact points and gaps, as the block has it now."""
+        return SplitRule.of(self.state)
+
+    def two_forces(self) -> TwoForces:
+        """Divide the forces of the last sample into external and internal ones, in some hundred microseconds."""
+        return two_forces(self.state)
+
+    def contradiction(self) -> str:
+        """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""
+        return contradiction(self._grasp)
+
     def check_activity(self) -> None:
         """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.
 
@@ -238,9 +262,10 @@ def _grip(
     shape: Shape | None,
     radius: ArrayLike,
     limit: ArrayLike | None,
+    live: frozenset[str],
 ) -> Grip:
     largest = None if limit is None else largest_forces(limit, fingers)
-    return Grip(fingers, dimensions, law, rules, shape, radii(radius, fingers), largest, body_array(fill_body))
+    return Grip(fingers, dimensions, law, rules, shape, radii(radius, fingers), largest, body_array(fill_body), live)
 
 
 def fault_text(fault: int, fingers: Sequence[str]) -> str:

@@ -153,6 +153,11 @@ class Hand:
         moves = block.turns or block.squeeze.count or block.motion.count
         return type(self).target is Hand.target and not moves
 
+    def adopt(self, other: Hand) -> None:
+        """Take over gains, rest and motions of another hand of the same structure."""
+        _adopt_block(self, other)
+        self._stiffness, self._damping = other.stiffness, other.damping
+
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
         for at, course in self._plain_parts:
@@ -229,6 +234,11 @@ class JoinedHands:
         """Whether no target of any hand ever changes."""
         return type(self).target is JoinedHands.target and not self._plain_parts and self._still
 
+    def adopt(self, other: JoinedHands) -> None:
+        """Take over gains, rests and motions of other hands of the same structure."""
+        _adopt_block(self, other)
+        self._stiffness, self._damping = other.stiffness, other.damping
+
     def target(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Give intended positions r (n, d) [m] and velocities (n, d) [m/s] at a time [s]; not to be written to."""
         for hand, at, rate in self._plain_parts:
@@ -244,6 +254,21 @@ def join(hands: Sequence[plant.Hand], order: Sequence[int] | None = None) -> pla
     if len(hands) == 1 and (order is None or list(order) == sorted(order)):
         return hands[0]
     return JoinedHands(hands, order)
+
+
+def _adopt_block(hand: Hand | JoinedHands, other: Hand | JoinedHands) -> None:
+    """Copy the block of another hand: targets are worked out from it at every time anew.
+
+    Raises:
+        InputError: a hand of another structure, or one with motions that are no kernels.
+    """
+    same = type(other) is type(hand) and other.state.shape == hand.state.shape
+    same = same and np.array_equal(other.structure, hand.structure)
+    if not same or not np.array_equal(other.state[other.structure], hand.state[hand.structure]):
+        raise InputError("other", other, "a hand with as many motions and turns, of the same kinds")
+    if not isinstance(hand, plant.FusedHand):
+        raise InputError("hand", hand, "a hand whose motions are all of this package")
+    hand.state[:] = other.state
 
 
 def _rest(rest: ArrayLike) -> FloatArray:

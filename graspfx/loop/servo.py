@@ -15,13 +15,17 @@ from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Device, LimitedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
+from graspfx.loop.plant import FusedPlant
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick.engine import ENGINES, Engine
+from graspfx.loop.tick.engine import ENGINES, Engine, Interpreted
+from graspfx.loop.tick.frozen import FrozenEntries
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
+from graspfx.loop.tick.names import Names
 from graspfx.loop.tick.script import Port, Tick
 from graspfx.loop.tick.text import write
+from graspfx.loop.update import Update
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +67,7 @@ class Servo:
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
         self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
+        self._frozen: FrozenEntries | None = None
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
 
     @property
@@ -102,11 +107,14 @@ class Servo:
         before every 64 that are compiled.
 
         Raises:
-            InputError: no recorder for a servo that records, or one for a servo that does not.
+            InputError: no recorder for a servo that records, or one for a servo that does not; a number was written
+                into a block that the program has folded in, or on which a switch of the block depends.
         """
         if (recorder is not None) is not self._record:
             raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
-        self._ready().expect(ticks)
+        engine = self._ready()
+        self._require_numbers()
+        engine.expect(ticks)
         self._run(ticks, recorder, stop)
         self._settle()
         self._notice(recorder)
@@ -117,10 +125,50 @@ class Servo:
         """Run one sample."""
         self.run(1, recorder)
 
+    def write(self, update: Update, recorder: Recorder | None = None) -> None:
+        """Write new numbers into the parts, between two ticks: the next tick computes with them.
+
+        Args:
+            update: of this servo's parts.
+            recorder: which notes the tick and the values.
+        """
+        for memory, entries, numbers in update.entries:
+            memory[entries] = numbers
+        for part, other in update.parts:
+            part.adopt(other)
+        for wiring in (self.plants[j] for j in update.plants):
+            if isinstance(wiring.plant, FusedPlant):  # others are handed their hand in every tick
+                wiring.plant.hold(wiring.hand, self.period)
+        if recorder is not None:
+            recorder.change(self.ticks, update.values)
+
+    def _require_numbers(self) -> None:
+        """Require that no block holds other numbers than those that programs and switches were made from."""
+        for part in self.objects:
+            switch = part.grasped.contradiction()
+            if switch:
+                raise InputError(
+                    f"{part.name}: {switch}", getattr(part.grasped.state, switch),
+                    "a switch that follows from the gains in the block",
+                    "a gain was written into it by itself; name it in gx.open(scene, live=[...]) and use session.set",
+                )  # fmt: skip
+        if self._frozen is None:
+            return
+        entry = self._frozen.intrusion()
+        if entry is not None:
+            array, k = entry
+            raise InputError(
+                Names(self.parts, self._tick).entry(array, k), float(self._tick.script.arrays[array][k]),
+                f"{self._tick.script.frozen[entry]}, which the scene's program has folded in",
+                "name its key in gx.open(scene, live=[...]) and use session.set",
+            )  # fmt: skip
+
     def _ready(self) -> Engine:
         if self._engine is None:
             self._tick = write(self.parts, record=self._record)
             self._own = ServoState(self._tick.own.data)
+            # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
+            self._frozen = None if self._kind == Interpreted.name else FrozenEntries(self._tick.script)
             self._engine = ENGINES[self._kind](self._tick)
         return self._engine
 

@@ -10,7 +10,8 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.build import build
-from graspfx.build.refill import reach, refill
+from graspfx.build.reach import reach
+from graspfx.build.refill import refill
 from graspfx.build.resolve import resolve
 from graspfx.compile.entry_names import name_of
 from graspfx.coupling.grasp_state import GraspState

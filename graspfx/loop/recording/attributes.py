@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 
-FORMAT = 2  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
-NAMES = ("fingers", "objects", "finger_objects", "absent")  # of a layout's fields that are tuples
+FORMAT = 3  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
+NAMES = ("fingers", "objects", "finger_objects", "predicted", "absent")  # of a layout's fields that are tuples
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
@@ -36,7 +36,18 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
         "fade_shortfall": float(outcome.fade_shortfall),
         "fade_needed": float(outcome.fade_needed),
         "blended": int(outcome.blended),
+        **({"changes": changes_text(outcome.changes)} if outcome.changes else {}),
     }
+
+
+def changes_text(changes: Sequence[KeyChange]) -> str:
+    """Write changes of keys as JSON: a list of tick, key and value each."""
+    return _json([list(change) for change in changes])
+
+
+def changes_of(text: str | bytes) -> list[KeyChange]:
+    """Read changes of keys from JSON."""
+    return [KeyChange(int(tick), str(key), value) for tick, key, value in json.loads(text)]
 
 
 def format_of(attributes: Mapping[str, Any]) -> int:
@@ -65,7 +76,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 def header_of(attributes: Mapping[str, Any]) -> Header:
     """Read the header; a field that came later than the recording has its default."""
     fields = {key: attributes[key] for key in Header.__dataclass_fields__ if key in attributes}
-    for key in ("scene_table", "overrides", "versions", "machine", "frames"):
+    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split"):
         fields[key] = json.loads(fields.get(key, "{}"))
     fields["period"] = float(fields["period"])
     if not 0.0 < fields["period"] < math.inf:
@@ -85,6 +96,7 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
         fade_needed=float(attributes.get("fade_needed", 0.0)),
         blended=int(attributes.get("blended", 0)),
         engine=engine if isinstance(engine, str) else bytes(engine).decode(),
+        changes=tuple(changes_of(attributes.get("changes", "[]"))),
     )
 
 

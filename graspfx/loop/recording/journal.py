@@ -12,6 +12,7 @@ import struct
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from hashlib import blake2b
 from io import FileIO
 from pathlib import Path
@@ -22,15 +23,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.attributes import conclusion, description, format_of, header_of, layout_of, outcome_of
-from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.attributes import (
+    changes_of,
+    changes_text,
+    conclusion,
+    description,
+    format_of,
+    header_of,
+    layout_of,
+    outcome_of,
+)
+from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.lock import claim, release
 from graspfx.loop.recording.places import sync_folder
 
 FloatArray = NDArray[np.float64]
 
-HEADER, ROWS, FAULTS, OUTCOME = b"GFXJ", b"rows", b"flts", b"done"
+HEADER, ROWS, FAULTS, CHANGES, OUTCOME = b"GFXJ", b"rows", b"flts", b"chgs", b"done"
 HEAD = struct.Struct("<4sQ16s")  # kind, bytes that follow, digest over the digest before and what follows
 CHECK = struct.Struct("<I")  # of the head itself
 NUMBER = np.dtype("<f8")
@@ -77,13 +87,15 @@ class Journal:
             release(self.file, path)
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
 
-    def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
-        """Append rows (r, width) and the faults since the last ones; about once a second the disk is made to keep them.
+    def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
+        """Append rows (r, width), the faults and the changes since the last ones; the disk gets them once a second.
 
         Raises:
             OSError: they do not fit; what was there before stays.
         """
         blocks = [(FAULTS, json.dumps(faults).encode())] if faults else []
+        if changes:
+            blocks.append((CHANGES, changes_text(changes).encode()))
         if len(rows):
             blocks.append((ROWS, np.ascontiguousarray(rows, NUMBER).tobytes()))
         self._append(blocks)
@@ -97,7 +109,7 @@ class Journal:
         Raises:
             OSError: it does not fit.
         """
-        self._append([(OUTCOME, json.dumps(conclusion(outcome)).encode())])
+        self._append([(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())])  # they stand there
         self.sync()
 
     def sync(self) -> None:
@@ -147,6 +159,7 @@ def read_journal(path: Path) -> Content:
     attributes: Mapping[str, Any] | None = None
     ending: Mapping[str, Any] = {"wall_time": "nan", "complete": 0}
     faults: list[RunFault] = []
+    changes: list[KeyChange] = []
     rows: list[bytes] = []
     with FileIO(path) as file:
         for kind, content in _blocks(file):
@@ -156,6 +169,8 @@ def read_journal(path: Path) -> Content:
                 rows.append(content)
             elif kind == FAULTS:
                 faults += [RunFault(int(tick), str(message)) for tick, message in json.loads(content)]
+            elif kind == CHANGES:
+                changes += changes_of(content)
             elif kind == OUTCOME:
                 ending = json.loads(content)
     if attributes is None:
@@ -163,7 +178,8 @@ def read_journal(path: Path) -> Content:
     format_of(attributes)
     layout = layout_of(attributes)
     numbers = np.frombuffer(bytearray().join(rows), NUMBER).astype(np.float64, copy=False)
-    return Content(numbers.reshape(-1, layout.width), layout, header_of(attributes), outcome_of(ending, faults))
+    outcome = replace(outcome_of(ending, faults), changes=tuple(changes))
+    return Content(numbers.reshape(-1, layout.width), layout, header_of(attributes), outcome)
 
 
 def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes]]:

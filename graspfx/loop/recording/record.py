@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from graspfx import plugins
 from graspfx.loop.recording.history import History
@@ -11,6 +13,17 @@ from graspfx.loop.recording.history import History
 if TYPE_CHECKING:
     import pandas
     import xarray
+
+
+class Drawing(Protocol):
+    """A figure of a recording: shown by a notebook, written by `save`."""
+
+    @property
+    def figure(self) -> Any:
+        """Figure of matplotlib."""
+
+    def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
+        """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
 
 
 class Recording(History):
@@ -51,6 +64,31 @@ class Recording(History):
             energy=list(self.energy.values()),
             growth=losses(self),
         )
+
+    def plot(
+        self,
+        *others: Recording,
+        titles: Sequence[str] | None = None,
+        width: Literal["screen", "page", "column"] = "screen",
+    ) -> Drawing:
+        """Draw the run over time, beside others with the same axes if there are any; a notebook shows it as it is.
+
+        Positions; displacements and forces as their internal part, the squeeze, and their external one, the push; how
+        the object turns. docs/how-to/figures.md reads it with you.
+
+        Args:
+            others: recordings to stand beside it.
+            titles: one per recording; what is set in each if not given.
+            width: for a screen, or 7.2 ("page") or 3.5 ("column") inches of a journal.
+
+        Returns:
+            `.save(path)` writes it, `.figure` is matplotlib's own.
+
+        Raises:
+            InputError: a recording without a tick, another number of titles, or no such width.
+        """
+        drawing: Drawing = plugins.upward("Recording.plot")(self, *others, titles=titles, width=width)
+        return drawing
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the recording as HDF5; the file appears when it is whole.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.record import Recording
 
@@ -25,6 +25,14 @@ class Sink(Protocol):
         """Write rows (r, width), and the faults since the last write."""
 
     def close(self, outcome: Outcome) -> None: ...
+
+
+@runtime_checkable
+class SinkOfChanges(Sink, Protocol):
+    """One that also writes which keys of the scene changed in mid-run."""
+
+    def note(self, changes: Sequence[KeyChange]) -> None:
+        """Write the changes of keys since the last time, before the rows that they hold in."""
 
 
 class Recorder:
@@ -53,12 +61,13 @@ class Recorder:
     ) -> None:
         self.layout, self.header = layout, header
         self.faults: list[RunFault] = []
+        self.changes: list[KeyChange] = []
         self._sinks = tuple(sinks)
         self._size = block or max(1, min(LARGEST_BLOCK, round(1.0 / header.period)))
         self._keep = keep
         self._blocks: list[FloatArray] = []
         self._full: list[FloatArray] = []  # on their way to the sinks
-        self._faults_written = 0
+        self._faults_written = self._changes_written = 0
         self._open()
         self._outcome: Outcome | None = None
 
@@ -74,6 +83,10 @@ class Recorder:
 
     def fault(self, k: int, message: str) -> None:
         self.faults.append(RunFault(k, message))
+
+    def change(self, k: int, values: Mapping[str, Any]) -> None:
+        """Note that keys of the scene have these values from tick k on."""
+        self.changes += [KeyChange(k, key, value) for key, value in values.items()]
 
     def drain(self) -> None:
         """Hand full blocks to the sinks; call it between ticks."""
@@ -98,16 +111,25 @@ class Recorder:
         """
         self.drain()
         rest = self._block[: self.used]
-        self._blocks += [rest] if self._keep else []
-        self._outcome = Outcome(tuple(self.faults), wall_time, complete, engine=engine, **coupling)
+        self._outcome = self._so_far(wall_time, complete=complete, engine=engine, **coupling)
         try:
-            if self.used or len(self.faults) > self._faults_written:
+            if self.used or len(self.faults) > self._faults_written or len(self.changes) > self._changes_written:
                 self._write(rest)
         finally:
             for sink in self._sinks:
                 sink.close(self._outcome)
-        rows = np.concatenate([np.empty((0, self.layout.width)), *self._blocks])
-        return Recording(rows, self.layout, self.header, self._outcome)
+        return Recording(self._rows(), self.layout, self.header, self._outcome)
+
+    def recording(self, **outcome: Any) -> Recording:
+        """Give the recording of the retained rows so far, a copy, while the run goes on; `outcome` as of `finish`."""
+        return Recording(self._rows(), self.layout, self.header, self._so_far(**outcome))
+
+    def _so_far(self, wall_time: float | None = None, *, complete: bool = True, **outcome: Any) -> Outcome:
+        return Outcome(tuple(self.faults), wall_time, complete, changes=tuple(self.changes), **outcome)
+
+    def _rows(self) -> FloatArray:
+        rest = [*self._full, self._block[: self.used]] if self._keep else []
+        return np.concatenate([np.empty((0, self.layout.width)), *self._blocks, *rest])
 
     def __enter__(self) -> Self:
         return self
@@ -127,7 +149,9 @@ class Recorder:
         self._open()
 
     def _write(self, rows: FloatArray) -> None:
-        faults = self.faults[self._faults_written :]
-        self._faults_written = len(self.faults)
+        faults, changes = self.faults[self._faults_written :], self.changes[self._changes_written :]
+        self._faults_written, self._changes_written = len(self.faults), len(self.changes)
         for sink in self._sinks:
+            if changes and isinstance(sink, SinkOfChanges):
+                sink.note(changes)
             sink.write(rows, faults)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.header import Header, Outcome, RunFault
+from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.journal import Journal
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.lock import claim, release, stands_at
@@ -53,7 +53,18 @@ class FileSink:
         self._journal = Journal(part_of(self._place), layout, header)
         self._layout, self._header = layout, header
         self._faults: list[RunFault] = []
+        self._changes: list[KeyChange] = []
         self._failure: RecordingError | None = None
+
+    @hold_signals()
+    def note(self, changes: Sequence[KeyChange]) -> None:
+        """Add changes of keys, before the rows that they hold in.
+
+        Raises:
+            RecordingError: the disk takes no more; the error says where the rows are.
+        """
+        self._add(np.empty((0, self._layout.width)), [], changes)
+        self._changes += changes
 
     @hold_signals()
     def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
@@ -62,18 +73,21 @@ class FileSink:
         Raises:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
         """
+        self._add(rows, faults)
+        self._faults += faults
+        if not stands_at(self._journal.file, self._journal.path):
+            self._rescue(Outcome(tuple(self._faults), None, False, changes=tuple(self._changes)))
+
+    def _add(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
         if self._failure is not None:
             raise self._failure
         try:
-            self._journal.write(rows, faults)
+            self._journal.write(rows, faults, changes)
         except OSError as error:
             self._fail(f"{self._journal.path}: cannot be written; {error.strerror}; {self._readable()}", error)
         except BaseException:  # whether these rows are there is not known, so none may follow
             self._failure = RecordingError(f"{self._journal.path}: could not be written; {self._readable()}")
             raise
-        self._faults += faults
-        if not stands_at(self._journal.file, self._journal.path):
-            self._rescue(Outcome(tuple(self._faults), None, False))
 
     @hold_signals()
     def close(self, outcome: Outcome) -> None:

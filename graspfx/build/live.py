@@ -1,0 +1,131 @@
+"""Keys of a scene that may change in mid-run, and why others may not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from graspfx.build.numbers import general, reaches
+from graspfx.build.reach import reach
+from graspfx.errors import InputError, UnknownNameError, closest
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+# Fields that gains and rules choose by: a program folds them in unless a live key reaches them.
+CHOICES = frozenset({
+    "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
+    "equal", "damped", "singular", "gradual", "rays", "stiffness_rule", "damping_rule",
+})  # fmt: skip
+GAINS = tuple(
+    f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")
+)
+RULES = ("coupling.friction", "finger.*.friction", "coupling.damping_depth", "coupling.fade", "coupling.blend")
+INERTIA = ("object.*.mass", "object.*.density", "object.*.inertia")
+BODY = (*INERTIA, "object.*.viscosity", "object.*.rotational_viscosity", "gravity")
+DEVICE = ("finger.*.device.mass", "finger.*.device.damping", "device.*.mass", "device.*.damping")
+OF_HANDS = ("stiffness", "damping", "rest", "squeeze", "squeeze_ramp", "motion", "turn", "arm", "grip", "share")
+HAND = tuple(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in OF_HANDS)
+
+LISTS = ("object", "finger", "device", "hand", "obstacle")
+
+REASONS = {
+    ("period", "duration"): "time is counted in periods, and a session runs as long as it is stepped",
+    ("dimensions", "engine", "title"): "it belongs to the whole run",
+    ("object.*.position", "object.*.orientation", "object.*.velocity", "object.*.angular_velocity", "finger.*.start"): (
+        "it says where the run starts; what moves goes on from where it is"
+    ),
+    ("coupling.contact", "coupling.form", "coupling.axes", "coupling.reaction", "coupling.absent", "coupling.metric"): (
+        "it is a word that decides what is computed"
+    ),
+    ("coupling.passivity",): "whether energy is booked decides what is recorded",
+    ("object", "obstacle", "world"): "it decides what bodies are made and how they move",
+    ("finger", "device", "hand"): "it decides what is connected, or how contacts are laid out",
+}
+
+
+def live_fields(keys: Iterable[str]) -> frozenset[str]:
+    """Name the fields of grasps' blocks that are not to be folded in where these keys are live.
+
+    Raises:
+        InputError: keys that are no names.
+        UnknownNameError: a key that cannot change in mid-run, with the reason.
+    """
+    return frozenset().union(*(reach(require(key)).get("grasp", frozenset()) & CHOICES for key in keys))
+
+
+def require(key: str) -> str:
+    """Require a key that can change in mid-run.
+
+    Raises:
+        InputError: no text, or a key that cannot change in mid-run, with the reason.
+        UnknownNameError: no scene has such a key.
+    """
+    if not isinstance(key, str):
+        raise InputError("live", key, "keys of the scene with dots, such as 'coupling.internal.stiffness'")
+    plain = general(key)
+    if plain in (*GAINS, *RULES, *BODY, *DEVICE) or is_of_a_hand(plain):
+        return key
+    if close := closest(plain, (*GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
+        raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
+    reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
+    if not reason:
+        raise UnknownNameError("live key", key, (*GAINS, *RULES, *BODY, *DEVICE, *HAND))
+    raise InputError("live", key, "a key that may change in mid-run", reason)
+
+
+def is_of_a_hand(plain: str) -> bool:
+    """Tell whether a key in its general form is one of a hand that can change."""
+    return any(plain == each or plain.startswith(f"{each}.") for each in HAND)
+
+
+def covers(live: str, key: str) -> bool:
+    """Tell whether a live key stands for a key: `*` for every number, a table for what is below it."""
+    ours, theirs = _indexed(live), _indexed(key)
+    return len(ours) <= len(theirs) and all(a in ("*", b) for a, b in zip(ours, theirs, strict=False))
+
+
+def numbered(scene: Scene, key: str) -> str:
+    """Write a key with numbers for the names of tables: `finger.left.hand.stiffness` is `finger.0.hand.stiffness`.
+
+    Raises:
+        InputError: no text.
+    """
+    if not isinstance(key, str):
+        raise InputError("key", key, "a key of the scene with dots, such as 'coupling.internal.stiffness'")
+    first, *rest = key.split(".")
+    tables = getattr(scene, first, None) if first in LISTS else None
+    if tables and rest and rest[0] not in type(tables[0]).model_fields:
+        names = [getattr(each, "name", None) or getattr(each, "label", None) for each in tables]
+        rest = [str(names.index(rest[0])) if rest[0] in names else rest[0], *rest[1:]]
+    return ".".join([first, *rest])
+
+
+def value_of(scene: Scene, key: str) -> Any:
+    """Give the value of a key now; of `*` the one value of all, or a tuple of them."""
+    values = list(_values(scene, _indexed(key)))
+    return values[0] if all(each == values[0] for each in values) else tuple(values)
+
+
+def _indexed(key: str) -> list[str]:
+    """Split a key at its dots, with the number 0 where a list's is left out."""
+    first, *rest = key.split(".")
+    if general(key).split(".")[1:2] == ["*"] and not (rest and (rest[0] == "*" or rest[0].isdecimal())):
+        rest = ["0", *rest]
+    return [first, *rest]
+
+
+def _values(part: Any, path: list[str]) -> Iterator[Any]:
+    if not path:
+        yield part
+        return
+    name, *rest = path
+    if isinstance(part, tuple):
+        for each in part if name == "*" else part[int(name) : int(name) + 1]:
+            yield from _values(each, rest)
+        return
+    settings = getattr(part, "settings", {})
+    if name in settings:
+        yield from _values(settings[name], rest)
+    elif not isinstance(part, str):  # a name stands for a table elsewhere
+        yield from _values(getattr(part, name), rest)

@@ -1,0 +1,310 @@
+"""A run tick by tick: stepped, looked at and steered by whoever has opened it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from os import PathLike
+from time import perf_counter
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.build.build import build
+from graspfx.build.live import numbered, value_of
+from graspfx.build.resolve import resolve
+from graspfx.build.run import header_of, require_memory, warn_of_axes
+from graspfx.build.steering import Steering
+from graspfx.compile.kernel import keep_lowerings
+from graspfx.environment import to_path
+from graspfx.errors import InputError
+from graspfx.loop.recording.header import RunFault
+from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.recorder import Recorder, Sink
+from graspfx.numeric import number
+from graspfx.scene.load import to_scene
+
+if TYPE_CHECKING:
+    from graspfx.scene.model import Scene
+
+WHOLE = "a whole number of ticks, one or more"
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def open(
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    live: Iterable[str] = (),
+    out: str | PathLike[str] | None = None,
+    overwrite: bool = False,
+) -> Session:
+    """Open a scene as a run that goes on tick by tick: `with gx.open("paper-waving") as session: session.step(100)`.
+
+    For any division into steps the recording is that of `gx.run`, bit by bit.
+
+    Args:
+        scene: a scene, its name or its path.
+        overrides: values by dotted key.
+        live: keys that `Session.set` may change in mid-run, such as "coupling.internal.stiffness"; `*` stands for
+            all of a list.
+        out: a folder in which recording.h5 is written; it may exist. While the session is open its rows are there in
+            recording.h5.part too.
+        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
+
+    Raises:
+        InputError, UnknownNameError: no scene; a live key that cannot change in mid-run; an `out` that is no path.
+        SceneError: with every fault of the scene at once.
+        DeviceError: a device that does not open.
+        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written.
+    """
+    return Session(to_scene(scene, overrides), live=live, out=out, overwrite=overwrite)
+
+
+@dataclass(frozen=True)
+class ObjectView:
+    """An object in one tick.
+
+    Attributes:
+        position: of its centre (d,) [m].
+        velocity: (d,) [m/s].
+        orientation: an angle [rad], a quaternion x y z w, or None on a line.
+        angular_velocity: [rad/s], or (3,) in world axes, or None on a line.
+        wrench: of the fingers on it, about its centre (w,) [N, N m].
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    orientation: float | FloatArray | None
+    angular_velocity: float | FloatArray | None
+    wrench: FloatArray
+
+
+class Session:
+    """A run that is stepped by its caller; `open` makes it, and the end of its `with` block closes it.
+
+    Positions, velocities and forces are those of the last tick, as the recording has them; before the first tick they
+    are those at the start, and forces are zero.
+
+    Args:
+        scene: what is run.
+        live, out, overwrite: as of `open`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        live: Iterable[str] = (),
+        out: str | PathLike[str] | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        if out is not None:
+            to_path("out", out, "the path of a folder")
+        keys = [numbered(scene, key) for key in ([live] if isinstance(live, str) else live)]
+        parts = resolve(scene)
+        warn_of_axes(parts)
+        if out is not None and not overwrite:
+            require_vacancy_of(recording_path(out, "out") / NAME)
+        self.scene, self._spent = scene, 0.0
+        self._finished: Recording | None = None
+        self._so_far: tuple[int, int, Recording] | None = None  # ticks and changes of the last one that was asked for
+        with ExitStack() as stack:
+            self.servo = stack.enter_context(build(scene, live=keys))
+            self._steering = Steering(self.servo, scene, keys)
+            header, sinks = header_of(parts), list[Sink]()
+            if out is not None:
+                from graspfx.loop.recording.sink import FileSink
+
+                sinks.append(FileSink(make_folder(out) / NAME, self.servo.layout, header, overwrite=overwrite))
+            self._recorder = stack.enter_context(Recorder(self.servo.layout, header, sinks))
+            self._stack = stack.pop_all()
+
+    def __repr__(self) -> str:
+        name, state = self._recorder.header.scene or "a scene", "closed" if self._finished else "open"
+        live = f", live: {', '.join(self.live)}" if self.live else ""
+        fault = f", fault at {self.fault}" if self.fault else ""
+        return f"<Session of {name}, {state}: {self.tick} ticks, {self.time:g} s{live}{fault}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close(complete=kind is None)
+
+    def close(self) -> None:
+        """End the run: the recording is written, devices and bodies are closed; a second time nothing happens."""
+        self._close(complete=True)
+
+    def _close(self, *, complete: bool) -> None:
+        if self._finished is not None:
+            return
+        with self._stack:
+            self._finished = self._with_notes(self._recorder.finish(**self._outcome(complete)))
+            keep_lowerings()  # of kernels that were called
+
+    def _outcome(self, complete: bool) -> dict[str, Any]:
+        engine = self.servo.engine.name if self.tick else ""
+        return {
+            "wall_time": self._spent if complete else None,
+            "complete": complete,
+            "engine": engine,
+        } | self.servo.coupling
+
+    def _with_notes(self, recording: Recording) -> Recording:
+        recording.beside = plugins.upward("Recording.beside")(self.scene)
+        return recording
+
+    # Stepping -----------------------------------------------------------------------------------------------------
+
+    def step(self, ticks: int = 1) -> None:
+        """Run that many ticks.
+
+        Raises:
+            InputError: no whole number above zero, a session that is closed, no room in memory, or a number that was
+                written into a block past `set`.
+            DeviceError: a device that cannot go on is a recorded fault, and raises nothing.
+        """
+        count = number("ticks", ticks, WHOLE)
+        if count < 1.0 or count % 1.0:
+            raise InputError("ticks", ticks, WHOLE)
+        if self._finished is not None:
+            raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+        require_memory(self.tick + count, 16 * self.servo.layout.width)
+        began = perf_counter()
+        try:
+            self.servo.run(int(count), self._recorder)
+        finally:
+            self._spent += perf_counter() - began
+
+    @property
+    def tick(self) -> int:
+        """Count of ticks so far, the number of the coming one."""
+        return self.servo.ticks
+
+    @property
+    def time(self) -> float:
+        """Time of the coming tick, tick x period [s]."""
+        return self.tick * self.servo.period
+
+    @property
+    def fault(self) -> RunFault | None:
+        """The fault from which on every force is zero; None so far."""
+        return self.servo.fault
+
+    # Looking at it ------------------------------------------------------------------------------------------------
+
+    @property
+    def recording(self) -> Recording:
+        """The recording of the ticks so far; of all of them once the session is closed."""
+        if self._finished is not None:
+            return self._finished
+        state = self.tick, len(self._recorder.changes)
+        if self._so_far is None or self._so_far[:2] != state:
+            self._so_far = (*state, self._with_notes(self._recorder.recording(**self._outcome(complete=False))))
+        return self._so_far[2]
+
+    @property
+    def position(self) -> FloatArray:
+        """Positions of the fingers as their devices report them, (n, d) [m]."""
+        return self._of_fingers("finger_position")
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocities of the fingers as their devices report or estimate them, (n, d) [m/s]."""
+        return self._of_fingers("finger_velocity")
+
+    @property
+    def force(self) -> FloatArray:
+        """Forces of the fingers on their objects, (n, d) [N]."""
+        return self._of_fingers("finger_force")
+
+    @property
+    def touching(self) -> BoolArray:
+        """Whether each finger exerts a force, (n,)."""
+        return np.not_equal(self._of_fingers("touching"), 0.0)
+
+    @property
+    def objects(self) -> Mapping[str, ObjectView]:
+        """Each object by its name."""
+        return MappingProxyType({part.name: self._object(i) for i, part in enumerate(self.servo.objects)})
+
+    def _object(self, i: int) -> ObjectView:
+        orientation, angular_velocity = self._column(i, "orientation"), self._column(i, "angular_velocity")
+        plane = self.servo.layout.dimensions == 2
+        return ObjectView(
+            position=self._column(i, "position"),
+            velocity=self._column(i, "velocity"),
+            orientation=float(orientation[0]) if plane else orientation if len(orientation) else None,
+            angular_velocity=float(angular_velocity[0]) if plane else angular_velocity if len(orientation) else None,
+            wrench=self._column(i, "wrench"),
+        )
+
+    def _of_fingers(self, name: str) -> FloatArray:
+        column = self.servo.layout.columns[name]
+        if self.tick:
+            return self.servo.row[column.where].reshape(column.shape).copy()
+        values = np.zeros(column.shape)
+        for part in self.servo.objects:
+            values[part.fingers] = part.grasped.block[part.grasped.where[name]]
+        return values
+
+    def _column(self, i: int, name: str) -> FloatArray:
+        """Give a quantity of object i as a flat array, empty where it has none."""
+        part = self.servo.objects[i]
+        column = self.servo.layout.columns.get(f"objects/{part.name}/{name}")
+        if column is None:
+            return np.empty(0)
+        if self.tick:
+            return self.servo.row[column.where].copy()
+        return part.grasped.block[part.grasped.where[name]]
+
+    # Steering -----------------------------------------------------------------------------------------------------
+
+    @property
+    def live(self) -> tuple[str, ...]:
+        """Keys that `set` may change."""
+        return self._steering.keys
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Values of the live keys now."""
+        return MappingProxyType({key: value_of(self.scene, key) for key in self.live})
+
+    def get(self, key: str) -> Any:
+        """Give the value of a key of the scene now; of `*` the one value of all, or a tuple of them."""
+        return value_of(self.scene, numbered(self.scene, key))
+
+    def set(self, key: str | Mapping[str, Any], value: Any = None) -> None:
+        """Change live keys from the coming tick on: `session.set("coupling.internal.stiffness", 55.0)`.
+
+        What follows from them is changed too, as the automatic `coupling.fade`. States go on as they are: positions,
+        contacts, anchors. The change is recorded with its tick.
+
+        Args:
+            key: a key and its value, or values by key, which are changed together.
+            value: of the key.
+
+        Raises:
+            InputError: a key that is not live, or a value that would change more than numbers.
+            SceneError: a value that the scene does not allow; nothing has changed then.
+        """
+        changes = dict(key) if isinstance(key, Mapping) else {key: value}
+        if not changes:
+            return
+        for each in changes:
+            self._steering.require_live(numbered(self.scene, each))
+        if self._finished is not None:
+            raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+        scene = self.scene.replace(changes)
+        self.servo.write(self._steering.update(scene, changes), self._recorder)
+        self.scene = scene

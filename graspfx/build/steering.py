@@ -1,0 +1,187 @@
+"""Values of live keys on their way into a running servo: checked by the scene, filled as if it were built with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.build import build
+from graspfx.build.live import BODY, DEVICE, GAINS, INERTIA, covers, is_of_a_hand, require
+from graspfx.build.numbers import general
+from graspfx.build.reach import reach
+from graspfx.compile.entry_names import name_of
+from graspfx.compile.records import entries_of, start_of
+from graspfx.coupling.entries import compliant_entry, has_problems
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.errors import InputError
+from graspfx.loop.plant import FusedHand
+from graspfx.loop.update import Steerable, Update
+from graspfx.objects.body import NativeBody
+from graspfx.objects.body_state import BodyState
+
+if TYPE_CHECKING:
+    from graspfx.coupling.grasped import GraspedObject
+    from graspfx.loop.servo import Servo
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+Numbers = tuple[FloatArray, Index, FloatArray]  # a memory, entries of it and what is written there
+
+# Fields of a grasp's block that hold a scene's numbers, and what follows from them; all others are the run's.
+NUMBERS = (
+    "external_stiffness", "external_damping", "internal_stiffness", "internal_damping",
+    "equal", "damped", "singular", "gradual", "rays", "stiffness_rule", "damping_rule", "release", "stiffest",
+    "damping_depth", "fade_start", "fade_end", "arm_low", "arm_high",
+)  # fmt: skip
+OF_BODY = ("mass", "inertia", "viscosity", "rotational_viscosity", "gravity")
+OF_FINGERS = ("coefficient",)
+CACHES = {"gains_known": GAINS, "pads_known": GAINS, "split_known": ("coupling.blend",)}  # known no more
+
+
+class Steering:
+    """The live keys of a servo.
+
+    Args:
+        servo: built with these keys live.
+        scene: that it was built from.
+        keys: with numbers for names of tables.
+
+    Raises:
+        InputError: a key that this scene's parts cannot change in mid-run, with the reason.
+    """
+
+    def __init__(self, servo: Servo, scene: Scene, keys: Iterable[str]) -> None:
+        self.servo, self.scene, self.keys = servo, scene, tuple(keys)
+        for key in self.keys:
+            reason = self._obstacle(general(require(key)))
+            if reason:
+                raise InputError("live", key, "a key that may change in mid-run", reason)
+
+    def _obstacle(self, plain: str) -> str:
+        """Say why the parts of this scene cannot change by a key; nothing where they can."""
+        servo, coupling = self.servo, self.scene.coupling
+        if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
+            return "the ledger of coupling.passivity books each sample with the numbers that it began with"
+        if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
+            return "other software moves an object, and has its own copy of the number"
+        if plain in INERTIA and any(getattr(mover.body, "buffer", None) is not None for mover in servo.movers):
+            return "the contact of an object with the planes that it meets is made for its mass"
+        if plain in DEVICE and coupling.metric == "mass":
+            return "coupling.metric = 'mass' counts fingers by it"
+        if plain in DEVICE and not (
+            servo.layout.simulated and all(isinstance(m.plant, Steerable) for m in servo.plants)
+        ):
+            return "a device's mechanics are its own, unless it is a simulated point"
+        if is_of_a_hand(plain) and not all(
+            isinstance(m.hand, Steerable) and isinstance(m.hand, FusedHand) for m in servo.plants
+        ):
+            return "a hand or a motion of a plug-in has its own numbers"
+        return ""
+
+    def update(self, scene: Scene, values: Mapping[str, Any]) -> Update:
+        """Make the update to a variant of the scene.
+
+        Args:
+            scene: the servo's own with these values.
+            values: by live key.
+
+        Raises:
+            InputError: values that would change more than numbers: the form of a gain, a switch, a layout.
+            SceneError, DeviceError: as of `build`.
+        """
+        keys = [general(key) for key in values]
+        with build(scene, hardware=False, engine="interpreted", live=self.keys) as other:
+            entries: list[Numbers] = []
+            parts: list[tuple[Steerable, Any]] = []
+            for own, new in zip(self.servo.objects, other.objects, strict=True):
+                _require_structure(own.grasped, new.grasped, values)
+                entries += self._entries(own.grasped, new.grasped, keys)
+                parts.append((own.grasped, new.grasped))
+            moves = any(key in DEVICE or is_of_a_hand(key) for key in keys)
+            plants = list(enumerate(zip(self.servo.plants, other.plants, strict=True))) if moves else []
+            for _, (wiring, anew) in plants:
+                _require_hand(wiring.hand, anew.hand, values)
+                parts.append((wiring.hand, anew.hand))  # type: ignore[arg-type]
+                if any(key in DEVICE for key in keys):
+                    parts.append((wiring.plant, anew.plant))  # type: ignore[arg-type]
+        return Update(dict(values), entries, parts, [j for j, _ in plants])
+
+    def _entries(self, own: GraspedObject, new: GraspedObject, keys: Sequence[str]) -> Iterator[Numbers]:
+        """Give the numbers to be written into a grasp's block; all of them where no tick has run."""
+        if self.servo.ticks == 0:
+            yield own.block, np.arange(own.block.size), new.block.copy()
+            return
+        places = _places(own, keys)
+        yield own.block, places, new.block[places]
+        yield from _caches(own, new, keys)
+
+    def require_live(self, key: str) -> None:
+        """Require that a key, with numbers for names, is live.
+
+        Raises:
+            InputError: it is not.
+        """
+        if not any(covers(each, key) for each in self.keys):
+            live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
+            raise InputError(key, "a value", "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
+
+
+def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
+    """Require a block of the same layout and the same switches, but for those that are not folded in."""
+    key, value = next(iter(values.items()))
+    what = key if len(values) == 1 else ", ".join(values)
+    if new.block.size != own.block.size:
+        raise InputError(
+            what, value, "a value of the form that it had at the start",
+            "another form is laid out in another way, which cannot change in mid-run; begin with it",
+        )  # fmt: skip
+    places = own.structure
+    same = own.block[places].view(np.int64) == new.block[places].view(np.int64)
+    if not same.all():
+        field = name_of(GraspState, int(places[np.flatnonzero(~same)[0]]), own.block)
+        raise InputError(
+            what, value, "a value that changes numbers only",
+            f"{field} would change with it, which decides what is computed; begin with such a value",
+        )  # fmt: skip
+
+
+def _places(grasped: GraspedObject, keys: Iterable[str]) -> Index:
+    """List the entries of a block that keys in their general form reach and that hold the scene's numbers."""
+    reached = frozenset().union(*(reach(key).get("grasp", frozenset()) for key in keys))
+    grasp = grasped.state
+    places = entries_of(GraspState, *(name for name in NUMBERS if name in reached))
+    body = [name for name in OF_BODY if f"body.{name}" in reached]
+    places += entries_of(BodyState, *body, at=start_of(GraspState, "body"))
+    names = [name for name in OF_FINGERS if f"fingers.{name}" in reached]
+    places += [entry for finger in grasp.fingers for entry in entries_of(FingerState, *names, at=finger.offset)]
+    if "matrices" in reached:
+        places += range(grasp.matrices.offset, grasp.matrices.offset + grasp.matrix_entries)
+    if "gradual" in reached and has_problems(grasp):
+        places.append(compliant_entry(grasp.damping_problem))
+    return np.array(places, dtype=np.intp)
+
+
+def _caches(
+    own: GraspedObject, new: GraspedObject, keys: Iterable[str]
+) -> Iterator[tuple[FloatArray, Index, FloatArray]]:
+    """Let what a block has worked out from numbers that are to change be worked out anew."""
+    for name, inputs in CACHES.items():
+        used = [key for key in keys if key in inputs]
+        places = _places(own, used)
+        if not np.array_equal(own.block[places], new.block[places]):
+            entry = np.array(entries_of(GraspState, name), dtype=np.intp)
+            yield own.block, entry, np.zeros(len(entry))
+
+
+def _require_hand(own: Any, new: Any, values: Mapping[str, Any]) -> None:
+    """Require a hand of the same structure."""
+    same = own.state.shape == new.state.shape and np.array_equal(own.structure, new.structure)
+    if not same or not np.array_equal(own.state[own.structure], new.state[new.structure]):
+        raise InputError(
+            ", ".join(values), list(values.values()), "as many motions and turns of the same kinds",
+            "what a hand does is laid out at the start; begin with such a motion",
+        )  # fmt: skip
