@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from math import prod
 from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -20,11 +22,14 @@ from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.two_forces import SplitRule
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.two_parts import RowSplit
 from graspfx.scene.overrides import overridden
 
 if TYPE_CHECKING:
@@ -113,7 +118,7 @@ class Batch:
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
-        return self.layout.columns[_column(self.layout, quantity)]
+        return _columns(self.layout, [quantity])[0][quantity]
 
     def to_xarray(self) -> xarray.Dataset:
         """Convert to an xarray Dataset: a dimension per key, or `variant` for all with `zip`, then those of a quantity.
@@ -184,8 +189,9 @@ def run_batch(
         zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
         keep: "measures", of the quantities in `measure`; "recordings", whole ones, a `Recording` of each; or
             "summary", `Recording.summary()` of each, which costs a millisecond apiece.
-        measure: quantities: columns of a recording's layout, or `object_position`, `object_velocity`,
-            `object_orientation` and `wrench` of the first object.
+        measure: quantities: columns of a recording's layout, `internal_force` and `external_force` (with these
+            variants run one by one), or `object_position`, `object_velocity`, `object_orientation` and `wrench` of the
+            first object.
         statistics: of each number of these: first, last, mean, rms, min, max, peak (the largest magnitude) and growth
             (the peak of the second half of the run over that of the first).
         threads: as many as there are processors if not given; the result is the same.
@@ -250,9 +256,10 @@ class Runs:
         measures: dict[str, dict[str, FloatArray]] = {}
         for group in groups:
             layout = group.program.servo.layout
-            columns = {quantity: layout.columns[_column(layout, quantity)] for quantity in measure}
-            where = [k for column in columns.values() for k in range(layout.width)[column.where]]
+            columns, divided = _columns(layout, measure)
+            where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
             job = self._job(group, where, statistics)
+            job.more = partial(_divider, group, divided) if divided else None
             raw, faults = job.measured(self.threads)
             self.run_time += job.spent
             self.faults[group.members] = faults
@@ -281,7 +288,8 @@ class Runs:
                 outcome = _outcome(group, ended)
                 if job.look is not None:
                     job.look(ended.arena)
-                results[member] = make(Recording(ended.rows, layout, self._header(header, group, member), outcome))
+                own = replace(self._header(header, group, member), split=_split(group, ended.arena))
+                results[member] = make(Recording(ended.rows, layout, own, outcome))
             self.run_time += job.spent
         return results
 
@@ -321,11 +329,44 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
 
 
-def _column(layout: Layout, quantity: str) -> str:
-    name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
-    if name not in layout.columns:
-        raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT])
-    return name
+def _columns(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
+    """Find the columns of quantities; those of the two forces stand behind a row, and are listed too."""
+    forces = {column.name: column for column in layout.forces}
+    columns: dict[str, Column] = {}
+    divided: list[str] = []
+    end = layout.width
+    for quantity in quantities:
+        name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
+        if name in layout.columns:
+            columns[quantity] = layout.columns[name]
+        elif name in forces:
+            start, end = end, end + prod(forces[name].shape)
+            columns[quantity] = replace(forces[name], where=slice(start, end))
+            divided.append(name)
+        else:
+            raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT, *forces])
+    return columns, divided
+
+
+def _split(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
+    """Read from a variant's buffers how the forces of each object divide."""
+    program, rules = group.program, {}
+    for name, array in program.tick.script.arrays.items():
+        for part in program.servo.objects:
+            if array is part.grasped.block:
+                rules[part.name] = SplitRule.of(GraspState(arena[program.places[name]])).table()
+    return rules
+
+
+def _divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Make what computes parts of forces from rows of a variant that begins with these buffers."""
+    splits, layout = [(0, _split(group, arena))], group.program.servo.layout
+
+    def divide(rows: FloatArray) -> FloatArray:
+        parts = RowSplit(rows, layout, splits).forces()
+        return np.concatenate([parts[name].reshape(len(rows), -1) for name in names], axis=1)
+
+    return divide
 
 
 def _names(argument: str, names: Sequence[str]) -> Sequence[str]:
