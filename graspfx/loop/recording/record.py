@@ -45,6 +45,7 @@ class Recording(History):
             residual=[motion.residual for motion in self.objects.values() if motion.residual is not None],
             energy=list(self.energy.values()),
             growth=losses(self),
+            changes=len(self.changes),
         )
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
