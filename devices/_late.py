@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Floats, Table
+from graspfx.protocols import Floats, Table, kernel
 
 
 @kernel

@@ -9,10 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Floats, Record, floats, size_for, start_of
-from graspfx.errors import DeviceError, InputError
-from graspfx.loop.plant import FusedHand, Hand, Kernel, Ports, is_still
+from graspfx.protocols import (
+    DeviceError,
+    Floats,
+    FusedHand,
+    Hand,
+    InputError,
+    Kernel,
+    Ports,
+    Record,
+    floats,
+    is_still,
+    kernel,
+    size_for,
+    start_of,
+)
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

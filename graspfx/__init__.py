@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from graspfx import errors as errors
+    from graspfx import protocols as protocols
     from graspfx import testing as testing
     from graspfx.analysis import passivity as passivity
     from graspfx.analysis import stability as stability
@@ -46,10 +48,12 @@ _HOMES = {
     "Split": "graspfx.grasp.split",
     "certify": "graspfx.certificate.certify",
     "check": "graspfx.certificate.verdict",
+    "errors": "graspfx.errors",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
     "open": "graspfx.build.session",
     "passivity": "graspfx.analysis",
+    "protocols": "graspfx.protocols",
     "run": "graspfx.build.run",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
@@ -80,6 +84,8 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "stability",
     "passivity",
     "testing",
+    "protocols",
+    "errors",
     "__version__",
 ]
 

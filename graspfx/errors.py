@@ -6,6 +6,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
+__all__ = [  # noqa: RUF022 (the base, then as users meet them)
+    "GraspFXError",
+    "InputError",
+    "UnknownNameError",
+    "SceneError",
+    "Fault",
+    "DeviceError",
+    "RecordingError",
+    "MissingPackageError",
+]
+
 MOST_SHOWN = 50  # faults of a scene
 LONGEST_KEY = 200  # letters of a key in a message
 
@@ -84,6 +95,10 @@ class SceneError(GraspFXError, ValueError):
         if len(self.faults) > MOST_SHOWN:
             lines.append(f"{source}: and {len(self.faults) - MOST_SHOWN} more faults, {len(self.faults)} in all")
         super().__init__("\n".join(lines))
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:

@@ -1,4 +1,4 @@
-"""Vectors, matrices and quaternions that kernels compute with; rotations as scalars; orthogonal directions."""
+"""Vectors, matrices and quaternions that kernels compute with; rotations; orthogonal directions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.kernel import inline, kernel, written
 from graspfx.compile.records import Table
 
 LARGEST = 1e300  # NaN compares false with it
@@ -255,51 +255,7 @@ def normalise(q: Quaternion) -> Quaternion:
     return Quaternion(q.x * k, q.y * k, q.z * k, q.w * k)
 
 
-def product(
-    ax: float, ay: float, az: float, aw: float, bx: float, by: float, bz: float, bw: float
-) -> tuple[float, float, float, float]:
-    """a b: the rotation b followed by the rotation a."""
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def exponential_numbers(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """exp of a rotation vector [rad]: (u sin(|u|/2)/|u|, cos(|u|/2)), exact to rounding down to no rotation at all."""
-    square = x * x + y * y + z * z
-    if square < SMALL:
-        s = 0.5 - square / 48.0
-        return x * s, y * s, z * s, 1.0 - 0.125 * square
-    if not square <= LARGEST:  # a body that has diverged: its state says so from here on, nothing is raised
-        return math.nan, math.nan, math.nan, math.nan
-    angle = math.sqrt(square)
-    s = math.sin(0.5 * angle) / angle
-    return x * s, y * s, z * s, math.cos(0.5 * angle)
-
-
-def normalised(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
-    """q / |q|; a quaternion of length zero comes back as it is."""
-    square = x * x + y * y + z * z + w * w
-    if square <= 0.0:
-        return x, y, z, w
-    k = 1.0 / math.sqrt(square)
-    return x * k, y * k, z * k, w * k
-
-
-def rotate_numbers(
-    qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: float
-) -> tuple[float, float, float]:
-    """R v by a unit quaternion, as v + w t + q x t with t = 2 q x v; R' v by its conjugate (-qx, -qy, -qz, qw)."""
-    tx = 2.0 * (qy * z - qz * y)
-    ty = 2.0 * (qz * x - qx * z)
-    tz = 2.0 * (qx * y - qy * x)
-    return x + qw * tx + qy * tz - qz * ty, y + qw * ty + qz * tx - qx * tz, z + qw * tz + qx * ty - qy * tx
-
-
-def quaternion(R: Sequence[float]) -> tuple[float, float, float, float]:
+def quaternion(R: Sequence[float]) -> Quaternion:
     """Compute the unit quaternion of a rotation matrix, row by row, w >= 0 (Shepperd, 1978: no digits lost)."""
     a, b, c, d, e, f, g, h, i = R
     squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)  # of 2 x, 2 y, 2 z, 2 w
@@ -313,7 +269,7 @@ def quaternion(R: Sequence[float]) -> tuple[float, float, float, float]:
     else:
         q = (c + g, f + h, largest, d - b)
     sign = -1.0 if q[3] < 0.0 else 1.0
-    return normalised(sign * q[0], sign * q[1], sign * q[2], sign * q[3])
+    return written(normalise)(Quaternion(sign * q[0], sign * q[1], sign * q[2], sign * q[3]))
 
 
 @kernel

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import graspfx as gx
-from graspfx.errors import InputError
 
 KIP, HAND = 800.0, 300.0  # of the coupling and of a finger's hand [N/m]
 
@@ -55,9 +54,9 @@ def scene(
         friction: coefficient.
     """
     if not (isinstance(sides, int) and sides >= 3):
-        raise InputError("sides", sides, "a whole number of 3 or more")
+        raise gx.errors.InputError("sides", sides, "a whole number of 3 or more")
     if not (isinstance(fingers, int) and 2 <= fingers <= sides):
-        raise InputError("fingers", fingers, f"a whole number from 2 to {sides}, one for a side at most")
+        raise gx.errors.InputError("fingers", fingers, f"a whole number from 2 to {sides}, one for a side at most")
     vertices, faces = prism(sides, radius, height)
     angle = 2 * np.pi * (np.arange(fingers) * sides // fingers) / sides  # of the sides' normals
     outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(fingers)], axis=1)

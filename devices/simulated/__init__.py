@@ -6,10 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.devices.simulated.point_device import PointDevice
-from graspfx.errors import InputError
-from graspfx.loop.device import former_settings
-from graspfx.loop.velocity import WINDOW
-from graspfx.numeric import LARGEST, SMALLEST, finite
+from graspfx.protocols import LARGEST, SMALLEST, WINDOW, InputError, finite, former_settings
 
 FloatArray = NDArray[np.float64]
 

@@ -8,13 +8,21 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import size_for, start_of
 from graspfx.devices.simulated import point_sample as sample
 from graspfx.devices.simulated.point_sample import PointDeviceState
 from graspfx.devices.simulated.points import PointPlant
-from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Device, DevicePorts, Features
-from graspfx.loop.velocity import VelocityEstimate, VelocityEstimator, size
+from graspfx.protocols import (
+    Device,
+    DeviceError,
+    DevicePorts,
+    Features,
+    InputError,
+    VelocityEstimate,
+    VelocityEstimator,
+    estimate_size,
+    size_for,
+    start_of,
+)
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -47,7 +55,7 @@ class PointDevice:
         self.mass, self.damping, self.resolution = mass, damping, resolution
         self._window = velocity_window if resolution else 1
         k, d = self._shape = fingers, dimensions
-        entries, each = k * d, size(self._window)
+        entries, each = k * d, estimate_size(self._window)
         self.state: FloatArray = np.zeros(
             size_for(PointDeviceState, fingers=k, dimensions=d, delay=delay, estimate_size=each)
         )

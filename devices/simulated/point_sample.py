@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import math
 
-from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Floats, Many, Record, Table, floats, many, start_of, table
 from graspfx.devices._late import clear_line, delay_values
-from graspfx.loop.velocity import VelocityEstimate, estimate
+from graspfx.protocols import (
+    Floats,
+    Many,
+    Record,
+    Table,
+    VelocityEstimate,
+    estimate,
+    floats,
+    kernel,
+    many,
+    start_of,
+    table,
+)
 
 
 class PointDeviceState(Record):

@@ -7,10 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Floats, Many, Record, floats, layout, many
 from graspfx.devices._plant import HeldPlant, PlantState, unfit
-from graspfx.exponential import expm1
+from graspfx.protocols import Floats, Many, Record, expm1, floats, kernel, layout, many
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

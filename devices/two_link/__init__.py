@@ -34,10 +34,7 @@ from graspfx.devices.two_link.adapter import TwoLink
 from graspfx.devices.two_link.arm import Arm, Drive, Elbow, Mechanics, Pair
 from graspfx.devices.two_link.board import Board, Wiring
 from graspfx.devices.two_link.simulated_arm import SimulatedTwoLink
-from graspfx.errors import InputError
-from graspfx.loop.device import former_settings
-from graspfx.loop.velocity import WINDOW
-from graspfx.numeric import SMALLEST, finite
+from graspfx.protocols import SMALLEST, WINDOW, InputError, finite, former_settings
 
 __all__ = ["PRESET", "Board", "TwoLink", "connect"]
 

@@ -12,14 +12,20 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import size_for, start_of
 from graspfx.devices.two_link import arm_sample as sample
 from graspfx.devices.two_link.arm import Arm, Both, Mechanics, Point
 from graspfx.devices.two_link.arm_sample import ArmState
 from graspfx.devices.two_link.board import Board, Wiring
-from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Features
-from graspfx.loop.velocity import WINDOW, VelocityEstimator, size
+from graspfx.protocols import (
+    WINDOW,
+    DeviceError,
+    Features,
+    InputError,
+    VelocityEstimator,
+    estimate_size,
+    size_for,
+    start_of,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -41,7 +47,7 @@ class TwoLinkArm(ABC):
     ) -> None:
         self.arm, self.wiring, self.mechanics = arm, wiring, mechanics
         self._window, self._delay = velocity_window, delay
-        each, late = size(velocity_window), delay or 0
+        each, late = estimate_size(velocity_window), delay or 0
         self.state: FloatArray = np.zeros(size_for(ArmState, delay=late, estimate_size=each))
         self._entries: Any = self.state.data  # plain floats, where items of an array cost twice as much
         block = self._block = ArmState(self._entries)

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import inline
-from graspfx.errors import DeviceError, InputError
+from graspfx.protocols import DeviceError, InputError, inline
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]

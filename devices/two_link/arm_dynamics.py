@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Many, Record, Table, many, size_of, start_of, table
 from graspfx.devices._plant import HeldPlant, MiddlePlantState, unfit
 from graspfx.devices.two_link.arm import Both, Mechanics, Point, links_at
+from graspfx.protocols import Many, Record, Table, kernel, many, size_of, start_of, table
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

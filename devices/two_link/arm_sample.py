@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import math
 
-from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Floats, Many, Record, Table, floats, many, start_of, table
 from graspfx.devices._late import clear_line, delay_values
 from graspfx.devices.two_link.arm import Both, Links, Point, joint_angles, link_directions, links_at
-from graspfx.loop.velocity import VelocityEstimate, estimate
+from graspfx.protocols import (
+    Floats,
+    Many,
+    Record,
+    Table,
+    VelocityEstimate,
+    estimate,
+    floats,
+    kernel,
+    many,
+    start_of,
+    table,
+)
 
 
 class ArmState(Record):

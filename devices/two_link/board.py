@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from graspfx.devices.two_link.arm import Pair
-from graspfx.errors import InputError
+from graspfx.protocols import InputError
 
 
 class Board(Protocol):

@@ -7,16 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import start_of
 from graspfx.devices.two_link import arm_sample as sample
 from graspfx.devices.two_link.adapter import TwoLinkArm
 from graspfx.devices.two_link.arm import Arm, Both, Mechanics
 from graspfx.devices.two_link.arm_dynamics import ArmPlant
 from graspfx.devices.two_link.arm_sample import ArmState
 from graspfx.devices.two_link.board import Wiring
-from graspfx.errors import DeviceError, InputError
-from graspfx.loop.device import Device, DevicePorts
-from graspfx.loop.velocity import VelocityEstimate
+from graspfx.protocols import Device, DeviceError, DevicePorts, InputError, VelocityEstimate, start_of
 
 FloatArray = NDArray[np.float64]
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from os import PathLike
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx import plugins
 from graspfx.analysis.arguments import lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.errors import InputError
@@ -149,6 +151,23 @@ class Linearisable(Protocol):
     """A scene, as the analysis sees it."""
 
     def linearise(self) -> Linearisation: ...
+
+
+Subject = Linearisation | Linearisable | str | PathLike[str]
+
+
+def linear_of(subject: Subject) -> Linearisation:
+    """Take a linearisation as it is, or that of a scene, or of the scene behind a name or a path.
+
+    Raises:
+        InputError: none of these; others as `gx.load` and `Scene.linearise` have them.
+    """
+    if isinstance(subject, Linearisation):
+        return subject
+    scene = plugins.upward("Linearisation.scene")(subject) if isinstance(subject, str | PathLike) else subject
+    if not isinstance(scene, Linearisable):
+        raise InputError("linear", subject, "a Linearisation, a scene, or the name or path of one")
+    return scene.linearise()
 
 
 def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:

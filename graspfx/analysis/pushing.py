@@ -8,14 +8,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.analysis.linearisation import Linearisation
+from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
 from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
 
 def pushing(
-    linear: Linearisation, fingers: ArrayLike, *, released: ArrayLike | None = None
+    subject: Subject, fingers: ArrayLike, *, released: ArrayLike | None = None
 ) -> Iterator[tuple[tuple[int, ...], Linearisation]]:
     """List every set of fingers that may touch without the others, and the loop that it closes with the whole object.
 
@@ -24,7 +24,7 @@ def pushing(
     which nothing but their hands moves, are left out; so is the preload.
 
     Args:
-        linear: the grasp with every finger touching.
+        subject: the grasp with every finger touching: a `Linearisation`, a scene, or the name or path of one.
         fingers: (m,), which finger each coordinate belongs to.
         released: (m,), coordinates that never carry force (the tangents of frictionless contacts), a mask.
 
@@ -32,6 +32,7 @@ def pushing(
         (touching fingers, linearisation), the single fingers first; the grasp itself is not among them, unless
         `released` changes it.
     """
+    linear = linear_of(subject)
     m, _ = linear.coordinates
     pushers = np.asarray(fingers)
     loose = np.zeros(m, dtype=bool) if released is None else np.asarray(released, dtype=bool)

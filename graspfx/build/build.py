@@ -88,19 +88,34 @@ def meet(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGrou
 def make_layout(parts: Parts) -> Layout:
     """Lay out the columns of a recording; simulated devices also tell their true positions."""
     scene = parts.scene
+    soft = any(finger.model == "soft" for finger in scene.finger)
     return Layout(
         dimensions=scene.dimensions,
         fingers=scene.finger_names,
         objects=tuple(thing.name for thing in scene.object),
         finger_objects=scene.finger_objects,
         gaps=scene.coupling.contact == "unilateral",
-        moments=any(finger.model == "soft" for finger in scene.finger),
+        moments=soft,
         slips=any(scene.coefficients),
         simulated=parts.simulated,
         observed=scene.coupling.passivity != "off",
         controlled=scene.coupling.passivity == "control",
         limits=parts.limits is not None,
+        normals=soft,
+        torsion_axes=soft and scene.coupling.reaction == "fingertip",
+        predicted=_predicted(parts),
     )
+
+
+def _predicted(parts: Parts) -> tuple[int, ...]:
+    """List the objects that turn about a centre which moves some ways only, where the implicit integrator puts it."""
+    scene, d = parts.scene, parts.scene.dimensions
+    return tuple(
+        k
+        for k, thing in enumerate(scene.object)
+        if thing.integrator == "implicit" and thing.dynamics == "native" and scene.turns(thing)
+        and any(scene.free(thing)[:d]) and not all(scene.free(thing)[:d])
+    )  # fmt: skip
 
 
 def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> Iterator[Observer]:

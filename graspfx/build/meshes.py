@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from graspfx.compile.records import numbers
 from graspfx.environment import require_file, to_path
 from graspfx.errors import InputError
-from graspfx.spatial import product, quaternion
-from graspfx.spatial import rotate_numbers as rotate
+from graspfx.spatial import Quaternion, Vector, quaternion, rotate
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.part_tables import Object, Obstacle
@@ -51,23 +51,23 @@ class SceneMesh:
         return tuple((self.unit.moments * (mass / self.unit.mass)).tolist())
 
     @property
-    def turn(self) -> tuple[float, float, float, float]:
-        """The body's axes in the file's frame, as a quaternion x, y, z, w."""
+    def turn(self) -> Quaternion:
+        """The body's axes in the file's frame."""
         return quaternion(self.unit.axes.ravel().tolist())
 
     def body_pose(self, position: Numbers | None, orientation: Numbers | None) -> tuple[Numbers, Numbers]:
         """Place the centre of mass and the principal axes for a pose of the file's frame in the world."""
         x, y, z = position or (0.0, 0.0, 0.0)
-        q = orientation or (0.0, 0.0, 0.0, 1.0)
-        u, v, w = rotate(q[0], q[1], q[2], q[3], *self.unit.centre.tolist())
-        return (x + u, y + v, z + w), product(q[0], q[1], q[2], q[3], *self.turn)
+        q = Quaternion(*(orientation or (0.0, 0.0, 0.0, 1.0)))
+        centre = rotate(q, Vector(*self.unit.centre.tolist()))
+        return (x + centre.x, y + centre.y, z + centre.z), tuple(numbers(q @ self.turn))
 
     @property
     def frame(self) -> Mapping[str, list[float]]:
         """The pose of the file's frame in the body's: what a viewer needs to draw the file."""
-        x, y, z, w = self.turn
-        a, b, c = rotate(-x, -y, -z, w, *self.unit.centre.tolist())
-        return {"position": [-a, -b, -c], "orientation": [-x, -y, -z, w]}
+        turn = self.turn.conjugate
+        centre = rotate(turn, Vector(*self.unit.centre.tolist()))
+        return {"position": [-each for each in numbers(centre)], "orientation": list(numbers(turn))}
 
 
 def scene_mesh(table: Object | Obstacle, folder: Path | None) -> SceneMesh | None:

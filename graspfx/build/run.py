@@ -7,10 +7,10 @@ import os
 import shutil
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from graspfx import plugins
 from graspfx.build.build import build, make_layout
@@ -18,6 +18,7 @@ from graspfx.build.resolve import Parts, resolve
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
+from graspfx.loop.parts import GraspedPart
 from graspfx.loop.recording.header import Header, machine, now, versions
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
@@ -30,46 +31,61 @@ if TYPE_CHECKING:
 
 
 def run(
-    scene: Scene,
-    duration: float | None = None,
+    scene: Scene | str | PathLike[str],
+    overrides: Mapping[str, Any] | float | None = None,
     *,
+    duration: float | None = None,
     out: str | PathLike[str] | None = None,
     overwrite: bool = False,
     stop: Callable[[], bool] | None = None,
+    real_time: bool = False,
 ) -> Recording:
     """Simulate a scene on its own clock (time = tick x period); two runs are bit-identical.
 
     Args:
-        scene: from `load`, or made in Python.
+        scene: a name on the shelf, the path of a .toml or .py file, or a Scene.
+        overrides: values by dotted key, as `load` takes them. (A bare number is taken for the duration, with a
+            FutureWarning.)
         duration: instead of the scene's own [s]; rounded to whole periods.
         out: a folder in which recording.h5 is written; it may exist. While the run goes on its rows are only there, in
             recording.h5.part, which `Recording.load` reads also after the run was killed.
         overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
         stop: asked again and again, before every tick or, where ticks run compiled, before 64 of them; the first True
             ends the run there, and what was recorded is marked as incomplete.
+        real_time: False. A run keeps the scene's own clock; none keeps that of the world yet.
 
     Raises:
         InputError: a duration that is not a positive time, or more ticks than there is room for; an `out` that is no
-            path, or a `stop` that cannot be called.
-        SceneError: a finger that starts out of its device's reach.
+            path, a `stop` that cannot be called, or `real_time`.
+        UnknownNameError, PluginError: of a scene that is loaded.
+        SceneError: a scene with faults; a finger that starts out of its device's reach.
         DeviceError: a device that does not open.
         RecordingError: `out` has a recording already, another run is writing there, or it cannot be written; where
             rows were written already, the error says where they are.
     """
-    if not isinstance(scene, Readable):
-        raise InputError("scene", scene, "a scene", "gx.load(name), or gx.Scene(...)")
+    if isinstance(overrides, int | float):
+        if duration is not None:
+            raise InputError("overrides", overrides, "values by dotted key", "the duration has been given by its name")
+        note = f"a number after the scene is taken for its duration: write run(scene, duration={overrides})"
+        warnings.warn(note, FutureWarning, stacklevel=2)
+        overrides, duration = None, overrides
+    if real_time:
+        raise InputError(
+            "real_time", real_time, "False", "no run keeps the world's clock yet: each ticks as fast as it can"
+        )
     if stop is not None and not callable(stop):
         raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
     if out is not None:
         to_path("out", out, "the path of a folder")
-    parts = resolve(scene)
+    scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
+    parts = resolve(scene_)
     warn_of_axes(parts)
     size = 8 * make_layout(parts).width  # bytes of a tick
-    ticks = _ticks(scene, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
+    ticks = _ticks(scene_, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
-    with build(scene) as servo:
-        header = header_of(parts)
+    with build(scene_) as servo:
+        header = header_of(parts, servo.objects)
         sinks: list[Sink] = []
         if out is not None:
             from graspfx.loop.recording.sink import FileSink
@@ -87,8 +103,14 @@ def run(
                 took if complete else None, complete=complete, engine=servo.engine.name, **servo.coupling
             )
     finished = recording if out is None else Recording.load(file)
-    finished.beside = plugins.upward("Recording.beside")(scene)
+    finished.beside = plugins.upward("Recording.beside")(scene_)
     return finished
+
+
+def _loaded(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None) -> Scene:
+    from graspfx.scene.load import to_scene  # loads what checks a scene, which one from the cache does without
+
+    return to_scene(scene, overrides)
 
 
 def warn_of_axes(parts: Parts) -> None:
@@ -147,8 +169,8 @@ def _memory() -> float:
         return float(sys.maxsize)
 
 
-def header_of(parts: Parts) -> Header:
-    """Say for a run's recording what the scene, the time and the machine are."""
+def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
+    """Say for a run's recording what the scene, the time and the machine are, and how the objects' forces divide."""
     scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,
@@ -156,7 +178,8 @@ def header_of(parts: Parts) -> Header:
         scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
         scene_table=scene.to_dict(),
         scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
-        overrides=dict(source.overrides),
+        overrides=source.changes,
+        preset=source.preset,
         title=scene.title,
         created=now(),
         versions=versions(
@@ -166,4 +189,10 @@ def header_of(parts: Parts) -> Header:
         ),
         machine=machine(),
         frames=meshes,
+        split=split_rules(objects),
     )
+
+
+def split_rules(objects: Sequence[GraspedPart]) -> dict[str, dict[str, Any]]:
+    """Write for a header how the forces of each object's grasp divide, as the blocks have it that run."""
+    return {part.name: part.grasped.split_rule.table() for part in objects}

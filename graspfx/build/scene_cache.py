@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -19,7 +20,7 @@ from graspfx.scene.tables.reading import Readable, listed
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
-FORMAT = 1
+FORMAT = 2
 PLAIN = (bool, int, float, str, type(None))
 
 
@@ -61,11 +62,11 @@ class KeptScene(Readable, KeptTable):
         return SceneError(self.source.name, [Fault(".".join(map(str, at)), text) for at, text in faults])
 
 
-def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
+def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Place | None:
     """Find where the scene of a TOML file is cached; None for a scene that cannot be.
 
-    The key holds the file's text and path, the overrides, what is installed, and the time and size of every source file
-    of GraspFX and of the shelf of devices, as Python judges its own bytecode.
+    The key holds the file's text and path, the overrides and preset, what is installed, and the time and size of every
+    source file of GraspFX and of the shelf of devices, as Python judges its own bytecode.
 
     Raises:
         UnknownNameError, InputError: as `load` has it.
@@ -79,8 +80,10 @@ def place(name: str, overrides: Mapping[str, Any]) -> Place | None:
     except (OSError, UnicodeDecodeError):  # `load` says what is wrong
         return None
     shelf = list(stamps_in(str(plugins.shelf("devices"))))
-    parts = FORMAT, sys.version, str(path), text, list(overrides.items()), installed_, source_stamps(), shelf
-    return Place(sha256(repr(parts).encode()).hexdigest(), Source(plugins.shown_path(path), text, path, overrides))
+    changes = preset, list(overrides.items())
+    parts = FORMAT, sys.version, str(path), text, changes, installed_, source_stamps(), shelf
+    source = Source(plugins.shown_path(path), text, path, overrides, preset or "")
+    return Place(sha256(repr(parts).encode()).hexdigest(), source)
 
 
 def cached(where: Place) -> tuple[Scene, list[str]] | None:
@@ -89,7 +92,8 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
     if content is None:
         return None
     entry = json.loads(content)
-    return cast("Scene", KeptScene(vars(_read(entry["scene"])), where.source, entry["written"])), entry["notes"]
+    source = replace(where.source, preset_values=entry["preset_values"])
+    return cast("Scene", KeptScene(vars(_read(entry["scene"])), source, entry["written"])), entry["notes"]
 
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
@@ -97,7 +101,8 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     if scene.source.text != where.source.text or not _is_self_contained(scene):
         return
     try:
-        entry = {"scene": _written(scene), "written": scene.to_dict(), "notes": notes}
+        values = dict(scene.source.preset_values)
+        entry = {"scene": _written(scene), "written": scene.to_dict(), "preset_values": values, "notes": notes}
     except TypeError:  # a setting of a kind that JSON has not
         return
     cache.store(where.key, json.dumps(entry, allow_nan=False).encode())

@@ -38,11 +38,11 @@ class Warmed:
     why: str = ""
 
 
-def warm(name: str, overrides: Mapping[str, Any]) -> Warmed:
+def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Warmed:
     """Compile a scene's program unless it is in the cache; devices that are no simulations are not opened."""
     began = perf_counter()
     try:
-        with build(load(name, overrides), hardware=False) as servo:
+        with build(load(name, overrides, preset=preset), hardware=False) as servo:
             programs = Compiled(servo.script).programs.values()
     except GraspFXError as error:
         return Warmed(name, CANNOT, perf_counter() - began, why=" ".join(str(error).split()))
@@ -53,12 +53,12 @@ def warm(name: str, overrides: Mapping[str, Any]) -> Warmed:
     return Warmed(name, CACHED if all(program.cached for program in programs) else COMPILED, seconds, size)
 
 
-def warm_all(names: Sequence[str], overrides: Mapping[str, Any]) -> Iterator[Warmed]:
+def warm_all(names: Sequence[str], overrides: Mapping[str, Any], preset: str | None = None) -> Iterator[Warmed]:
     """Warm up several scenes, in their order, by as many processes as there are processors to use.
 
     Threads would wait for one another: LLVM is called by one at a time.
     """
-    each = partial(warm, overrides=overrides)
+    each = partial(warm, overrides=overrides, preset=preset)
     count = min(len(names), processors())
     if count < 2:
         yield from map(each, names)

@@ -13,7 +13,7 @@ from graspfx.certificate.certificates import certificates
 from graspfx.certificate.rest.from_recording import recording_of
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
-from graspfx.scene.load import load
+from graspfx.scene.load import to_scene
 from graspfx.scene.model import Scene
 
 
@@ -93,7 +93,7 @@ def certify(
         SceneError: of a scene that is loaded.
         RecordingError: a path that leads to no recording.
     """
-    scene_ = scene if isinstance(scene, Scene) else load(scene)
+    scene_ = to_scene(scene)
     if quick and recording is not None:
         raise InputError("quick", True, "False with a recording", "a recording has its rest, and none is sought")
     if recording is not None:

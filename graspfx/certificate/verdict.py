@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from os import PathLike, fspath
+from dataclasses import dataclass, field
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from graspfx.certificate.limit_rows import PUSHING, figures
@@ -30,6 +30,8 @@ class Report:
         why: in words, where there are none.
         notes: warnings about likely mistakes.
         plan: what runs in a tick, what is skipped and why.
+        presets: of the scene, each with its reason.
+        preset: the name of the one in force; empty for none.
     """
 
     scene: str
@@ -38,6 +40,8 @@ class Report:
     why: str = ""
     notes: tuple[str, ...] = ()
     plan: tuple[PlanRow, ...] = ()
+    presets: Mapping[str, str] = field(default_factory=dict)
+    preset: str = ""
 
     @property
     def ok(self) -> bool:
@@ -70,6 +74,8 @@ class Report:
             "certificates": [each.to_dict() for each in self.certificates],
             "notes": list(self.notes),
             "plan": [{"step": row.step, "runs": row.runs, "why": row.why} for row in self.plan],
+            "presets": dict(self.presets),
+            "preset": self.preset,
         }
 
     def lines(self) -> Iterator[str]:
@@ -81,6 +87,8 @@ class Report:
             yield from lines(certificate)
         for note in self.notes:
             yield f"note: {note}"
+        for name, reason in self.presets.items():
+            yield f"{'preset':<9}{name + (' (in force)' if name == self.preset else ''):<24}{reason}"
         for row in self.plan:
             yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
 
@@ -103,15 +111,10 @@ def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | Non
         InputError: the path leads to no file, or the file holds no scene.
         PluginError: a Python file that cannot be imported, or whose `scene()` raises.
     """
-    from graspfx.scene.load import load
-    from graspfx.scene.model import Scene
+    from graspfx.scene.load import to_scene
 
     try:
-        if isinstance(scene, Scene):
-            whole = scene.replace(overrides) if overrides else scene
-        else:
-            whole = load(fspath(scene), overrides)
-        return report(whole)
+        return report(to_scene(scene, overrides))
     except SceneError as error:
         return Report(error.source, error.faults)
 
@@ -120,7 +123,7 @@ def report(scene: Scene) -> Report:
     """Report on a scene that is valid.
 
     Raises:
-        SceneError: a finger that starts out of its device's reach.
+        SceneError: a finger that starts out of its device's reach, or every fault under one of its presets.
     """
     from graspfx.build.axes import axes_notes
     from graspfx.build.resolve import resolve
@@ -129,7 +132,10 @@ def report(scene: Scene) -> Report:
     from graspfx.certificate.notes.doubts import doubts
     from graspfx.certificate.plan import plan
     from graspfx.certificate.prospect import engine_plan
+    from graspfx.scene.presets import preset_faults
 
+    if faults := preset_faults(scene):
+        raise SceneError(scene.source.name, faults)
     parts = resolve(scene)
     program = engine_plan(scene)  # places the fingers, as a run does
     why, answers = "", []
@@ -139,7 +145,9 @@ def report(scene: Scene) -> Report:
     except GraspFXError as error:
         why = " ".join(str(error).split())
     notes = (*doubts(parts), *axes_notes(parts), *blend_notes(parts))
-    return Report(scene.source.name, (), tuple(answers), why, notes, (*plan(scene), *program))
+    reasons = {name: preset.reason for name, preset in scene.preset.items()}
+    rows = (*plan(scene), *program)
+    return Report(scene.source.name, (), tuple(answers), why, notes, rows, reasons, scene.source.preset)
 
 
 def _room(certificate: Certificate) -> tuple[bool, float]:

@@ -2,27 +2,44 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 SET = "--set"
+FORMATS = ("png", "svg", "pdf")
+WIDTHS = ("screen", "page", "column")
 
 
 def add_scene(parser: ArgumentParser) -> None:
-    """Add SCENE and --set."""
+    """Add SCENE, --preset and --set."""
     text = "a scene's name, or the path of a .toml or .py file"
     parser.add_argument("scene", metavar="SCENE", type=scene, help=text)
     add_overrides(parser)
 
 
 def add_overrides(parser: ArgumentParser) -> None:
-    """Add --set and --trust."""
+    """Add --preset, --set and --trust."""
+    text = "take the set of values that the scene states by this name, before those of --set; `check` lists them"
+    parser.add_argument("--preset", metavar="NAME", help=text)
     values = parser.add_argument(SET, metavar="KEY=VALUE", type=override, action="append", default=[])
     values.dest, values.help = "overrides", "replace values of the scene, by dotted keys; several may follow one --set"
     whole = "let the scene name files outside of its folder: what is Python among them runs"
     parser.add_argument("--trust", action="store_true", help=whole)
+
+
+def add_style(parser: ArgumentParser) -> None:
+    """Add --format and --width."""
+    formats = "of the figure: in pixels, or as lines and text that can be edited"
+    parser.add_argument("--format", choices=FORMATS, default=None, help=formats)
+    widths = "of the figure: for a screen, or 7.2 or 3.5 inches of a journal, with type that is legible there"
+    parser.add_argument("--width", choices=WIDTHS, default="screen", help=widths)
+
+
+def picture_name(stem: str, options: Namespace) -> str:
+    """Name the file of a figure by its format."""
+    return f"{stem}.{options.format or FORMATS[0]}"
 
 
 def scene(text: str) -> str:

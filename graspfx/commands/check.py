@@ -30,7 +30,7 @@ def execute(options: Namespace) -> int:
     from graspfx.certificate.verdict import report
     from graspfx.scene.load import load
 
-    scene = load(options.scene, dict(options.overrides))
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
     if options.tick:
         lines = _tick(scene)
         if options.json:

@@ -24,8 +24,22 @@ def execute(options: Namespace) -> int:
             width = max(map(len, origins))
             print(group)
             for name, origin in origins.items():
-                print(f"  {name:<{width}}  {line_about(source_of(group, name))}[{origin}]")
+                path = source_of(group, name)
+                print(f"  {name:<{width}}  {line_about(path)}[{origin}]")
+                for preset, reason in presets_of(path).items():
+                    print(f"  {'':<{width}}  --preset {preset}: {reason}")
     return SUCCESS
+
+
+def presets_of(path: Path | None) -> dict[str, str]:
+    """Read the presets of a scene in TOML, each with its reason; none where they cannot be read."""
+    if path is None or path.suffix != ".toml":
+        return {}
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8")).get("preset", {})
+        return {name: " ".join(str(preset["reason"]).split()) for name, preset in table.items()}
+    except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError):  # `check` says what is wrong
+        return {}
 
 
 def line_about(path: Path | None) -> str:

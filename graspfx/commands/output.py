@@ -56,12 +56,12 @@ def print_json(value: object) -> None:
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
-def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "") -> None:
+def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", *, width: str = "screen") -> None:
     from graspfx.show.plot import figure
 
     require_place(picture)
     with placing(picture, otherwise) as file:
-        figure(recordings, file)
+        figure(recordings, file, width=width)
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:

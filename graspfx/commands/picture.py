@@ -38,9 +38,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def execute(options: Namespace) -> int:
     subject = Path(options.recording)
-    folder = subject.parent != Path() and subject.suffix not in (".toml", ".py")  # a scene's name has no slashes
-    if subject.suffix == ".h5" or is_part(subject) or recording_file(subject).is_file() or folder:
-        return _draw_recording(subject, options)
+    if subject.suffix not in (".toml", ".py"):
+        folder = subject.parent != Path()  # a scene's name has no slashes
+        if subject.suffix == ".h5" or is_part(subject) or recording_file(subject).is_file() or folder:
+            return _draw_recording(subject, options)
     if options.out is not None:
         _require_room(options.out, options)
         return _draw_scene(options.out, options)
@@ -53,6 +54,8 @@ def _draw_recording(source: Path, options: Namespace) -> int:
 
     if options.overrides:
         raise InputError("--set", dict(options.overrides), "a scene to set values in", f"{source} has been run")
+    if options.preset:
+        raise InputError("--preset", options.preset, "a scene that has it", f"{source} has been run")
     file = recording_file(source if source.suffix == ".h5" or is_part(source) or source.is_dir() else source / NAME)
     path: Path = options.out or file.parent / PICTURE
     _require_room(path, options)
@@ -65,7 +68,7 @@ def _draw_scene(path: Path, options: Namespace) -> int:
     from graspfx.build.run import run
     from graspfx.scene.load import load
 
-    scene = load(options.recording, dict(options.overrides))
+    scene = load(options.recording, dict(options.overrides), preset=options.preset)
     duration = None if options.time is None else max(options.time, 0.0) + scene.period
     return _draw(run(scene, duration=duration), path, scene.source.folder, options)
 

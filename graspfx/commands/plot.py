@@ -1,4 +1,4 @@
-"""graspfx plot: one recording drawn, or two side by side."""
+"""graspfx plot: one recording drawn, or several side by side."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
+from graspfx.commands.arguments import add_style, picture_name
 from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.output import SUCCESS, draw, name_files, say_source
-from graspfx.errors import InputError
 
-EXAMPLE = """  graspfx plot out/conventional out/proposed --out out"""
+EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf --width page"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or two, or their folders")
+    parser.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or more, or their folders")
+    add_style(parser)
     add_destination(parser, "DIR", "folder of the picture (that of the first recording)")
 
 
@@ -23,17 +24,15 @@ def execute(options: Namespace) -> int:
     from graspfx.loop.recording.record import Recording
     from graspfx.show.summary_table import print_summary
 
-    if len(options.recordings) > 2:
-        raise InputError("RECORDING", len(options.recordings), "one or two recordings")
     paths = [recording_file(path) for path in options.recordings]
     folder: Path = options.out or paths[0].parent
-    picture = folder / ("figure.png" if len(paths) == 1 else "comparison.png")
+    picture = folder / picture_name("figure" if len(paths) == 1 else "comparison", options)
     require_room(options, [picture])
     recordings = [Recording.load(path) for path in paths]
     for request, path, recording in zip(options.recordings, paths, recordings, strict=True):
         say_source(request, path, recording)
     make_folder(folder)
-    draw(recordings, picture)
+    draw(recordings, picture, width=options.width)
     print_summary(recordings, _labels(paths))
     name_files([picture])
     return SUCCESS

@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_scene
+from graspfx.commands.arguments import add_scene, add_style, picture_name
 from graspfx.commands.destination import add_destination, destination, require_room, require_room_of
 from graspfx.commands.output import (
     INTERRUPTED,
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 
-PICTURE = "figure.png"
+PICTURE = "figure"
 EXAMPLE = """  graspfx run paper-waving --set coupling.internal.stiffness=50 --out out/stiff"""
 
 
@@ -34,6 +34,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--duration", metavar="S", type=float, help="seconds to simulate instead of the scene's own")
     add_destination(parser, "DIR", "folder of recording.h5 and figure.png (out/SCENE, or out/SCENE-2, ...)")
     parser.add_argument("--no-figure", action="store_true", help="draw nothing")
+    add_style(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON, and nothing else")
 
 
@@ -42,7 +43,7 @@ def execute(options: Namespace) -> int:
 
     if options.out is not None:
         _require_room(options.out, options)
-    where = place(options.scene, dict(options.overrides))
+    where = place(options.scene, dict(options.overrides), options.preset)
     entry = cached(where) if where is not None else None
     scene, notes = entry or _checked(options)
     note(notes)
@@ -58,8 +59,9 @@ def execute(options: Namespace) -> int:
 def _require_room(folder: Path, options: Namespace) -> None:
     """Refuse where a file of the run is in the way, before anything is loaded."""
     if not options.no_figure:
-        require_place(folder / PICTURE)
-        require_room(options, [folder / PICTURE])
+        picture = folder / picture_name(PICTURE, options)
+        require_place(picture)
+        require_room(options, [picture])
     require_room_of(options, folder / NAME)
 
 
@@ -69,7 +71,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
     from graspfx.commands.interrupt import interruptible
     from graspfx.show.remarks import remarks
 
-    written, picture = [folder / NAME], folder / PICTURE
+    written, picture = [folder / NAME], folder / picture_name(PICTURE, options)
     with interruptible() as stop:
         recording = run(scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop)
     if not recording.outcome.complete:
@@ -77,7 +79,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         print(f"interrupted after {simulated:g} of {duration:g} s; {written[0]} holds them", file=sys.stderr)
         return INTERRUPTED, False
     if not options.no_figure:
-        draw([recording], picture, f"; the run is in {written[0]}")
+        draw([recording], picture, f"; the run is in {written[0]}", width=options.width)
         written.append(picture)
     if options.json:
         print_json(recording.summary())
@@ -95,5 +97,5 @@ def _checked(options: Namespace) -> tuple[Scene, list[str]]:
     from graspfx.build.resolve import resolve
     from graspfx.scene.load import load
 
-    scene = load(options.scene, dict(options.overrides))
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
     return scene, [*resolve(scene).mesh_notes, *doubts(scene)]

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_scene
+from graspfx.commands.arguments import add_scene, add_style, picture_name
 from graspfx.commands.certificate import certify
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import SUCCESS, name_files, placing, print_json, require_place
@@ -29,6 +29,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="a range of one key; a second one makes a map",
     )
     add_destination(parser, "DIR", "folder of stability.png, for a --sweep (out/SCENE, or out/SCENE-2, ...)")
+    add_style(parser)
     parser.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
 
 
@@ -37,7 +38,7 @@ def execute(options: Namespace) -> int:
     from graspfx.scene.load import load
 
     sweeps = [Sweep.read(text) for text in options.sweep]
-    scene = load(options.scene, dict(options.overrides))
+    scene = load(options.scene, dict(options.overrides), preset=options.preset)
     scene.require_reach()
     if not sweeps:
         if options.json:
@@ -54,13 +55,13 @@ def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespa
     from graspfx.loop.recording.places import make_folder
     from graspfx.show.limit_curves import limits_figure
 
-    picture = folder / "stability.png"
+    picture = folder / picture_name("stability", options)
     require_place(picture)
     require_room(options, [picture])
     limits = swept_limits(scene, sweeps)
     make_folder(folder)
     with placing(picture) as file:
-        limits_figure(limits, file, scene.title)
+        limits_figure(limits, file, scene.title, width=options.width)
     if options.json:
         print_json(limits.to_dict())
         return SUCCESS

@@ -27,7 +27,7 @@ def execute(options: Namespace) -> int:
     require_room()
     scenes = options.scenes or list(names("scenes"))
     width, code = max(map(len, scenes)), SUCCESS
-    for each in warm_all(scenes, dict(options.overrides)):
+    for each in warm_all(scenes, dict(options.overrides), options.preset):
         if each.state == CANNOT:
             print(f"{each.scene:<{width}}  {each.state:<9}  {each.why}", flush=True)
             code = WRONG

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects.body_state import BodyState, Motion
-from graspfx.spatial import ZERO, Quaternion, exponential_numbers, product, quaternion_matrix
+from graspfx.spatial import ZERO, Vector, exponential, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
@@ -82,14 +82,14 @@ def _round(grasped: GraspedObject, fingers: FloatArray, axis: int, way: FloatArr
     d, body = grasped.dimensions, BodyState(grasped.body_state)
     motion = body.motion
     position, force, moment = motion.array(Motion.position), body.array(BodyState.force), body.array(BodyState.moment)
-    centre, start = position[:d].copy(), motion.array(Motion.quaternion).tolist()
+    centre, start = position[:d].copy(), motion.quaternion
     created = peak = 0.0
     for phase in 2.0 * math.pi * np.arange(SAMPLES) / SAMPLES:
         sine, cosine = math.sin(phase), math.cos(phase)
         turn = [0.0, 0.0, 0.0]
         turn[axis] = TURN * sine
         position[:d] = centre + (1.0 + cosine) * way
-        motion.quaternion = Quaternion(*product(*exponential_numbers(*turn), *start))
+        motion.quaternion = exponential(Vector(*turn)) @ start
         motion.rotation = quaternion_matrix(motion.quaternion)
         grasped.finger_position[:] = fingers
         grasped.sample()

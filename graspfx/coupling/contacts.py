@@ -7,7 +7,7 @@ from graspfx.cones.cone import contact_frame
 from graspfx.cones.problem import SLIDE
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.torsion import twist
-from graspfx.grasp.rigid_modes import rigid_modes, smoothstep
+from graspfx.grasp.rigid_modes import faded_weight, rigid_modes
 from graspfx.spatial import Vector, cross, dot, with_torsion
 from graspfx.surfaces.closed_form.proxy import MESH, closest_to_ball
 from graspfx.surfaces.triangles.ball import ball_contact
@@ -95,14 +95,13 @@ def touch(grasp: GraspState, finger: FingerState, p: Vector) -> None:
 @inline
 def is_weight_used(grasp: GraspState) -> bool:
     """Tell whether a free finger's weight counts: not where each finger is by itself and no energy is booked."""
-    alone = grasp.equal and not grasp.dense and not grasp.implicit
-    return not alone or grasp.friction or grasp.observed
+    return not grasp.alone or grasp.friction or grasp.observed
 
 
 @kernel
 def fade(grasp: GraspState, finger: FingerState) -> None:
     """Weigh a finger by its gap."""
-    finger.weight = finger.share * (1.0 - smoothstep(finger.gap, grasp.fade_start, grasp.fade_end))
+    finger.weight = faded_weight(finger.share, finger.gap, grasp.fade_start, grasp.fade_end)
 
 
 @inline
@@ -157,6 +156,7 @@ def refactor(grasp: GraspState) -> None:
 def turn_axes(grasp: GraspState) -> None:
     """Give the free world directions in the object's frame, translations first."""
     motion = grasp.motion
+    grasp.centre = motion.position
     k = 0
     for a in range(3):
         if grasp.body.free_translation[a] != 0.0:

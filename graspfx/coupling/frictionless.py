@@ -20,10 +20,7 @@ def frictionless_force(grasp: GraspState) -> int:
     Tangents carry nothing, so that q_k'f asks for the modes' normal entries alone, as long as the internal gain is the
     larger one: else the convex function has the tangents' part of the modes in it, and all coordinates are needed.
     """
-    if grasp.external_stiffness <= grasp.internal_stiffness:
-        fault = elastic_along_normals(grasp)
-    else:
-        fault = elastic_in_cones(grasp)
+    fault = elastic_without_friction(grasp)
     if grasp.observed or grasp.limited:
         keep_elastic(grasp)
     if fault == 0 and grasp.damped:
@@ -33,6 +30,14 @@ def frictionless_force(grasp: GraspState) -> int:
         else:
             fault = damping_in_cones(grasp)
     return fault
+
+
+@kernel
+def elastic_without_friction(grasp: GraspState) -> int:
+    """Find the elastic force in as few unknowns as the gains allow; give 0 or UNRESOLVED."""
+    if grasp.external_stiffness <= grasp.internal_stiffness:
+        return elastic_along_normals(grasp)
+    return elastic_in_cones(grasp)
 
 
 @kernel

@@ -47,6 +47,8 @@ class FingerState(FramedContact):
     saturated: bool  # at its limit
     law_force: Vector  # the law's own, before limits, W [N]
     carried: Vector4  # P f, its part of the least force of the same wrench, O [N]
+    normal_world: Vector  # into the object, W, where some finger is soft
+    twist_axis_world: Vector
     pad: float  # k of its compliant fingertip, 0 where it has none [N/m^1.5]
 
 
@@ -101,6 +103,7 @@ class GraspState(Record):
     parameters: Vector  # of the shape, zero of a mesh
     mesh: Ref[MeshTree]  # where the shape is one
     mixed: bool  # only some translations or some rotations are free: the modes turn with the object
+    centre: Vector  # of the object in this sample, W, where `mixed` [m]
     mode_count: int  # modes in use
     split_known: bool
     shortfall: float  # by how much `fade_start` was too small, at most over the run [m]
@@ -165,6 +168,11 @@ class GraspState(Record):
     pad_slope: Table = table("padded_count", "padded_count")  # B, d f_n/d e_n as it is known [N/m]
     pad_square: Table = table("padded_count", "padded_count")  # of the model, and the vector that goes with it
     pad_vector: Floats = floats("padded_count")
+
+    @property
+    def alone(self) -> bool:
+        """Whether each finger's force depends on its own displacement alone: the conventional method, numbers."""
+        return self.equal and not self.dense and not self.implicit
 
     @property
     def motion(self) -> Motion:

@@ -19,6 +19,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
+from graspfx.coupling.two_forces import SplitRule, TwoForces, two_forces
 from graspfx.grasp.impedance import Coupling
 from graspfx.objects.body_state import BodyState
 from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
@@ -224,6 +225,15 @@ class GraspedObject:
         k = self.array(FingerState.pad)
         f = np.array([max(normal_force(finger), 0.0) for finger in self._grasp.fingers])
         return np.where(k > 0.0, 1.5 * np.cbrt(k * k * f), np.inf)
+
+    @property
+    def split_rule(self) -> SplitRule:
+        """All that P is made of besides contact points and gaps, as the block has it now."""
+        return SplitRule.of(self.state)
+
+    def two_forces(self) -> TwoForces:
+        """Divide the forces of the last sample into external and internal ones, in some hundred microseconds."""
+        return two_forces(self.state)
 
     def contradiction(self) -> str:
         """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""

@@ -23,7 +23,7 @@ from graspfx.coupling.contact_frames import assemble
 from graspfx.coupling.contacts import UNRESOLVED
 from graspfx.coupling.conventional import separate
 from graspfx.coupling.coulomb import elastic_in_cones
-from graspfx.coupling.frictionless import elastic_along_normals
+from graspfx.coupling.frictionless import elastic_without_friction
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.unilateral import project
@@ -86,10 +86,8 @@ def elastic(grasp: GraspState) -> int:
     if grasp.friction:
         return elastic_in_cones(grasp)
     if grasp.rays:
-        if grasp.external_stiffness <= grasp.internal_stiffness:
-            return elastic_along_normals(grasp)
-        return elastic_in_cones(grasp)
-    if grasp.equal and not grasp.dense and not grasp.implicit:
+        return elastic_without_friction(grasp)
+    if grasp.alone:
         separate(grasp)
         if grasp.limited:
             for finger in grasp.fingers:
@@ -212,7 +210,6 @@ def predict(grasp: GraspState, proximal: bool) -> None:
             left = pad.from_push - finger.pad * pad.depth * math.sqrt(pad.depth)
             for j, other in enumerate(grasp.fingers):
                 also = grasp.pads[j]
-                grasp.pad_square[i, j] = 0.0
                 if also.presses or also.from_push > 0.0:
                     change = inner(other.normal, also.whole.vector) - also.depth - also.from_stretch
                     left += grasp.pad_slope[i, j] * change

@@ -26,6 +26,8 @@ def react(grasp: GraspState) -> int:
             moment += cross(point - motion.position, f)
         if grasp.coordinates > 3:
             finger.moment = motion.rotation @ (finger.patch * finger.local.t * finger.twist_axis)
+            finger.normal_world = motion.rotation @ finger.normal
+            finger.twist_axis_world = motion.rotation @ finger.twist_axis
             moment += finger.moment
     grasp.body.force = force
     grasp.body.moment = moment

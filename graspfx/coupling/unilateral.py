@@ -22,9 +22,8 @@ def unilateral(grasp: GraspState, again: bool) -> int:
     Elastic: f in C, s in C*, f's = 0, f = K (e + s) (eqs. 24-26 for n fingers). Damping: f = f0 + D (e' + s) in C, with
     f_i = 0 where f0_i = 0.
     """
-    alone = grasp.equal and not grasp.dense and not grasp.implicit
     fault = 0
-    if alone:
+    if grasp.alone:
         separate(grasp)
     else:
         fault = project(grasp)
@@ -33,7 +32,7 @@ def unilateral(grasp: GraspState, again: bool) -> int:
     if grasp.observed or grasp.limited:
         keep_elastic(grasp)
     if fault == 0 and grasp.damped:
-        if alone:
+        if grasp.alone:
             damp_alone(grasp)
         else:
             fault = damp(grasp)

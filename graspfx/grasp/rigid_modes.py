@@ -22,6 +22,12 @@ def smoothstep(x: float, low: float, high: float) -> float:
     return t * t * (3.0 - 2.0 * t)
 
 
+@inline
+def faded_weight(share: float, gap: float, start: float, end: float) -> float:
+    """Compute the weight of a contact in the metric: its share up to the gap `start`, none from `end` on [m]."""
+    return share * (1.0 - smoothstep(gap, start, end))
+
+
 @kernel
 def rigid_modes(
     contacts: Many[Contact], freedom: Freedom, dimensions: int, low: float, high: float, width: int, modes: Table

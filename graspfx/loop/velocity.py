@@ -30,7 +30,7 @@ class VelocityEstimate(Record):
     positions: Floats = floats("length + 1")
 
 
-def size(window: int) -> int:
+def estimate_size(window: int) -> int:
     """Count the entries of one component's state."""
     return size_for(VelocityEstimate, length=window)
 
@@ -113,7 +113,7 @@ class VelocityEstimator:
         noise: the sensor's largest error, half its resolution [m or rad]; 0 means the plain backward difference over
             one sample, whatever the window.
         window: the longest window [samples].
-        memory: where its state is to stand, `size(window)` entries for each component; its own if None.
+        memory: where its state is to stand, `estimate_size(window)` entries for each component; its own if None.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class VelocityEstimator:
         self._velocity: FloatArray = np.zeros(shape)
         self._position: FloatArray = np.zeros(shape)
         self._count = self._velocity.size
-        self._size = size(self._length)
+        self._size = estimate_size(self._length)
         entries = self._count * self._size
         self._state: FloatArray = np.zeros(entries) if memory is None else memory[:entries]
         self._state[...] = 0.0

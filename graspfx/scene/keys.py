@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -10,16 +11,24 @@ from graspfx.errors import Fault
 Key = tuple[str | int, ...]
 
 
+PART = re.compile(r'"([^"]*)"|([^.]+)')
+
+
 def dotted(key: Sequence[str | int]) -> str:
-    """Write a key with dots."""
-    return ".".join(map(str, key))
+    """Write a key with dots; a part that has dots of its own stands in quotes."""
+    return ".".join(f'"{part}"' if "." in str(part) else str(part) for part in key)
+
+
+def parts_of(text: str) -> Key:
+    """Read a key that was written by `dotted`."""
+    return tuple(quoted or (int(bare) if bare.isdecimal() else bare) for quoted, bare in PART.findall(text))
 
 
 def key_in(data: Any, location: Sequence[str | int]) -> Key:
-    """Find where a validator's location stands in the data: without the names of alternatives, which the data lacks."""
+    """Find where a validator's location stands in the data: without its marks of alternatives and keys."""
     key: list[str | int] = []
     for part in location:
-        if isinstance(part, str) and part.startswith("<"):
+        if isinstance(part, str) and (part.startswith("<") or part == "[key]"):
             continue
         if isinstance(part, int) and isinstance(data, Mapping):
             continue  # a lone table where a list of tables may stand

@@ -16,6 +16,7 @@ from graspfx.errors import Fault, GraspFXError, InputError, SceneError, closest
 from graspfx.scene.budget import excess, read_bytes
 from graspfx.scene.model import Scene, make_scene
 from graspfx.scene.overrides import by_key
+from graspfx.scene.presets import with_preset
 from graspfx.scene.source import Source
 from graspfx.scene.tables.reading import Readable
 
@@ -24,7 +25,7 @@ OPEN_ENDED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
 SIMPLE = re.compile(r"^[A-Za-z_]\w*$")
 
 
-def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
+def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None, *, preset: str | None = None) -> Scene:
     """Load the scene behind a name on the shelf or the path of a .toml or .py file.
 
     Args:
@@ -32,10 +33,11 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) 
         overrides: values by dotted key, as in {"coupling.internal.stiffness": 50.0, "finger.*.device.mass": 0.2}.
             For a Python scene a key without a dot that `scene()` takes is its parameter, any other a key of what it
             returns.
+        preset: the name of one of the scene's presets, whose values come before `overrides`.
 
     Raises:
         SceneError: with every fault at once, each with its line.
-        UnknownNameError: no scene has that name.
+        UnknownNameError: no scene has that name, or the scene no such preset.
         InputError: the path leads to no file, or the file holds no scene.
         PluginError: a Python file that cannot be imported, or whose `scene()` raises.
     """
@@ -43,8 +45,10 @@ def load(name: str | PathLike[str], overrides: Mapping[str, Any] | None = None) 
     text = _text(path)
     source = Source(plugins.shown_path(path), text, path, by_key(overrides))
     if path.suffix == ".py":
-        return _from_python(path, source)
-    return make_scene(_parsed(text, source.name), source.overrides, source, lines_from=text)
+        return _from_python(path, source, preset)
+    table = _parsed(text, source.name)
+    source = with_preset(source, table, preset)
+    return make_scene(table, source.changes, source, lines_from=text)
 
 
 def to_scene(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
@@ -85,7 +89,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
         raise SceneError(name, [Fault("", message, line)]) from error
 
 
-def _from_python(path: Path, source: Source) -> Scene:
+def _from_python(path: Path, source: Source, preset: str | None) -> Scene:
     make = getattr(plugins.load_blaming("scenes", path), "scene", None)
     if not callable(make):
         raise InputError("scene", source.name, "a Python file with `def scene(**parameters) -> gx.Scene`")
@@ -111,8 +115,10 @@ def _from_python(path: Path, source: Source) -> Scene:
         raise plugins.blamed(path, error, str(error)) from error
     if not isinstance(scene, Scene):
         raise InputError(f"scene() in {source.name}", scene, "a gx.Scene")
-    rest = {key: value for key, value in source.overrides.items() if key not in arguments}
-    return make_scene(scene.to_dict(), rest, source)
+    table = scene.to_dict()
+    source = with_preset(source, table, preset)
+    rest = {key: value for key, value in source.changes.items() if key not in arguments}
+    return make_scene(table, rest, source)
 
 
 def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[Fault]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import PrivateAttr
 
 from graspfx import plugins
 from graspfx.errors import Fault, InputError, SceneError
-from graspfx.scene.keys import Key, as_faults
+from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.lines import KeyLines
-from graspfx.scene.overrides import by_key, overridden
+from graspfx.scene.overrides import by_key, is_within, overridden, replacing
 from graspfx.scene.source import Source
 from graspfx.scene.tables.scene_table import SceneTable
 
@@ -79,8 +80,7 @@ class Scene(SceneTable):
         source = self._source
         is_toml = source.path is not None and source.path.suffix == ".toml"
         table = tomllib.loads(source.text) if is_toml else self.to_dict()
-        _, replaced, _ = overridden(table, source.overrides)
-        return _placed(source, as_faults(table, faults), replaced, source.text if is_toml else None)
+        return _placed(source, table, as_faults(table, faults), source.text if is_toml else None)
 
     def linearise(self, at: str = "squeezed") -> Linearisation:
         """Linearise small motions about the scene's grasp at rest: matrices that `gx.stability` takes for a scene.
@@ -99,7 +99,7 @@ class Scene(SceneTable):
     def replace(self, overrides: Mapping[str, Any]) -> Scene:
         """Copy the scene with values replaced by dotted key, as on the command line."""
         changes = by_key(overrides)
-        source = Source(self._source.name, self._source.text, self._source.path, {**self._source.overrides, **changes})
+        source = replace(self._source, overrides={**self._source.overrides, **changes})
         return make_scene(self.to_dict(), changes, source)
 
 
@@ -111,30 +111,36 @@ def make_scene(
     Raises:
         SceneError: with every fault at once.
     """
-    data, replaced, faults = overridden(table, overrides)
+    data, _, faults = overridden(table, overrides)
     try:
         scene = Scene(source, **data)
     except SceneError as error:
-        raise _placed(source, [*faults, *error.faults], replaced, lines_from) from None
+        raise _placed(source, table, [*faults, *error.faults], lines_from) from None
     if faults:
-        raise _placed(source, faults, replaced, lines_from)
+        raise _placed(source, table, faults, lines_from)
     return scene
 
 
-def _placed(source: Source, faults: Sequence[Fault], replaced: set[Key], lines_from: str | None) -> SceneError:
-    """Sort faults by their lines, after those that have none."""
+def _placed(source: Source, table: Mapping[str, Any], faults: Sequence[Fault], lines_from: str | None) -> SceneError:
+    """Sort faults by their lines, after those that have none; `table` is the scene without its overrides."""
     lines = KeyLines(lines_from) if lines_from is not None else None
-    placed = [_with_line(fault, source, replaced, lines) for fault in faults]
+    _, replaced, _ = overridden(table, source.overrides)
+    placed = [_with_line(fault, source, table, replaced, lines) for fault in faults]
     return SceneError(source.name, sorted(placed, key=lambda fault: fault.line or 0))
 
 
-def _with_line(fault: Fault, source: Source, replaced: set[Key], lines: KeyLines | None) -> Fault:
-    key = tuple(int(part) if part.isdecimal() else part for part in fault.key.split("."))
-    if any(key[:length] in replaced for length in range(1, len(key) + 1)):
+def _with_line(
+    fault: Fault, source: Source, table: Mapping[str, Any], replaced: set[Key], lines: KeyLines | None
+) -> Fault:
+    key = parts_of(fault.key)
+    if is_within(key, replaced):
         value = source.overrides.get(fault.key)
         quotes = isinstance(value, int | float) and fault.message.startswith("expected text")
         hint = f"text needs quotes: --set '{fault.key}=\"{str(value).lower()}\"'; " if quotes else ""
         return Fault(fault.key, f"{fault.message} ({hint}set by an override)")
+    if (name := replacing(table, source.preset_values, key)) is not None:
+        line = lines["preset", source.preset, "set", name] if lines is not None else None
+        return Fault(fault.key, f"{fault.message} (set by preset {source.preset!r})", line)
     return Fault(fault.key, fault.message, lines[key] if lines is not None else None)
 
 

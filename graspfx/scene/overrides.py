@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from copy import deepcopy
 from typing import Any
 
@@ -44,6 +45,19 @@ def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[d
             else:
                 replaced.add(outcome)
     return changed, replaced, faults
+
+
+def replacing(data: Mapping[str, Any], overrides: Mapping[str, Any], key: Key) -> str | None:
+    """Find the override that replaced a key or what holds it, or that leads nowhere by that name; None for none."""
+    for name, value in overrides.items():
+        if name == dotted(key) or is_within(key, overridden(data, {name: value})[1]):
+            return name
+    return None
+
+
+def is_within(key: Key, replaced: AbstractSet[Key]) -> bool:
+    """Tell whether a key, or what holds it, was replaced."""
+    return any(key[:length] in replaced for length in range(1, len(key) + 1))
 
 
 def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key | str]:

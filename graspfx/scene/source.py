@@ -19,13 +19,23 @@ class Source:
         name: as it stands in messages.
         text: of the file, verbatim; empty for a scene made in Python.
         path: of the file.
-        overrides: by dotted key.
+        overrides: by dotted key, as a user gave them.
+        preset: the name of the scene's preset in force; empty for none.
+        preset_values: that preset's, by dotted key.
     """
 
     name: str = "scene"
     text: str = ""
     path: Path | None = None
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    preset: str = ""
+    preset_values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """All values that replace the file's, by dotted key, in their order: the preset's, then the overrides."""
+        first = {key: value for key, value in self.preset_values.items() if key not in self.overrides}
+        return first | dict(self.overrides)
 
     @property
     def folder(self) -> Path | None:

@@ -1,32 +1,35 @@
-"""Rows of a run's figure: positions along each axis, distances, forces, rotation of the object."""
+"""Rows of a run's figure: positions along each axis, what squeezes and what pushes, forces, turns of the object."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from textwrap import fill
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.show.strokes import APART, ASTRAY, CONTACTS, OBJECT, TURNS, Stroke
+from graspfx.errors import RecordingError
+from graspfx.show.modes import Modes, directions, mean, modes
+from graspfx.show.strokes import FINGERS_TOGETHER, OBJECT, PUSHES, SQUEEZE, TURNS, Stroke
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.history import ObjectMotion
     from graspfx.loop.recording.record import Recording
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 MM = 1e3
-SHARE = 0.15  # of the main axis' range, from which on another axis is worth a row
+SHARE = 0.15  # of the main axis' range, from which on another axis is worth a row, or a line
 FLAT = 0.03  # lines whose own range is a smaller share of the row's look straight
 NOISE = 1e-6  # and below this share they are
 TURN = 0.1  # [degrees] from which on an object turns
 LARGEST = 1e12  # what is drawn of a run that diverged
-LONGEST_NOTE = 64  # characters in a line
-MOST_STARTS = 7  # curves whose first values a note gives
-AS_ABOVE = "fingers as in (a)"
+MOST_FINGERS = 5  # with a line each; more are their mean, and a band from the least to the greatest
+TALL, LOW = 1.75, 1.2  # panels [inches]
+ALL = "fingers: mean and range"
 
 
 @dataclass(frozen=True)
@@ -56,19 +59,65 @@ class View:
         return self.recording.finger_position[:, self.fingers]
 
     @property
+    def finger_force(self) -> FloatArray:
+        """(N, n, d) [N]."""
+        return self.recording.finger_force[:, self.fingers]
+
+    @property
+    def touching(self) -> BoolArray:
+        """(N, n)."""
+        return self.recording.touching[:, self.fingers]
+
+    @property
     def dimensions(self) -> int:
         return self.recording.layout.dimensions
+
+    @cached_property
+    def displacement_modes(self) -> Modes | None:
+        """Squeeze and push as displacements [m]; None if the recording does not say, or has no fingers."""
+        return self._modes("internal_displacement", "external_displacement")
+
+    @cached_property
+    def force_modes(self) -> Modes | None:
+        """Squeeze and push as forces [N]; None if the recording does not say, or has no fingers."""
+        return self._modes("internal_force", "external_force")
+
+    def _modes(self, internal: str, external: str) -> Modes | None:
+        if not self.fingers:
+            return None
+        try:
+            inner, outer = (getattr(self.recording, name)[:, self.fingers] for name in (internal, external))
+        except RecordingError:  # of an earlier format
+            return None
+        contacts = self.recording.contact_position[:, self.fingers]
+        return modes(inner, outer, directions(contacts, self.finger_position - contacts), self.touching)
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One line: a value per tick."""
+    """One line, a value per tick.
+
+    Attributes:
+        label: in the legend.
+        values: (N,).
+        stroke: how it is drawn.
+        many: (N, k), that it is the mean of: their range is drawn as a band; k = 0 if it stands for itself.
+    """
 
     label: str
     values: FloatArray
     stroke: Stroke
-    for_scale: bool = False  # there to compare others with, and to be left out where only changes are shown
-    labelled: bool = True  # beside the row
+    many: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+
+    @property
+    def band(self) -> tuple[FloatArray, FloatArray] | None:
+        """Least and greatest of many at each tick, NaN where there is none; None for one that stands for itself."""
+        if not self.many.size:
+            return None
+        finite = np.isfinite(self.many)
+        low, high = (np.where(finite, self.many, end).T for end in (np.inf, -np.inf))
+        some = finite.any(axis=1)
+        return np.where(some, low.min(axis=0), np.nan), np.where(some, high.max(axis=0), np.nan)
 
 
 @dataclass(frozen=True)
@@ -76,22 +125,16 @@ class Row:
     """Panels side by side that share an ordinate.
 
     Attributes:
-        letter: by which a text refers to it; empty for what continues the row above.
         label: of the ordinate.
         panels: one per view; one without curves where a run does not have the quantity.
-        height: [inches].
-        notes: one per view, to stand in the panel.
-        remark: to stand beside the row, under the curves' names.
-        distance: whether zero is the least that a value can be.
+        height: [inches] on a screen.
+        signed: whether zero is drawn, where it is in sight.
     """
 
-    letter: str
     label: str
     panels: tuple[tuple[Curve, ...], ...]
     height: float
-    notes: tuple[str, ...] = ()
-    remark: str = ""
-    distance: bool = False
+    signed: bool = False
 
 
 def views(recordings: Iterable[Recording]) -> list[View]:
@@ -112,19 +155,16 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
     """
     with np.errstate(over="ignore", invalid="ignore"):
         axes = _axes_worth_showing([_ranges(view) for view in columns])
-        height = 2.5 if len(axes) == 1 else 1.9
-        rows_ = []
-        for k, a in enumerate(axes):
-            panels = tuple(_positions(view, a, strokes, labelled=k == 0) for view in columns)
-            row = Row("a" if k == 0 else "", f"position {'xyz'[a]} [mm]", panels, height)
-            rows_.append(_changes(row, f"displacement {'xyz'[a]} [mm]"))
-        panels = tuple(_distances(view, strokes) for view in columns)
-        crowded = any(len(view.fingers) > 2 for view in columns)
-        remark = f"{AS_ABOVE}: to their centre" if crowded else ""
-        row = Row("b", "distance [mm]", panels, 2.2, remark=remark, distance=True)
-        rows_.append(_changes(row, "change of distance [mm]"))
-        panels = tuple(_forces(view, strokes) for view in columns)
-        rows_.append(Row("c", "force [N]", panels, 1.5, remark=AS_ABOVE, distance=True))
+        height = TALL if len(axes) == 1 else LOW
+        rows_ = [_changes(_positions(columns, a, strokes, height)) for a in axes]
+        displacements = [view.displacement_modes for view in columns]
+        forces = [view.force_modes for view in columns]
+        pushes = sorted({*_pushes(displacements), *_pushes(forces)})
+        rows_ += _parts("displacement [mm]", columns, displacements, pushes, MM)
+        rows_ += _parts("force [N]", columns, forces, pushes, 1.0)
+        if not any(forces) or any(len(view.fingers) > 2 for view in columns):
+            panels = tuple(_forces(view, strokes) for view in columns)
+            rows_.append(Row("force of a\nfinger [N]", panels, LOW))
         rows_ += _turns(columns)
         return rows_
 
@@ -142,36 +182,45 @@ def _ranges(view: View) -> FloatArray:
     return np.array([max(_range(line[:, a]) for line in lines) for a in range(view.dimensions)])
 
 
-def _positions(view: View, a: int, strokes: Mapping[str, Stroke], *, labelled: bool) -> tuple[Curve, ...]:
-    if a >= view.dimensions:
-        return ()
-    x = _curve("object", MM * view.motion.position[:, a], OBJECT, labelled=labelled)
-    return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes, labelled=labelled))
+def _positions(columns: Sequence[View], a: int, strokes: Mapping[str, Stroke], height: float) -> Row:
+    def panel(view: View) -> tuple[Curve, ...]:
+        if a >= view.dimensions:
+            return ()
+        x = _curve("object", MM * view.motion.position[:, a], OBJECT)
+        return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes))
+
+    return Row(f"position {'xyz'[a]} [mm]", tuple(map(panel, columns)), height)
 
 
-def _distances(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    """Plot the distance of two fingers; that of more from their centre; and that of the object from it."""
-    p, fingers = view.finger_position, view.fingers
-    if not fingers:
-        return ()
-    centre = p.mean(axis=1)
-    curves: list[Curve] = []
-    if len(fingers) == 2:
-        curves.append(_curve("between fingers", MM * np.linalg.norm(p[:, 1] - p[:, 0], axis=1), APART))
-        c = view.recording.contact_position[:, fingers]
-        touch = MM * np.linalg.norm(c[:, 1] - c[:, 0], axis=1)
-        if touch.any():  # contacts attached to the object's centre have none
-            curves.append(_curve("between contact points", touch, CONTACTS, for_scale=True))
-    elif len(fingers) > 2:
-        away = MM * np.linalg.norm(p - centre[:, None, :], axis=2)
-        curves += _of_fingers(view, away, strokes)
-    astray = MM * np.linalg.norm(view.motion.position - centre, axis=1)
-    name = "object to finger" if len(fingers) == 1 else "object to centre of fingers"
-    return (*curves, _curve(name, astray, ASTRAY))
+def _pushes(parts: Sequence[Modes | None]) -> list[int]:
+    """Pick the axes along which a push is worth a line."""
+    largest = [np.abs(np.where(np.abs(each.push) < LARGEST, each.push, 0.0)).max(axis=0) for each in parts if each]
+    return _axes_worth_showing(largest)
+
+
+def _parts(
+    label: str, columns: Sequence[View], parts: Sequence[Modes | None], axes: Sequence[int], scale: float
+) -> list[Row]:
+    """Plot the squeeze, of more than two fingers its mean and range, and the push along each axis worth it."""
+    if not any(parts):
+        return []
+    crowded = any(len(view.fingers) > 2 for view in columns)
+    name = "internal (squeeze), mean and range" if crowded else "internal (squeeze)"
+    panels = []
+    for view, each in zip(columns, parts, strict=True):
+        curves = []
+        if each is not None and len(view.fingers) > 1:
+            curves.append(_curve(name, scale * each.mean_squeeze, SQUEEZE, scale * each.squeeze))
+        for a in axes:
+            if each is not None and a < view.dimensions:
+                along = f", {'xyz'[a]}" if view.dimensions > 1 else ""
+                curves.append(_curve(f"external (push){along}", scale * each.push[:, a], PUSHES[a]))
+        panels.append(tuple(curves))
+    return [Row(label, tuple(panels), LOW, signed=True)]
 
 
 def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    return _of_fingers(view, np.linalg.norm(view.recording.finger_force[:, view.fingers], axis=2), strokes)
+    return _of_fingers(view, np.linalg.norm(view.finger_force, axis=2), strokes)
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
@@ -188,7 +237,7 @@ def _turns(columns: Sequence[View]) -> list[Row]:
         else ()
         for view, turn in zip(columns, turns, strict=True)
     )
-    return [Row("d", "turn [degrees]", panels, 1.5)]
+    return [Row("turn [degrees]", panels, LOW, signed=True)]
 
 
 def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
@@ -209,37 +258,37 @@ def _rotation_vector(orientation: FloatArray | None) -> FloatArray:
     return turn
 
 
-def _changes(row: Row, label: str) -> Row:
-    """Return the row, or, if its lines would look straight, the changes since the first tick."""
+def _changes(row: Row) -> Row:
+    """Return the row, or, if its lines would look straight, the changes since the first tick, named with where from."""
     curves = [curve for panel in row.panels for curve in panel]
-    ends = [_ends(curve.values) for curve in curves] + ([(0.0, 0.0)] if row.distance else [])
+    ends = [_ends(values) for curve in curves for values in (curve.values, curve.many)]
     span = max(high for _, high in ends) - min(low for low, _ in ends)
-    change = max((_range(curve.values) for curve in curves if not curve.for_scale), default=0.0)
+    change = max((_range(curve.values) for curve in curves), default=0.0)
     if not NOISE * span < change < FLAT * span:
         return row
-    panels = tuple(
-        tuple(replace(c, values=c.values - c.values[0]) for c in panel if not c.for_scale) for panel in row.panels
-    )
-    return replace(row, label=label, panels=panels, notes=tuple(map(_starts, row.panels)), distance=False)
+    starts: dict[str, set[str]] = {}
+    for curve in curves:
+        starts.setdefault(curve.label, set()).add(f"{round(float(curve.values[0]), 1) + 0.0:.1f}")
+    panels = tuple(tuple(_since_start(curve, starts[curve.label]) for curve in panel) for panel in row.panels)
+    return replace(row, label=row.label.replace("position", "change of"), panels=panels, signed=True)
 
 
-def _starts(panel: Sequence[Curve]) -> str:
-    """Note where changes are counted from, unless there are so many curves that the note would hide them."""
-    if len(panel) > MOST_STARTS:
-        return "changes since t = 0"
-    values = ", ".join(f"{curve.label} {curve.values[0] + 0.0:.1f}" for curve in panel)
-    return fill(f"at t = 0: {values} mm".replace("-0.0", "0.0").replace(" -", " \N{MINUS SIGN}"), LONGEST_NOTE)
+def _since_start(curve: Curve, starts: set[str]) -> Curve:
+    begin = f" (from {min(starts)})".replace("-", "\N{MINUS SIGN}") if len(starts) == 1 and not curve.many.size else ""
+    label, many = curve.label + begin, curve.many - curve.many[:1]
+    return replace(curve, label=label, values=curve.values - curve.values[0], many=many)
 
 
-def _of_fingers(
-    view: View, values: FloatArray, strokes: Mapping[str, Stroke], *, labelled: bool = False
-) -> tuple[Curve, ...]:
-    """Draw one curve per finger, from values (N, n)."""
-    return tuple(_curve(name, values[:, i], strokes[name], labelled=labelled) for i, name in enumerate(view.names))
+def _of_fingers(view: View, values: FloatArray, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
+    """Draw one curve per finger, from values (N, n); of many, their mean and their range."""
+    if len(view.fingers) > MOST_FINGERS:
+        return (_curve(ALL, mean(values, np.isfinite(values)), FINGERS_TOGETHER, values),)
+    return tuple(_curve(name, values[:, i], strokes[name]) for i, name in enumerate(view.names))
 
 
-def _curve(label: str, values: FloatArray, stroke: Stroke, *, for_scale: bool = False, labelled: bool = True) -> Curve:
-    return Curve(label, np.where(np.abs(values) < LARGEST, values, np.nan), stroke, for_scale, labelled)
+def _curve(label: str, values: FloatArray, stroke: Stroke, many: FloatArray | None = None) -> Curve:
+    whole = Curve(label, np.where(np.abs(values) < LARGEST, values, np.nan), stroke)
+    return whole if many is None else replace(whole, many=np.where(np.abs(many) < LARGEST, many, np.nan))
 
 
 def _range(values: FloatArray) -> float:

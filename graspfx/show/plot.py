@@ -1,124 +1,134 @@
-"""The figure of a run: where object and fingers were, how far the fingers went in, and with what force."""
+"""The figure of a run: where object and fingers were, what squeezed the object and what pushed it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import ceil
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.show import style
 from graspfx.show.panels import Curve, Row, View, rows, views
 from graspfx.show.strokes import finger_strokes
+from graspfx.show.style import BAND, HAIR, NEUTRAL, NOTE, panel, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from graspfx.loop.recording.record import Recording
+    from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+EQUALS = "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}"  # at which no title is folded
 GAINS = ("coupling.external.stiffness", "coupling.internal.stiffness")
-GRID, NOTE = "#e4e4e4", "#444444"
-SMALL = 9.0  # [points]
-SMALLEST = 7.5
-LONGEST_TITLE = 56  # characters in a line
-CROWDED = 0.8  # of it where the next column begins beside it
-BELOW_ZERO = 0.05  # of a distance's range, so that a line along zero is clear of the axis
-NOTE_LINE = 0.09  # of a panel's height
-MARKERS = 6  # on a line
-NAMES_PER_INCH = 5.0  # in a legend
-NAME_COLUMN = 1.0  # [inches]
+MARKERS = 5  # on a line
 LONG_WAY = 40.0  # up and down, in heights of a panel: a line that goes so far would become an area
 THIN = 0.5
 MOST_POINTS = 6000  # per line: more than a picture can show
 
 
-def figure(recordings: Sequence[Recording], path: str | PathLike[str], titles: Sequence[str] | None = None) -> Path:
-    """Draw one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
-
-    (a) Along each axis of noticeable motion: the object solid, its fingers dashed.
-    (b) For two fingers: the distance between them solid, that between the object and their centre dashed, and dotted
-    the distance at which they would just touch; for more, each finger's distance from their centre.
-    (c) The magnitude of each finger's force.
-    (d) How the object turns from where it begins, if it does.
-
-    Where lines in (a) or (b) would look straight, their change since the first tick is drawn, and a note says from
-    where. A recording of several objects gets a column for each that fingers touch.
+def figure(
+    recordings: Sequence[Recording],
+    path: str | PathLike[str],
+    titles: Sequence[str] | None = None,
+    *,
+    width: str = "screen",
+    form: str = "",
+) -> Path:
+    """Draw one recording, or several side by side, as `sheet` does, and write the figure.
 
     Args:
         recordings: one or more.
-        path: of the picture; its ending chooses the format.
-        titles: one per recording; the scene and its overrides if not given.
+        path: of the figure; its ending chooses the format.
+        titles: one per recording; what is set in each if not given.
+        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
+        form: "png", "svg" or "pdf", whatever the ending.
 
     Returns:
         The path.
 
     Raises:
-        InputError: no recordings, one without a tick, or another number of titles.
+        InputError: no recordings, one without a tick, another number of titles, or no such width or format.
+    """
+    return style.save(sheet(recordings, titles, width=width), path, form)
+
+
+def sheet(recordings: Sequence[Recording], titles: Sequence[str] | None = None, *, width: str = "screen") -> Sheet:
+    """Draw one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
+
+    Rows, from the top: the position of the object and its fingers along each axis of noticeable motion; displacements
+    of the fingers from their contacts, and then forces, as the two signed modes of a grasp, internal (the squeeze,
+    positive into the object) and external (the push, along each axis worth it); with more than two fingers, the
+    magnitude of each one's force; how the object turns from where it begins, if it does. Six fingers and more are
+    shown by their mean and range. Internal parts are drawn while two fingers touch or more, external ones while one
+    does.
+
+    Where positions would look straight, their change since the first tick is drawn, and names say from where. A
+    recording of several objects gets a column for each that fingers touch.
+
+    Args:
+        recordings: one or more.
+        titles: one per recording; what is set in each if not given.
+        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
+
+    Raises:
+        InputError: no recordings, one without a tick, another number of titles, or no such width.
     """
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
     if titles is not None and len(titles) != len(recordings):
         raise InputError("titles", len(titles), f"as many as recordings, {len(recordings)}")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     columns = views(recordings)
     rows_ = rows(columns, finger_strokes([view.names for view in columns]))
-    heights = [row.height for row in rows_]
-    width = 4.6 if len(columns) < 3 else 3.8
-    beside = 2.3 + NAME_COLUMN * (max(map(_legend_columns, rows_)) - 1)
-    picture = Figure(figsize=(beside + width * len(columns), 0.9 + sum(heights)), layout="constrained")
-    FigureCanvasAgg(picture)
-    axes = picture.subplots(
-        len(rows_), len(columns), squeeze=False, sharex=True, sharey="row", gridspec_kw={"height_ratios": heights}
-    )
-    for row, panels in zip(rows_, axes, strict=True):
-        _draw_row(row, panels, columns)
-    for each, title in zip(axes[0], _titles(recordings, titles, width / 4.6), strict=True):
-        each.set_title(title, loc="left", fontweight="bold", fontsize=SMALL + 1.0)
-    for each in axes[-1]:
-        each.set_xlabel("time [s]", fontsize=SMALL)
-    picture.align_ylabels(axes[:, 0])
-    picture.savefig(fspath(path), dpi=150)
-    return Path(path)
+    with style.look(width):
+        drawing = style.figure([row.height for row in rows_], len(columns), width=width)
+        names: list[str] = []
+        for k, (row, panels) in enumerate(zip(rows_, drawing.panels, strict=True)):
+            _draw_row(row, panels, columns, drawing.width.weight)
+            fresh = [label for axes in panels for label in axes.get_legend_handles_labels()[1]]
+            if not set(fresh) <= set(names):
+                drawing.legend(k)
+            names = fresh
+        for axes in drawing.panels[-1]:
+            panel(axes, x="time [s]")
+        drawing.panels[0, 0].set_xlim(0.0, max(len(each) * each.period for each in recordings))
+        drawing.letters()
+        _add_titles(drawing, recordings, titles)
+    return drawing
 
 
-def _draw_row(row: Row, panels: Sequence[Axes], columns: Sequence[View]) -> None:
+def _draw_row(row: Row, panels: Sequence[Axes], columns: Sequence[View], weight: float) -> None:
     for axes, curves, view in zip(panels, row.panels, columns, strict=True):
         for curve in curves:
-            _draw(axes, view.recording.time, curve)
+            _draw(axes, view.recording.time, curve, weight)
         if not curves:
-            axes.text(0.5, 0.5, "does not apply", transform=axes.transAxes, ha="center", fontsize=SMALL, color=NOTE)
-        _tidy(axes)
+            axes.text(0.5, 0.5, "does not apply", transform=axes.transAxes, ha="center", va="center", color=NOTE)
     first = panels[0]
     low, high = first.get_ylim()
-    if row.distance:
-        low, high = -BELOW_ZERO * high, (1.0 + BELOW_ZERO) * high
     _thin_out(row, panels, high - low)
-    lines = max((note.count("\n") + 1 for note in row.notes), default=0)
-    first.set_ylim(low, high + (high - low) * NOTE_LINE * lines)
-    for axes, note in zip(panels, row.notes, strict=False):
-        axes.text(0.02, 0.97, note, transform=axes.transAxes, va="top", fontsize=SMALLEST, color=NOTE)
-    first.set_ylabel(row.label, fontsize=SMALL)
-    if row.letter:
-        first.text(-0.14, 1.02, f"({row.letter})", transform=first.transAxes, fontweight="bold", fontsize=SMALL)
-    _add_legend(row, panels)
+    if row.signed and low < 0.0 < high:
+        for axes in panels:
+            axes.axhline(0.0, color=NEUTRAL, linewidth=weight * HAIR, zorder=0.9)
+    panel(first, y=row.label)
 
 
-def _draw(axes: Axes, time: FloatArray, curve: Curve) -> None:
+def _draw(axes: Axes, time: FloatArray, curve: Curve, weight: float) -> None:
     stroke, places = curve.stroke, _sampled_places(curve.values)
     step = max(1, len(places) // MARKERS)
+    if curve.band is not None:
+        both = np.union1d(*map(_sampled_places, curve.band))
+        low, high = (each[both] for each in curve.band)
+        axes.fill_between(time[both], low, high, color=stroke.colour, alpha=BAND, linewidth=0.0, zorder=1.5)
     axes.plot(
-        time[places], curve.values[places], linestyle=stroke.dashes, linewidth=stroke.width, color=stroke.colour,
-        marker=stroke.marker, markersize=4.0, markevery=(int(stroke.place * step), step), label=_entry(curve.label),
+        time[places], curve.values[places], linestyle=stroke.dashes, linewidth=weight * stroke.width,
+        color=stroke.colour, marker=stroke.marker, markevery=(int(stroke.place * step), step),
+        label=_entry(curve.label),
     )  # fmt: skip
 
 
@@ -141,69 +151,38 @@ def _sampled_places(values: FloatArray) -> IntArray:
     return np.unique(np.concatenate([[0], ends.ravel(), np.arange(whole, len(values))]))
 
 
-def _tidy(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=SMALL)
-    axes.margins(x=0.02)
-    axes.ticklabel_format(axis="y", useOffset=False)
-
-
-def _add_legend(row: Row, panels: Sequence[Axes]) -> None:
-    """Name every line that any panel of the row shows, once."""
-    from matplotlib.lines import Line2D
-
-    labels = {_entry(curve.label) for panel in row.panels for curve in panel if curve.labelled}
-    lines = {line.get_label(): line for axes in panels for line in axes.get_lines() if line.get_label() in labels}
-    entries = sorted(lines.values(), key=lambda line: line.get_linestyle() != "-")
-    if row.remark:
-        entries.append(Line2D([], [], linestyle="none", label=row.remark))
-    if entries:
-        panels[-1].legend(
-            handles=entries, loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=2.8, frameon=False,
-            fontsize=SMALL, ncols=_legend_columns(row),
-        )  # fmt: skip
-
-
-def _legend_columns(row: Row) -> int:
-    """Count the columns that names need to stand beside the row, so that no room opens below it."""
-    names = {curve.label for panel in row.panels for curve in panel if curve.labelled}
-    return max(1, ceil(len(names) / int(row.height * NAMES_PER_INCH)))
-
-
 def _entry(label: str) -> str:
     """Write a legend's entry: matplotlib leaves out a name that begins with an underscore."""
     return f" {label}" if label.startswith("_") else label
 
 
-def _titles(recordings: Sequence[Recording], titles: Sequence[str] | None, share: float) -> list[str]:
-    """Title each column: the recording over the first of its objects if there are several, and each object's name."""
-    lines = []
-    longest = share * LONGEST_TITLE * (CROWDED if len(recordings) > 1 else 1.0)
+def _add_titles(drawing: Sheet, recordings: Sequence[Recording], titles: Sequence[str] | None) -> None:
+    """Name the scene over everything if it is one, over each column what is set in its recording, and the object."""
+    names = [_name(recording) for recording in recordings]
+    if titles is None and len(set(names)) == 1:
+        drawing.title(names[0])
+    column = 0
     for number, recording in enumerate(recordings):
         own = views([recording])
-        title = titles[number] if titles is not None else _title(recording, int(len(own) * longest))
-        if len(own) == 1:
-            lines.append(title)
-            continue
-        names = [f"object {recording.layout.objects[view.number]}" for view in own]
-        lines += [f"{title}\n{names[0]}", *names[1:]]
-    return lines
+        heading = titles[number] if titles is not None else _settings(recording)
+        if titles is None and len(set(names)) > 1:
+            heading = f"{names[number]}\n{heading}"
+        for view in own:
+            thing = f"object {recording.layout.objects[view.number]}" if len(own) > 1 else ""
+            drawing.title("\n".join(filter(None, (heading, plain(thing)))), column)
+            column += 1
 
 
-def _title(recording: Recording, longest: int) -> str:
-    """Write the scene, its gains, and the other settings of this run."""
+def _name(recording: Recording) -> str:
     header = recording.header
-    name = header.title or Path(header.scene).stem or "run"
+    return plain(header.title or Path(header.scene).stem or "run")
+
+
+def _settings(recording: Recording) -> str:
+    """Write the gains, and the other settings of this run."""
+    header = recording.header
     others = [f"{key} = {value}" for key, value in header.overrides.items() if key not in GAINS]
-    settings = ", ".join([*_gains(header.scene_table), *(_plain(other) for other in others)])
-    return "\n".join(fill(line, longest) for line in (_plain(name), settings)).rstrip()
-
-
-def _plain(text: str) -> str:
-    """Write text in which a dollar sign begins no formula."""
-    return text.replace("$", r"\$")
+    return ", ".join([*_gains(header.scene_table), *map(plain, others)])
 
 
 def _gains(scene: Mapping[str, Any]) -> list[str]:
@@ -212,5 +191,5 @@ def _gains(scene: Mapping[str, Any]) -> list[str]:
     if not isinstance(kep, int | float) or not isinstance(kip, int | float):
         return []
     if kep == kip:
-        return [rf"$k_p$ = {kep:g} N/m"]
-    return [rf"$k_{{ep}}$ = {kep:g}, $k_{{ip}}$ = {kip:g} N/m"]
+        return [rf"$k_p${EQUALS}{kep:g} N/m"]
+    return [rf"$k_{{ep}}${EQUALS}{kep:g}, $k_{{ip}}${EQUALS}{kip:g} N/m"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from graspfx.show.style import AXES, EXTERNAL, FINGERS, INK, INTERNAL, LINE, MARKERS, NEUTRAL, THICK
+
 Dashes = tuple[float, tuple[float, ...]]  # offset, then on and off, in widths of the line
 
-COLOURS = ("#c1272d", "#0071bc", "#39803a", "#8e44ad", "#d35400", "#128c8c")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # as many as have no common factor with the colours
 ON, OFF = 5.0, 3.0
 
 
@@ -25,37 +25,35 @@ class Stroke:
     """
 
     colour: str
-    width: float = 1.6
+    width: float = LINE
     dashes: str | Dashes = "-"
     marker: str = ""
     place: float = 0.0
 
 
-OBJECT = Stroke("#1a1a1a", 2.6)  # so wide that it shows on either side of a finger
-APART = Stroke("#1a1a1a", 1.6)
-ASTRAY = Stroke("#e07b00", 1.3, "--")
-CONTACTS = Stroke("#6b6b6b", 1.0, ":")
-TURNS = (Stroke("#8e44ad", 1.4, "-."), Stroke("#128c8c", 1.4, "--"), Stroke("#1a1a1a", 1.6))  # about x, y, z
+OBJECT = Stroke(INK, THICK)  # so wide that it shows on either side of a finger
+FINGERS_TOGETHER = Stroke(NEUTRAL, LINE, (0.0, (ON, OFF)))
+SQUEEZE = Stroke(INTERNAL, 2.0)  # so wide that it shows beneath a push of the same size
+PUSHES = tuple(Stroke(EXTERNAL, LINE, dashes) for dashes in AXES)
+TURNS = tuple(Stroke(INK, LINE, dashes) for dashes in AXES)
 
 
 def finger_strokes(groups: Iterable[Sequence[str]]) -> dict[str, Stroke]:
-    """Give each finger its stroke: two dashed, one in the gaps of the other; more, with markers in turn.
+    """Give each finger its colour, its marker, and dashes of which every other one fills the gaps of the one before.
 
     Args:
         groups: the names of the fingers in each column; one that comes again keeps its stroke.
     """
-    columns = list(groups)
     half: dict[str, int] = {}
-    for names in columns:
+    for names in groups:
         for i, name in enumerate(names):
             half.setdefault(name, i % 2)
-    marked = any(len({half[name] for name in names}) < len(names) for names in columns)
     return {
         name: Stroke(
-            COLOURS[k % len(COLOURS)],
-            1.2,
+            FINGERS[k % len(FINGERS)],
+            LINE,
             (half[name] * (ON + OFF) / 2.0, (ON, OFF)),
-            MARKERS[k % len(MARKERS)] if marked else "",
+            MARKERS[k % len(MARKERS)],
             (k + 0.5) / len(half),
         )
         for k, name in enumerate(half)

@@ -1,4 +1,4 @@
-"""Summaries of runs as a table on the terminal, two of them side by side."""
+"""Summaries of runs as a table on the terminal, several of them side by side."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def check_device(
     force: float = 0.1,
     start: ArrayLike | None = None,
 ) -> DeviceReport:
-    """Check what can be seen of the promises of `graspfx.loop.device`; ConformanceError at the first broken one.
+    """Check what can be seen of the promises of a `graspfx.protocols.Device`; ConformanceError at the first broken one.
 
     Of every device it sees: features told before it is opened, what is not known None; positions and velocities of the
     right shape, finite, in arrays of its own; time that does not run back; forces taken, those that are not finite

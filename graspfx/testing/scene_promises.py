@@ -80,11 +80,12 @@ def check_scene(
     with _promise("it runs without a fault"):
         from graspfx.build.run import run
 
-        recording = run(scene_, duration)
+        recording = run(scene_, duration=duration)
     _check_recording(scene_, recording)
     _check_wrench(scene_, recording)
     with _promise("two runs are the same to the bit") as promise:
-        promise.holds(np.array_equal(recording.rows, run(scene_, duration).rows), "other rows in the second run")
+        again = run(scene_, duration=duration)
+        promise.holds(np.array_equal(recording.rows, again.rows), "other rows in the second run")
     _check_together(scene_, recording)
     if energy is not None:
         _check_energy(scene_, recording, energy)
@@ -99,13 +100,11 @@ def _promise(text: str) -> Promise:
 
 
 def _scene(source: Scene | str | PathLike[str] | Callable[[], Scene]) -> Scene:
-    from graspfx.scene.load import load
+    from graspfx.scene.load import to_scene
     from graspfx.scene.model import Scene
 
-    if isinstance(source, Scene):
-        return source
-    if isinstance(source, str | PathLike):
-        return load(source)
+    if isinstance(source, Scene | str | PathLike):
+        return to_scene(source)
     make: Any = source
     result: Any = make() if callable(make) else make
     if not isinstance(result, Scene):

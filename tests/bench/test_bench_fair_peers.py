@@ -105,7 +105,7 @@ def test_arrays_of_numpy_are_single_runs() -> None:
         changed = scene.replace(
             {batches.STIFFNESS: stiffness[k], batches.VISCOSITY: viscosity[k], batches.MASS: mass[k]}
         )
-        run = gx.run(changed, 300 * scene.period)
+        run = gx.run(changed, duration=300 * scene.period)
         expected = [*run.finger_position[-1, :, 0], *run.object_position[-1]]
         np.testing.assert_allclose(last[k], expected, rtol=1e-11)
 

@@ -60,7 +60,7 @@ def test_all_tend_to_the_same_motion(d: int) -> None:
         scene = ticks.make_scene(d, internal, "native", T)
         g = ticks.springs(scene, internal)
         truth = ticks.anchors_after(g)
-        ours = ticks.recorded_error(run(scene, ticks.SECONDS + T), truth, g)
+        ours = ticks.recorded_error(run(scene, duration=ticks.SECONDS + T), truth, g)
         errors.append([ours, *(program_error(program, truth, g) for program in (PaperProgram(g), MuJoCoSprings(g)))])
     np.testing.assert_allclose(np.divide(errors[0], errors[1]), 2.0, rtol=0.15)
 

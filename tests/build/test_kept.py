@@ -49,6 +49,8 @@ def alike(table: object, other: object) -> bool:
         fields = {name: value for name, value in vars(table).items() if name != "_settings"}
         same = all(alike(value, getattr(other, name)) for name, value in fields.items())
         return same and table.settings == getattr(other, "settings", {})
+    if isinstance(table, dict) and isinstance(other, dict):
+        return table.keys() == other.keys() and all(alike(value, other[key]) for key, value in table.items())
     if isinstance(table, tuple | list):
         return type(table) is type(other) and all(map(alike, table, other)) and len(table) == len(other)
     return type(table) is type(other) and table == other

@@ -120,7 +120,8 @@ def test_changed_and_changed_back_is_not_changed(case: str) -> None:
 @pytest.mark.parametrize("engine", ["interpreted", "compiled"])
 def test_the_law_is_the_new_one_from_the_tick_on(engine: str) -> None:
     """Attached fingers: their forces sum to n (kep mean e + ked mean e'), with the gains of their tick."""
-    rec = steered(attached(2).replace({"engine": engine}), {30: {KEP: 45.0, KED: 0.3}, 50: {KED: 0.0}}, 60)
+    moves = {"object.velocity": [0.05, -0.03], "object.angular_velocity": 0.5, "engine": engine}
+    rec = steered(attached(2, squeeze=0.004).replace(moves), {30: {KEP: 45.0, KED: 0.3}, 50: {KED: 0.0}}, 60)
     thing = rec.objects["object"]
     assert thing.angular_velocity is not None
     e = rec.finger_position - rec.contact_position

@@ -282,6 +282,6 @@ def test_the_gallery_tells_the_steps_of_its_touches(name: str, until: float) -> 
     assert scene.coupling.damping_depth == 1e-3
     assert scene.coupling.internal.stiffness == 1e3 * kip
     for variant, stated in ((scene, (softer, less)), (scene.replace({"coupling.damping_depth": 0.0}), (force, step))):
-        most = max(touches(gx.run(variant, until)), key=lambda touch: touch[1])
+        most = max(touches(gx.run(variant, duration=until)), key=lambda touch: touch[1])
         assert most == pytest.approx(stated, abs=0.006) and most[0] == pytest.approx(stated[0], abs=6e-4)
     assert less < 0.6 * step and less < 1.5 * kip < 1.5 * step

@@ -11,6 +11,7 @@ import graspfx as gx
 from graspfx.certificate.plan import plan
 from graspfx.compile.kernel import written
 from graspfx.compile.machine import compiled
+from graspfx.compile.records import numbers
 from graspfx.cones.mode_equations import jacobian_of_modes
 from graspfx.cones.problem import ConeContact, problem_size, set_up
 from graspfx.cones.square_equations import jacobian_of_square
@@ -24,8 +25,7 @@ from graspfx.objects import integrators as body
 from graspfx.objects.body import NativeBody
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.integrators import orient
-from graspfx.spatial import exponential_numbers as exponential
-from graspfx.spatial import product
+from graspfx.spatial import Quaternion, Vector, exponential
 from graspfx.surfaces.closed_form.shape import Box, Sphere
 from tests.support.contact_sets import ContactSet, contact_set, modes_of
 from tests.support.grasps import grasped, law, respond
@@ -45,7 +45,8 @@ def soft(n: int, gains: gx.Coupling, *, patch: object = RHO, shape: object = Non
 def turn(g: GraspedObject, x: float, y: float, z: float) -> None:
     """Turns the object by a rotation vector in world axes [rad]."""
     S = g.body_state
-    S[body.QUATERNION : body.QUATERNION + 4] = product(*exponential(x, y, z), *S[body.QUATERNION : body.QUATERNION + 4])
+    q = S[body.QUATERNION : body.QUATERNION + 4]
+    q[:] = list(numbers(exponential(Vector(x, y, z)) @ Quaternion(*q.tolist())))
     orient(BodyState(memoryview(S)))
 
 
@@ -199,13 +200,12 @@ def test_torsion_at_the_fingertip_creates_no_energy(at_contact: bool, low: float
         a = 0.5 * np.array([np.sin(t), np.cos(t) - 1.0, np.sin(2 * t)])
         p = c * 0.95 + 0.004 * np.sin(t + np.arange(9).reshape(3, 3))
         S = g.body_state
-        S[body.QUATERNION : body.QUATERNION + 4] = exponential(*a)
+        S[body.QUATERNION : body.QUATERNION + 4] = list(numbers(exponential(Vector(*a.tolist()))))
         orient(BodyState(memoryview(S)))
         respond(g, p)
         now = (p.copy(), S[body.QUATERNION : body.QUATERNION + 4].copy(), g.force.copy(), g.wrench.copy())
         if before is not None:
-            q, conj = now[1], before[1] * [-1, -1, -1, 1]
-            v = np.array(product(*q, *conj))
+            v = np.array(list(numbers(Quaternion(*now[1].tolist()) @ Quaternion(*before[1].tolist()).conjugate)))
             step = 2 * np.arctan2(np.linalg.norm(v[:3]), v[3]) * v[:3] / np.linalg.norm(v[:3])
             done = (0.5 * (now[2] + before[2]) * (now[0] - before[0])).sum() - 0.5 * (now[3] + before[3])[3:] @ step
             work, size = work + done, size + abs(done)

@@ -7,7 +7,7 @@ import pytest
 
 from graspfx.compile.machine import compiled
 from graspfx.errors import InputError
-from graspfx.loop.velocity import SLACK, WINDOW, VelocityEstimate, VelocityEstimator, estimate, size
+from graspfx.loop.velocity import SLACK, WINDOW, VelocityEstimate, VelocityEstimator, estimate, estimate_size
 
 T = 0.001
 
@@ -123,7 +123,7 @@ def test_a_position_that_is_not_finite_shows_and_passes():
 def test_kernel_runs_compiled_with_the_same_result():
     machine_code = compiled(estimate)
     rng = np.random.default_rng(3)
-    states = np.zeros((2, size(8)))
+    states = np.zeros((2, estimate_size(8)))
     states[:, :3] = T, 5e-6, 8
     for x in np.rint(np.cumsum(rng.normal(0.0, 1.0, 200))) * 1e-5:
         assert machine_code(states[0], 0, x) == estimate(VelocityEstimate(states[1].data), x)

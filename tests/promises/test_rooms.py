@@ -33,7 +33,7 @@ def test_a_cycle_is_found() -> None:
 
 def test_imports_in_functions_and_for_type_checkers_are_seen() -> None:
     assert "graspfx.grasp.quality.internal" in imports()["graspfx.grasp.split"]  # in a method, and for type checkers
-    assert "graspfx.loop.device" in imports()["graspfx.devices.simulated.point_device"]
+    assert "graspfx.protocols" in imports()["graspfx.devices.simulated.point_device"]
     assert "graspfx.analysis.stability" in imports()["graspfx.certificate.mode_limits"]  # entered on the way
 
 
@@ -42,7 +42,8 @@ def test_the_way_up_leads_up(name: str) -> None:
     module, _, function = plugins.UPWARD[name].rpartition(".")
     assert callable(getattr(import_module(module), function))
     order = in_order(rooms())
-    home = {"Recording": "loop", "Scene": "scene"}[name.partition(".")[0]]
+    homes = {"Batch": "batch", "Linearisation": "analysis", "Recording": "loop", "Scene": "scene"}
+    home = homes[name.partition(".")[0]]
     assert order.index(module.split(".")[1]) < order.index(home)
 
 

@@ -38,10 +38,10 @@ FILES = {
     "acme_rig/rail.py": '''
         """A carriage on a rail, simulated: the point device with a limit of its own."""
         from dataclasses import replace
-        from graspfx import plugins
+        from graspfx.devices import simulated
 
         def connect(*, carriage=0.2, dimensions=1):
-            return plugins.load("devices", "simulated").connect(mass=carriage, damping=1.0, dimensions=dimensions)
+            return simulated.connect(mass=carriage, damping=1.0, dimensions=dimensions)
     ''',
     "acme_rig/push.toml": """
         title = "Two rails push a block through syrup"
@@ -78,11 +78,11 @@ FILES = {
     ''',
     "acme_rig/syrup.py": '''
         """The native body in a fluid in which it does not move."""
-        from graspfx.objects import body
+        from graspfx.protocols import NativeBody
 
         class Stuck:
             def __init__(self, state):
-                self.real = body.create(state)
+                self.real = NativeBody(state)
 
             def free_motion(self, T):
                 self.real.free_motion(T)
@@ -140,9 +140,8 @@ def test_a_run_uses_them(site: Path, tmp_path: Path, scene: str) -> None:
     assert summary["ticks"] == 20 and summary["faults"] == 0 and min(summary["peak_force"]) > 0.05
     code = (
         "import graspfx as gx\n"
-        "from graspfx import plugins\n"
         f"rec = gx.testing.check_scene({scene!r}, energy=None)\n"
         "assert not rec.object_position.any() and rec.finger_position[-1].sum() != 0.0\n"
-        "gx.testing.check_device(lambda: plugins.load('devices', 'rail').connect(carriage=0.3))\n"
+        "gx.testing.check_device(lambda: gx.testing.driver('rail').connect(carriage=0.3))\n"
     )
     python(site, tmp_path, "-c", code)

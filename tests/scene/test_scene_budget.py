@@ -68,7 +68,7 @@ import graspfx as gx
 for path in sys.argv[1:]:
     began = time.process_time()
     try:
-        gx.run(gx.load(path), 0.02)
+        gx.run(path, duration=0.02)
         outcome = ["", ""]
     except Exception as error:
         outcome = [type(error).__name__, str(error)]

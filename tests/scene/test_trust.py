@@ -109,7 +109,7 @@ def test_a_user_may_trust(places: tuple[Path, Path], monkeypatch: pytest.MonkeyP
     for value, granted in (("", False), ("0", False), ("1", True)):
         monkeypatch.setenv(environment.VARIABLE, value)
         assert environment.is_granted() == granted
-    assert gx.run(gx.load(file), 0.05).finger_force.any()
+    assert gx.run(file, duration=0.05).finger_force.any()
 
 
 def test_a_path_that_the_user_gives_is_the_users(places: tuple[Path, Path]) -> None:

@@ -88,7 +88,7 @@ def test_two_hands_share_a_bar_by_its_lever_arms(right: float) -> None:
     lift = {"kind": "reach", "displacement": [0.0, 0.0, 0.08], "begin": 0.6, "duration": 0.5}
     changes = {"hand.0.motion": lift, "hand.1.motion": lift, "hand.0.turn.angle": 0.0, "hand.1.turn.angle": 0.0}
     starts = {"finger.2.start": [right, -0.03, 0.015], "finger.3.start": [right, 0.03, 0.015]}
-    force = gx.run(gx.load("carry-bar", {**changes, **starts}), 2.8).finger_force[-1, :, 2]
+    force = gx.run(gx.load("carry-bar", {**changes, **starts}), duration=2.8).finger_force[-1, :, 2]
     assert force[:2].sum() == pytest.approx(0.5 * 9.81 * right / (0.15 + right), rel=6e-4)
     assert force.sum() == pytest.approx(0.5 * 9.81, rel=1e-4)
 

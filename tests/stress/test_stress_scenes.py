@@ -139,7 +139,7 @@ def test_extremes_keep_the_promises(cases: int) -> None:
             finger["hand"]["rest"] = (np.array(finger["hand"]["rest"]) + far).tolist()
         label = f"case {case}: {d}-D, {len(table['finger'])} fingers, units {units}"
         scene, duration = gx.Scene(**table), 20 * table["period"]
-        recording = gx.run(scene, duration)
+        recording = gx.run(scene, duration=duration)
         if recording.faults:
             # what crosses many of its own sizes in a sample, or is spun by that, diverges: the run has to say so
             [fault] = recording.faults
@@ -252,7 +252,7 @@ def test_bad_values_of_every_key(cases: int) -> None:
         except SceneError:
             continue
         try:
-            recording = gx.run(scene, min(scene.duration, 3.0 * scene.period))
+            recording = gx.run(scene, duration=min(scene.duration, 3.0 * scene.period))
         except GraspFXError:
             continue
         fault = min((fault.tick for fault in recording.faults), default=len(recording))

@@ -150,7 +150,7 @@ flowchart TD"""
 MIDDLE = """```
 
 The one way up is `graspfx.plugins.UPWARD`, a table of names: what a scene or a recording asks of rooms above its own.
-Drivers stand on the shelf `devices/`, apart from the framework, and import the protocols of devices and plants only.
+Drivers stand on the shelf `devices/`, apart from the framework, and import `graspfx.protocols` only.
 
 | room | subject | imports |
 |---|---|---|"""

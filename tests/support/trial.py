@@ -81,7 +81,7 @@ def _scene(file: str) -> None:
     import graspfx as gx
 
     scene = gx.load(file)
-    gx.run(scene, min(scene.duration, 4.0 * scene.period))
+    gx.run(scene, duration=min(scene.duration, 4.0 * scene.period))
 
 
 def _mesh(file: str) -> None:

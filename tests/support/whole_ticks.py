@@ -11,15 +11,14 @@ import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of
-from graspfx.compile.records import start_of
+from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.velocity import VelocityEstimate
 from graspfx.objects import integrators as body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor.planes import FloorState
-from graspfx.spatial import exponential_numbers as exponential
-from graspfx.spatial import product
+from graspfx.spatial import Quaternion, Vector, exponential
 
 STEP = 1e-7  # [m], [m/s]
 
@@ -140,10 +139,8 @@ class RestedRun:
         q = self.state[body.QUATERNION : body.QUATERNION + 4]
         if origin is None:
             return np.array([*values, *q])
-        x, y, z, w = origin[-4:]
-        i, j, k, u = q.tolist()
-        a, b, c, _ = product(i, j, k, u, -x, -y, -z, w)  # the turn since then, small
-        return np.array([*values, 2 * a, 2 * b, 2 * c])
+        turn = Quaternion(*q.tolist()) @ Quaternion(*origin[-4:]).conjugate  # since then, small
+        return np.array([*values, 2 * turn.x, 2 * turn.y, 2 * turn.z])
 
     def _move(self, i: int, length: float) -> None:
         parts = self._parts()
@@ -157,5 +154,5 @@ class RestedRun:
             turn = [0.0, 0.0, 0.0]
             turn[i - len(parts)] = length
             q = self.state[body.QUATERNION : body.QUATERNION + 4]
-            q[:] = product(*exponential(*turn), *q.tolist())
+            q[:] = list(numbers(exponential(Vector(*turn)) @ Quaternion(*q.tolist())))
         body.orient(BodyState(self.state))

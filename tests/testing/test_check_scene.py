@@ -167,7 +167,7 @@ def test_a_coupling_that_creates_energy(monkeypatch: pytest.MonkeyPatch) -> None
 
 def doctored(column: str, change: Callable[[Any], Any], **changes: Any) -> tuple[gx.Scene, Recording]:
     made = scene(3, **changes)
-    recording = gx.run(made, 0.1)
+    recording = gx.run(made, duration=0.1)
     rows = recording.rows.copy()
     where = recording.layout.columns[column].where
     rows[:, where] = change(rows[:, where])

@@ -31,3 +31,7 @@ __all__ = [
     "wall_limit",
     "worst_motion",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -7,6 +7,14 @@ from graspfx.analysis.linearisation import Linearisable, Linearisation
 from graspfx.analysis.maps.maps import external_limit_blocks, external_limit_map, external_stable_map, wall_limit_map
 from graspfx.analysis.preload import Preload, preloaded
 from graspfx.analysis.pushing import pushing
+from graspfx.analysis.series import in_series, springs_in_series
+from graspfx.analysis.stability.design import (
+    Gains,
+    integrators_compared,
+    largest_gains,
+    least_friction,
+    least_wall_friction,
+)
 from graspfx.analysis.stability.fullloop import loop_matrix
 from graspfx.analysis.stability.limits import Limits, Loss
 from graspfx.analysis.stability.modal import Mode
@@ -20,7 +28,7 @@ from graspfx.analysis.stability.one_gain import (
     wall_limits,
 )
 
-__all__ = [  # noqa: RUF022 (numbers, arrays of numbers, grasps)
+__all__ = [  # noqa: RUF022 (numbers, arrays of numbers, grasps, design)
     "wall_limit",
     "external_limit",
     "stable_intervals",
@@ -42,4 +50,15 @@ __all__ = [  # noqa: RUF022 (numbers, arrays of numbers, grasps)
     "preloaded",
     "Preload",
     "pushing",
+    "in_series",
+    "springs_in_series",
+    "largest_gains",
+    "Gains",
+    "least_wall_friction",
+    "least_friction",
+    "integrators_compared",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.linearisation import Linearisation
-from graspfx.errors import InputError
+from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
 
 FloatArray = NDArray[np.float64]
 
@@ -16,18 +15,17 @@ DRIFT = 1e-10  # relative: motions that stretch nothing more than this part of t
 Motions = tuple[FloatArray, ...]
 
 
-def loop_matrix(linear: Linearisation, motions: Motions | None = None) -> FloatArray:
+def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
     """Build A of s_(k+1) = A s_k, s = (x, x', q, q', x_(k-1), ground's wrench, forces undisplayed, wrenches unfelt).
 
     Devices and hands by the exponential of their coupled equations, the object by its integrator. The ground's last
     wrench is there under "implicit", whose prediction holds it.
 
     Args:
-        linear: the grasp.
+        subject: the grasp: a `Linearisation`, a scene, or the name or path of one.
         motions: `uncoupled` of it, if known: gains are no part of it.
     """
-    if not isinstance(linear, Linearisation):
-        raise InputError("linear", linear, "a Linearisation", "that of a scene is scene.linearise()")
+    linear = linear_of(subject)
     m, r = linear.coordinates
     T = linear.period
     lag, object_lag = int(linear.delay.max()), linear.object_delay

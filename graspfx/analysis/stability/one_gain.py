@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Unpack
 
 from graspfx.analysis.arguments import number
-from graspfx.analysis.linearisation import Linearisable, Linearisation
+from graspfx.analysis.linearisation import Subject, linear_of
 from graspfx.analysis.sampled_plant import ObjectOptions, plant_on_wall, plant_with_object
 from graspfx.analysis.stability.fullloop import radius_of
 from graspfx.analysis.stability.limits import Limits, limits_of
 from graspfx.analysis.stability.modal import Mode
 from graspfx.analysis.stability.modal import modes as modes_of
-from graspfx.errors import InputError
 
 
 def wall_limit(
@@ -157,22 +156,20 @@ def stable_intervals(
     return [(low, min(high, top)) for low, high in limits.intervals if low < top]
 
 
-def spectral_radius(linear: Linearisation | Linearisable, *, drift: bool = False) -> float:
+def spectral_radius(linear: Subject, *, drift: bool = False) -> float:
     """Find the largest |z| of the sampled closed loop about a grasp at rest; below 1 it is stable.
 
-    Motions of fingers and object together that change no force (no operator's spring) are left out unless `drift`.
+    Args:
+        linear: a `Linearisation`, a scene, or the name or path of one.
+        drift: count motions of fingers and object together that change no force (no operator's spring), too.
     """
-    return radius_of(_linear(linear), drift=drift)
+    return radius_of(linear_of(linear), drift=drift)
 
 
-def modes(linear: Linearisation | Linearisable) -> list[Mode]:
-    """List the internal and external modes of a grasp of equal devices at zero preload (`analysis.stability.modal`)."""
-    return modes_of(_linear(linear))
+def modes(linear: Subject) -> list[Mode]:
+    """List the internal and external modes of a grasp of equal devices at zero preload (`analysis.stability.modal`).
 
-
-def _linear(subject: Linearisation | Linearisable) -> Linearisation:
-    if isinstance(subject, Linearisation):
-        return subject
-    if isinstance(subject, Linearisable):
-        return subject.linearise()
-    raise InputError("linear", subject, "a Linearisation, or what has a method `linearise` that gives one")
+    Args:
+        linear: a `Linearisation`, a scene, or the name or path of one.
+    """
+    return modes_of(linear_of(linear))

@@ -75,7 +75,8 @@ class BatchProblem:
     def single_run(self, k: int, **more: Any) -> FloatArray:
         """Run one variant by itself; its last positions (3,) [m]."""
         run = gx.run(
-            self.scene.replace({key: float(each[k]) for key, each in self.values.items()} | more), self.seconds
+            self.scene.replace({key: float(each[k]) for key, each in self.values.items()} | more),
+            duration=self.seconds,
         )
         return np.concatenate([run.finger_position[-1, :, 0], run.object_position[-1]])
 

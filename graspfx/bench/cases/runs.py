@@ -52,15 +52,15 @@ def _ours(scene: Scene, number: int, truth: FloatArray, system: Springs, folder:
     seconds, folders = number * scene.period, count()
 
     def to_disk() -> None:
-        gx.run(scene, seconds, out=folder / f"run-{next(folders)}")
+        gx.run(scene, duration=seconds, out=folder / f"run-{next(folders)}")
 
     def error(engine: str) -> float:
-        run = gx.run(scene.model_copy(update={"engine": engine}), ticks.SECONDS + scene.period)
+        run = gx.run(scene.model_copy(update={"engine": engine}), duration=ticks.SECONDS + scene.period)
         return ticks.recorded_error(run, truth, system)
 
     calls: dict[str, Callable[[], object]] = {
-        "GraspFX gx.run": lambda: gx.run(scene, seconds),
-        "GraspFX gx.run and its summary": lambda: gx.run(scene, seconds).summary(),
+        "GraspFX gx.run": lambda: gx.run(scene, duration=seconds),
+        "GraspFX gx.run and its summary": lambda: gx.run(scene, duration=seconds).summary(),
         "GraspFX gx.run to disk": to_disk,
     }
     methods = [Method(name, call, partial(error, "auto"), calls=number) for name, call in calls.items()]

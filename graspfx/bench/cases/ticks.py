@@ -101,7 +101,7 @@ class Engine:
 
     def record(self, scene: Scene, seconds: float) -> Recording:
         """Record a whole run of the scene."""
-        return run(self.of(scene), seconds)
+        return run(self.of(scene), duration=seconds)
 
     def of(self, scene: Scene) -> Scene:
         return scene.model_copy(update={"engine": self.engine})

@@ -149,7 +149,7 @@ def part_at(draft: SceneTable, location: Sequence[str | int]) -> Any:
     part: Any = draft
     try:
         for step in location:
-            if isinstance(step, int):
+            if isinstance(step, int) or isinstance(part, Mapping):
                 part = part[step]
             elif not step.startswith("<"):
                 part = getattr(part, step)

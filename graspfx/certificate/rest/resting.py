@@ -16,8 +16,7 @@ from graspfx.coupling import block as at
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import integrators as body
 from graspfx.objects.body import FREEDOMS
-from graspfx.spatial import Quaternion, quaternion_matrix
-from graspfx.spatial import exponential_numbers as exponential
+from graspfx.spatial import Vector, exponential, quaternion_matrix
 
 FloatArray = NDArray[np.float64]
 
@@ -66,7 +65,7 @@ class Grip:
         S[o + body.POSITION : o + body.POSITION + 3] += shift[:3]
         if shift[3:].any():
             R = S[o + body.ROTATION : o + body.ROTATION + 9].reshape(3, 3)
-            turn = quaternion_matrix(Quaternion(*exponential(*shift[3:].tolist())))
+            turn = quaternion_matrix(exponential(Vector(*shift[3:].tolist())))
             R[:] = np.array(list(numbers(turn))).reshape(3, 3) @ R
 
     def tried(self, y: FloatArray) -> FloatArray | None:

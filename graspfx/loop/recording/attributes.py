@@ -14,8 +14,8 @@ import numpy as np
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 
-FORMAT = 2  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
-NAMES = ("fingers", "objects", "finger_objects", "absent")  # of a layout's fields that are tuples
+FORMAT = 3  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
+NAMES = ("fingers", "objects", "finger_objects", "predicted", "absent")  # of a layout's fields that are tuples
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
@@ -81,7 +81,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 def header_of(attributes: Mapping[str, Any]) -> Header:
     """Read the header; a field that came later than the recording has its default."""
     fields = {key: attributes[key] for key in Header.__dataclass_fields__ if key in attributes}
-    for key in ("scene_table", "overrides", "versions", "machine", "frames"):
+    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split"):
         fields[key] = json.loads(fields.get(key, "{}"))
     fields["period"] = float(fields["period"])
     if not 0.0 < fields["period"] < math.inf:

@@ -20,13 +20,16 @@ class Header:
         scene_text: the scene file verbatim, or the scene as JSON when it has none.
         scene_table: the scene as it was run, overrides applied, as nested tables.
         scene_folder: where relative paths in the scene start; empty for the current folder.
-        overrides: by dotted key.
+        overrides: by dotted key, those of a preset among them.
+        preset: the name of the scene's preset in force; empty for none.
         title: of the scene.
         created: UTC, ISO 8601.
         versions: of what the run stands on.
         machine: platform, processor, python.
         frames: by object with a mesh, the pose of the mesh file's frame in the recorded one, which is at the centre of
             mass along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
+        split: by object, what P of its grasp is made of besides the columns: a `SplitRule` as a table. Empty in a
+            recording of formats 1 and 2.
     """
 
     period: float
@@ -35,11 +38,13 @@ class Header:
     scene_table: Mapping[str, Any] = field(default_factory=dict)
     scene_folder: str = ""
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    preset: str = ""
     title: str = ""
     created: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     machine: Mapping[str, str] = field(default_factory=dict)
     frames: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
+    split: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 class RunFault(NamedTuple):

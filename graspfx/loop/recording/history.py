@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.spatial import product
-from graspfx.spatial import rotate_numbers as rotate
+from graspfx.spatial import Quaternion, Vector, rotate
+
+if TYPE_CHECKING:
+    from graspfx.loop.recording.two_parts import RowSplit
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -164,6 +166,79 @@ class History:
         """Work done so far on each fingertip by `displayed_force`, (N, n) [J]."""
         return self.array("device_energy")
 
+    # The two forces (docs/explanation/two-forces.md): computed when they are first asked for.
+
+    @cached_property
+    def external_force(self) -> FloatArray:
+        """P f of each finger's force f on the object, which moves the object, (N, n, d) [N].
+
+        Raises:
+            RecordingError: a recording of an earlier format, which does not say what P is made of.
+        """
+        return self._external[0]
+
+    @cached_property
+    def internal_force(self) -> FloatArray:
+        """Rest f - P f of each finger's force on the object, which squeezes it, (N, n, d) [N]; as `external_force`."""
+        return self.finger_force - self.external_force
+
+    @property
+    def external_moment(self) -> FloatArray | None:
+        """Moment on the object that goes with `external_force`, (N, n, 3) [N m]; None for fingers that exert none."""
+        return self._external[1]
+
+    @cached_property
+    def internal_moment(self) -> FloatArray | None:
+        """Moment on the object that goes with `internal_force`, (N, n, 3) [N m]; None for fingers that exert none."""
+        moment = self.finger_moment
+        return None if moment is None or self.external_moment is None else moment - self.external_moment
+
+    @cached_property
+    def external_displacement(self) -> FloatArray:
+        """P' e of e = p - c, the rigid motion of the contacts in it, (N, n, d) [m]; as `external_force`."""
+        return self._row_split.external_displacements()
+
+    @cached_property
+    def internal_displacement(self) -> FloatArray:
+        """Rest of e = p - c, by which the fingers squeeze, (N, n, d) [m]; as `external_force`."""
+        return self.finger_position - self.contact_position - self.external_displacement
+
+    @cached_property
+    def external_energy(self) -> FloatArray:
+        """Work done so far on each fingertip by the external part of `displayed_force`, (N, n) [J].
+
+        With the internal one it is `device_energy`. The parts are those of the force on the object, whose negative is
+        displayed; where it is not, as in recordings of old, of what is displayed.
+        """
+        return self._work(self._external_display)
+
+    @cached_property
+    def internal_energy(self) -> FloatArray:
+        """Work done so far on each fingertip by the internal part of `displayed_force`, (N, n) [J]."""
+        return self._work(self.displayed_force - self._external_display)
+
+    def _work(self, force: FloatArray) -> FloatArray:
+        from graspfx.loop.recording.two_parts import work
+
+        tip = self.finger_position if self.true_position is None else self.true_position
+        return work(force, tip, self.device_energy, self.faults)
+
+    @property
+    def _external_display(self) -> FloatArray:
+        if np.array_equal(self.displayed_force, -self.finger_force, equal_nan=True):
+            return -self.external_force
+        return self._row_split.external_forces(self.displayed_force)[0]
+
+    @cached_property
+    def _external(self) -> tuple[FloatArray, FloatArray | None]:
+        return self._row_split.external_forces()
+
+    @property
+    def _row_split(self) -> RowSplit:
+        from graspfx.loop.recording.two_parts import RowSplit
+
+        return RowSplit(self.rows, self.layout, self.header.split)
+
     @cached_property
     def objects(self) -> Mapping[str, ObjectMotion]:
         """Each object's motion, by its name."""
@@ -210,11 +285,10 @@ class History:
         frame = self.header.frames.get(name)
         if frame is None or motion.orientation is None:
             return motion.position, motion.orientation
-        x, y, z, w = motion.orientation.T
-        a, b, c, d = frame["orientation"]
-        # the formulas are elementwise: a column of ticks goes through them as a number does
-        offset = np.stack(np.broadcast_arrays(*rotate(x, y, z, w, *frame["position"])), axis=1)
-        return motion.position + offset, np.stack(product(x, y, z, w, a, b, c, d), axis=1)
+        q: Any = Quaternion(*motion.orientation.T)  # of columns of ticks: the formulas are elementwise
+        offset, turn = rotate(q, Vector(*frame["position"])), q @ Quaternion(*frame["orientation"])
+        columns = np.broadcast_arrays(offset.x, offset.y, offset.z)
+        return motion.position + np.stack(columns, axis=1), np.stack([turn.x, turn.y, turn.z, turn.w], axis=1)
 
     @property
     def object_position(self) -> FloatArray:

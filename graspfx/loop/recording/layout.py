@@ -43,6 +43,9 @@ class Layout:
         observed: whether the energy of each grasp is booked.
         controlled: whether what leaks is damped.
         limits: whether some device tells a largest force.
+        normals: whether contacts' normals and the torsion held at them are known, of soft fingers.
+        torsion_axes: whether torsion acts along another axis than the normal.
+        predicted: numbers of the objects whose split needs where the implicit integrator predicts their centre.
         absent: names of columns that a recording of an earlier format does not have.
     """
 
@@ -57,6 +60,9 @@ class Layout:
     observed: bool = False
     controlled: bool = False
     limits: bool = False
+    normals: bool = False
+    torsion_axes: bool = False
+    predicted: tuple[int, ...] = ()
     absent: tuple[str, ...] = ()
 
     @cached_property
@@ -93,6 +99,11 @@ class Layout:
         yield "finger_force", (n, axis), "N", "of the finger on the object"
         if self.moments:
             yield "finger_moment", (n, turn), "N m", "of the finger on the object"
+        if self.normals:
+            yield "contact_normal", (n, turn), "1", "into the object, where some finger of its is soft"
+            yield "torsion_displacement", (n,), "m", "theta of a soft finger's torsion, times its patch length"
+        if self.torsion_axes:
+            yield "torsion_axis", (n, turn), "1", "along which a soft finger's torsion acts on the object"
         if self.limits:
             yield "displayed_force", (n, axis), "N", "on the operator, after every limit, before output delay"
             yield "law_force", (n, axis), "N", "of the finger on the object by eq. (4), before limits"
@@ -106,9 +117,11 @@ class Layout:
         if self.simulated:
             yield "true_position", (n, axis), "m", "of the simulated fingertip"
         yield "device_energy", (n,), "J", "work done so far on the fingertip by the displayed force"
-        for name in self.objects:
+        for k, name in enumerate(self.objects):
             at = f"objects/{name}/"
             yield at + "position", (axis,), "m", "of the object's centre"
+            if k in self.predicted:
+                yield at + "centre", (axis,), "m", "of the object in the sample, which is about where it will be"
             yield at + "velocity", (axis,), "m/s", "of the object's centre"
             if d == 2:
                 yield at + "orientation", (), "rad", "angle"

@@ -2,10 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
+from graspfx import plugins
 from graspfx.loop.recording.history import History
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+class Drawing(Protocol):
+    """A figure of a recording: shown by a notebook, written by `save`."""
+
+    @property
+    def figure(self) -> Any:
+        """Figure of matplotlib."""
+
+    def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
+        """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
 
 
 class Recording(History):
@@ -48,6 +66,31 @@ class Recording(History):
             changes=len(self.changes),
         )
 
+    def plot(
+        self,
+        *others: Recording,
+        titles: Sequence[str] | None = None,
+        width: Literal["screen", "page", "column"] = "screen",
+    ) -> Drawing:
+        """Draw the run over time, beside others with the same axes if there are any; a notebook shows it as it is.
+
+        Positions; displacements and forces as their internal part, the squeeze, and their external one, the push; how
+        the object turns. docs/how-to/figures.md reads it with you.
+
+        Args:
+            others: recordings to stand beside it.
+            titles: one per recording; what is set in each if not given.
+            width: for a screen, or 7.2 ("page") or 3.5 ("column") inches of a journal.
+
+        Returns:
+            `.save(path)` writes it, `.figure` is matplotlib's own.
+
+        Raises:
+            InputError: a recording without a tick, another number of titles, or no such width.
+        """
+        drawing: Drawing = plugins.upward("Recording.plot")(self, *others, titles=titles, width=width)
+        return drawing
+
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the recording as HDF5; the file appears when it is whole.
 
@@ -61,6 +104,43 @@ class Recording(History):
         from graspfx.loop.recording.sink import save
 
         save(path, self.rows, self.layout, self.header, self.outcome, overwrite=overwrite)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to an xarray Dataset: dimensions time, finger, axis, ..., each variable with `units` and `long_name`.
+
+        Columns have the names, dimensions and attributes that xarray reads from the file. Those of objects stand
+        together, as `object_position` with a dimension `object`, and what follows from columns is there too, as
+        `displayed_force`. Attributes are those of the file: the scene verbatim, overrides, versions, how the run went.
+
+        Raises:
+            MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
+        """
+        data: xarray.Dataset = plugins.upward("Recording.to_xarray")(self)
+        return data
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Convert to a pandas DataFrame: a row per tick, a column per component, as `finger_force.thumb.x`.
+
+        The index is the time [s]; units are SI, by quantity in `frame.attrs["units"]`.
+
+        Raises:
+            MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
+        """
+        return plugins.upward("Recording.to_frame")(self)
+
+    def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the columns of `to_frame` with the time first as comma-separated text, for which no package is needed.
+
+        A first line of names, then numbers in SI units that read back the same to the last bit; true is 1, false 0.
+
+        Args:
+            path: of the file; it appears when it is whole.
+            overwrite: whether a file that is there already is replaced.
+
+        Raises:
+            RecordingError: the file is there already, or cannot be written.
+        """
+        plugins.upward("Recording.to_csv")(self, path, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:

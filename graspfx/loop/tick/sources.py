@@ -14,8 +14,9 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 COMPUTED = ("finger_position", "finger_velocity", "contact_position", "finger_force", "finger_moment",
-            "law_force", "touching", "saturated", "status", "gap")  # fmt: skip
-OBJECT = ("position", "velocity", "orientation", "angular_velocity", "law", "residual", "wrench")
+            "contact_normal", "torsion_displacement", "torsion_axis", "law_force", "touching", "saturated", "status",
+            "gap")  # fmt: skip
+OBJECT = ("position", "centre", "velocity", "orientation", "angular_velocity", "law", "residual", "wrench")
 
 
 def sources(

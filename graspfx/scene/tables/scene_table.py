@@ -9,9 +9,10 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from graspfx.errors import abbreviate
-from graspfx.scene.tables.fields import Positive, Table, Vector
+from graspfx.scene.tables.fields import Name, Positive, Table, Vector
 from graspfx.scene.tables.hands import AnySharedHand
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
+from graspfx.scene.tables.preset_table import Preset
 from graspfx.scene.tables.reading import Readable
 
 
@@ -50,3 +51,4 @@ class SceneTable(Readable, Table):
     hand: tuple[AnySharedHand, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
     world: World = World()
+    preset: dict[Name, Preset] = Field(default_factory=dict, description="by name")

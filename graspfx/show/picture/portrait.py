@@ -16,7 +16,7 @@ from graspfx.errors import InputError
 from graspfx.show.picture.instant import Instant, instant
 from graspfx.show.picture.painter import Camera, Painter
 from graspfx.show.picture.surfaces import Surface, arrow, ball
-from graspfx.show.strokes import COLOURS
+from graspfx.show.style import FINGERS as COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -259,5 +259,7 @@ def test_what_can_be_linearised() -> None:
 
     assert gx.stability.spectral_radius(Something()) == spectral_radius(Something().linearise())
     assert [mode.kind for mode in gx.stability.modes(Something())] == ["external"]
-    with pytest.raises(InputError, match="linearise"):
-        gx.stability.spectral_radius("paper-spring")  # type: ignore[arg-type]
+    kinds = [mode.kind for mode in gx.stability.modes("reference-1dof")]
+    assert kinds == [mode.kind for mode in gx.stability.modes(gx.load("reference-1dof"))] == ["internal", "external"]
+    with pytest.raises(InputError, match="expected a Linearisation, a scene, or the name or path of one"):
+        gx.stability.spectral_radius(3)  # type: ignore[arg-type]

@@ -38,21 +38,27 @@ EXPECTED = {  # by the reader of that time: rows, numbers in a row, and the dige
     "1-last": (6, 65, "bb949f09b2aa1365413e820a33cb85b8d4151052e40fdb2a4f03005e7dad83a0"),
     "1-open": (6, 17, "7f61952cd2f623787f7b690bb393a031da07a90f74d9f49e5041a4eb0286d454"),
     "1-slips": (6, 23, "f0d0ce7d5f1f889cfc7ab638d6d1f2e0e4feec9f4fe561e1dc4fb930b7960836"),
+    "2-last": (6, 65, "bb949f09b2aa1365413e820a33cb85b8d4151052e40fdb2a4f03005e7dad83a0"),
 }
 
 
 @pytest.mark.parametrize("name", EXPECTED)
 def test_a_recording_of_an_earlier_format_loads(name: str, tmp_path: Path) -> None:
-    """Format 1: first without the fade's shortfall, then with it, with frames, slips, energies, engines; left open."""
+    """Format 1: first without the fade's shortfall, then with it, with frames, slips, energies, engines; left open.
+
+    What came with format 3, how the forces divide, neither has.
+    """
     N, width, digest = EXPECTED[name]
     rec = Recording.load(FORMATS / f"{name}.h5")
     assert rec.rows.shape == (N, width)
     assert sha256(rec.rows.tobytes()).hexdigest() == digest
     assert rec.outcome.complete is (name != "1-open")
     assert rec.finger_force.shape[0] == N
-    assert (rec.status is None) is (name not in ("1-slips", "1-last"))
+    assert (rec.status is None) is (name not in ("1-slips", "1-last", "2-last"))
     assert bool(rec.energy) is (name == "1-energy")
     assert rec.summary()["ticks"] == N
+    with pytest.raises(RecordingError, match=r"does not say how its forces divide .*: run its scene again"):
+        _ = rec.internal_force
     rec.save(tmp_path / "now.h5")
     now = Recording.load(tmp_path / "now.h5")
     assert now.rows.tobytes() == rec.rows.tobytes()

@@ -196,9 +196,9 @@ def test_a_run_is_stopped_before_the_call_that_says_so(
 ) -> None:
     judge_by(DEAR, monkeypatch)
     asked = iter([*[False] * calls, True])
-    stopped = gx.run(line(engine=engine), 1.0, stop=lambda: next(asked))
+    stopped = gx.run(line(engine=engine), duration=1.0, stop=lambda: next(asked))
     assert len(stopped) == ticks and not stopped.outcome.complete
-    assert stopped.rows.tobytes() == gx.run(line(engine="compiled"), 1.0).rows[:ticks].tobytes()
+    assert stopped.rows.tobytes() == gx.run(line(engine="compiled"), duration=1.0).rows[:ticks].tobytes()
 
 
 @pytest.mark.parametrize("engine", ["interpreted", "compiled"])

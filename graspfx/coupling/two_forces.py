@@ -1,0 +1,228 @@
+"""The two forces of a grasp, external P f and internal f - P f, and the displacements dual to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.records import Floats, Many, size_for
+from graspfx.coupling.division import SAMPLE, ContactSample, DividedContact, Division, divide_rows
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.grasp.rigid_modes import NO_ARM
+from graspfx.objects.body_state import BodyState
+
+FloatArray = NDArray[np.float64]
+
+ROWS = 2048  # divided at once: what they take in memory stays small
+FEW = 5000  # rows x fingers x (1 + rotations) that Python divides sooner than LLVM is loaded
+
+
+@dataclass(frozen=True)
+class SplitRule:
+    """All that a grasp's P is made of besides its contact points and gaps.
+
+    Attributes:
+        dimensions: d.
+        translations, rotations: along and about which of the world's axes the object is free, three each.
+        blend: rms arms between which a rotation joins the external space [m]; None where every arm counts whole.
+        fade: gaps between which a free finger leaves the split [m]; None where none does.
+        shares: of the metric, one for each finger.
+        patches: the fingers' patch lengths, zero for hard ones [m].
+        reaction: where the object feels a force, "fingertip" or "contact".
+    """
+
+    dimensions: int
+    translations: tuple[bool, ...]
+    rotations: tuple[bool, ...]
+    blend: tuple[float, float] | None
+    fade: tuple[float, float] | None
+    shares: tuple[float, ...]
+    patches: tuple[float, ...]
+    reaction: str
+
+    @classmethod
+    def of(cls, grasp: GraspState) -> SplitRule:
+        """Read the rule from a grasp's block."""
+        body, arms = grasp.body, (grasp.arm_low, grasp.arm_high)
+        return cls(
+            dimensions=grasp.dimensions,
+            translations=tuple((body.array(BodyState.free_translation) != 0.0).tolist()),
+            rotations=tuple((body.array(BodyState.free_rotation) != 0.0).tolist()),
+            blend=None if arms == (NO_ARM, NO_ARM) else arms,
+            fade=(grasp.fade_start, grasp.fade_end) if grasp.fade else None,
+            shares=tuple(grasp.fingers.array(FingerState.share).tolist()),
+            patches=tuple(grasp.fingers.array(FingerState.patch).tolist()),
+            reaction="contact" if grasp.at_contact else "fingertip",
+        )
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> SplitRule:
+        """Read the rule from a table of lists."""
+        fields: dict[str, Any] = {k: tuple(value) if isinstance(value, list) else value for k, value in table.items()}
+        return cls(**fields)
+
+    def table(self) -> dict[str, Any]:
+        """Write the rule as a table of lists, as JSON has them."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+    @property
+    def soft(self) -> bool:
+        """True where some finger exerts torsion."""
+        return any(self.patches)
+
+    @property
+    def is_local(self) -> bool:
+        """True where P depends on where the object's centre is: it turns, and not every translation is free."""
+        return any(self.rotations) and not all(self.translations[: self.dimensions])
+
+    @property
+    def block(self) -> FloatArray:
+        """A block for the kernel, with the rule in it."""
+        n = len(self.shares)
+        free = np.array([*self.translations, *self.rotations], dtype=bool)
+        division = Division(np.zeros(size_for(Division, count=n, width=4 if self.soft else 3)))
+        division.count, division.dimensions, division.width = n, self.dimensions, 4 if self.soft else 3
+        division.arm_low, division.arm_high = self.blend or (NO_ARM, NO_ARM)
+        if self.fade is not None:
+            division.fade, (division.fade_start, division.fade_end) = True, self.fade
+        freedom = division.freedom
+        freedom.shifts, freedom.turns = int(free[:3].sum()), int(free[3:].sum())
+        for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
+            division.buffer[freedom.axes[k].offset :][:3] = axis
+        division.contacts.array(DividedContact.share)[:] = self.shares
+        division.contacts.array(DividedContact.patch)[:] = self.patches
+        return np.asarray(division.buffer)
+
+
+class Samples(NamedTuple):
+    """Contacts of one grasp over N samples.
+
+    Attributes:
+        contact: c, world axes, (N, n, d) [m]; from the object's centre if the rule `is_local`.
+        gap: (N, n) [m]; None where nothing fades.
+        normal: into the object, world axes, (N, n, 3); None without soft fingers.
+    """
+
+    contact: FloatArray
+    gap: FloatArray | None = None
+    normal: FloatArray | None = None
+
+
+def external_part(
+    rule: SplitRule, samples: Samples, whole: FloatArray, torsion: FloatArray | None = None, *, dual: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the external part P f of forces, or P' e of displacements: `graspfx.coupling.division.divide_rows`.
+
+    Interpreted and compiled give the same bits; few samples are divided by Python, and many where there is no LLVM.
+
+    Args:
+        rule: of the grasp.
+        samples: its contacts.
+        whole: f [N], or e [m], world axes, (N, n, d).
+        torsion: (N, n), of soft fingers, over their patch length [N], or times it [m].
+        dual: whether displacements are divided, not forces.
+
+    Returns:
+        The part (N, n, d), and that of the torsion (N, n).
+    """
+    N, n, d = whole.shape
+    external, twist = np.zeros((N, n, d)), np.zeros((N, n))
+    run, block = _runner(N * n * (1 + sum(rule.rotations))), rule.block
+    for start in range(0, N, ROWS):
+        piece = slice(start, min(start + ROWS, N))
+        memory = np.zeros((piece.stop - start) * n * SAMPLE)
+        rows = Many(ContactSample, memory, 0, len(memory) // SAMPLE)
+
+        def field(of: Any, rows: Many[ContactSample] = rows) -> FloatArray:
+            return rows.array(of).reshape(-1, n, *rows.array(of).shape[1:])
+
+        field(ContactSample.contact)[:, :, :d] = samples.contact[piece]
+        field(ContactSample.whole)[:, :, :d] = whole[piece]
+        if samples.gap is not None:
+            field(ContactSample.gap)[:] = samples.gap[piece]
+        if samples.normal is not None:
+            field(ContactSample.normal)[:] = samples.normal[piece]
+        if torsion is not None:
+            field(ContactSample.whole)[:, :, 3] = torsion[piece]
+        run(block, memory, piece.stop - start, dual)
+        external[piece] = field(ContactSample.external)[:, :, :d]
+        twist[piece] = field(ContactSample.external)[:, :, 3]
+    return external, twist
+
+
+class TwoForces(NamedTuple):
+    """The two forces of one sample, on the object, world axes.
+
+    Attributes:
+        external, internal: (n, d) [N].
+        external_moment, internal_moment: of soft fingers, (n, 3) [N m]; None without.
+    """
+
+    external: FloatArray
+    internal: FloatArray
+    external_moment: FloatArray | None
+    internal_moment: FloatArray | None
+
+
+def two_forces(grasp: GraspState) -> TwoForces:
+    """Divide the forces of a grasp's last sample, also after the object has moved on; without LLVM.
+
+    It takes some hundred microseconds.
+    """
+    rule, fingers, d = SplitRule.of(grasp), grasp.fingers, grasp.dimensions
+    contact = fingers.array(FingerState.contact_world)[None, :, :d]
+    if rule.is_local:
+        centre = grasp.centre if grasp.mixed else grasp.motion.position
+        contact = contact - np.array([centre[a] for a in range(d)])
+    force = fingers.array(FingerState.force)[None, :, :d]
+    gap = fingers.array(FingerState.gap)[None] if grasp.fade else None
+    if not rule.soft:
+        external, _ = external_part(rule, Samples(contact, gap), force)
+        return TwoForces(external[0], force[0] - external[0], None, None)
+    moment, normal = (fingers.array(field)[None] for field in (FingerState.moment, FingerState.normal_world))
+    axis = fingers.array(FingerState.twist_axis_world)[None]
+    torsion = torsion_over_patch(rule, moment, axis)
+    external, twist = external_part(rule, Samples(contact, gap, normal), force, torsion)
+    twisting = moment_of(rule, twist, axis)
+    return TwoForces(external[0], force[0] - external[0], twisting[0], moment[0] - twisting[0])
+
+
+def torsion_over_patch(rule: SplitRule, moment: FloatArray, axis: FloatArray) -> FloatArray:
+    """Compute tau / rho of soft fingers [N], zero of hard ones, from moments rho (tau / rho) a (..., n, 3)."""
+    square = (axis * axis).sum(axis=-1) * np.array(rule.patches)
+    along = (moment * axis).sum(axis=-1)
+    return np.asarray(np.divide(along, square, out=np.zeros_like(along), where=square > 0.0))
+
+
+def moment_of(rule: SplitRule, torsion: FloatArray, axis: FloatArray) -> FloatArray:
+    """Compute the moments rho (tau / rho) a of torsions over their patch lengths, (..., n, 3) [N m]."""
+    return np.asarray((np.array(rule.patches) * torsion)[..., None] * axis)
+
+
+def _runner(work: int) -> Any:
+    """Choose who divides: by the work there is, never by a clock."""
+    if work > FEW and find_spec("llvmlite") is not None:
+        return _compiled()
+    return _interpreted
+
+
+def _interpreted(block: FloatArray, rows: FloatArray, count: int, dual: bool) -> None:
+    divide_rows(Division(memoryview(block)), Floats(memoryview(rows)), count, dual)
+
+
+@cache
+def _compiled() -> Any:
+    from graspfx.compile.machine import compiled
+
+    machine = compiled(divide_rows)
+
+    def run(block: FloatArray, rows: FloatArray, count: int, dual: bool) -> None:
+        machine.unlocked(block, 0, rows, 0, count, dual)
+
+    return run

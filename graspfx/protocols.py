@@ -1,0 +1,114 @@
+"""All that a driver, a hand or a body of another's imports: protocols, kernels and records, numbers, and errors.
+
+A driver is a module with `connect(**settings) -> Device`, a hand one with `hold(**settings) -> Hand`, dynamics one with
+`create(state) -> Body`. Each is whole with the first protocol of its kind; the others are for devices that are
+simulated, tell a limit that changes, or show their blocks and kernels, so that they become part of the compiled tick.
+"""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import (
+    Floats,
+    Many,
+    Record,
+    Table,
+    floats,
+    layout,
+    many,
+    size_for,
+    size_of,
+    start_of,
+    table,
+)
+from graspfx.errors import DeviceError, GraspFXError, InputError, MissingPackageError
+from graspfx.exponential import expm1
+from graspfx.loop.device import (
+    Device,
+    DevicePorts,
+    Features,
+    FusedDevice,
+    LimitedDevice,
+    SimulatedDevice,
+    former_settings,
+)
+from graspfx.loop.hand import Hand as SpringHand
+from graspfx.loop.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum, Turn
+from graspfx.loop.plant import FusedHand, FusedPlant, Hand, HandKernel, HandPorts, Kernel, Plant, Ports, is_still
+from graspfx.loop.velocity import WINDOW, VelocityEstimate, VelocityEstimator, estimate, estimate_size
+from graspfx.numeric import LARGEST, SMALLEST, finite, number
+from graspfx.objects.body import BlockBody, Body, NativeBody, fill_body
+from graspfx.objects.body_state import BodyState
+from graspfx.objects.guest import Guest
+
+__all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then by kind)
+    "Device",
+    "Features",
+    "Hand",
+    "Plant",
+    "Body",
+    "VelocityEstimator",
+    "DeviceError",
+    "InputError",
+    "MissingPackageError",
+    "GraspFXError",
+    # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names
+    "SimulatedDevice",
+    "LimitedDevice",
+    "FusedDevice",
+    "DevicePorts",
+    "former_settings",
+    # plants and hands that are part of the compiled tick
+    "FusedPlant",
+    "Ports",
+    "Kernel",
+    "FusedHand",
+    "HandPorts",
+    "HandKernel",
+    "is_still",
+    # a hand of springs, and what moves it
+    "SpringHand",
+    "Motion",
+    "Rest",
+    "Sine",
+    "Reach",
+    "Path",
+    "Levels",
+    "Sum",
+    "Turn",
+    # bodies: a block that GraspFX's own integrators move, or other software does
+    "BlockBody",
+    "NativeBody",
+    "BodyState",
+    "fill_body",
+    "Guest",
+    # velocity from positions
+    "VelocityEstimate",
+    "estimate",
+    "estimate_size",
+    "WINDOW",
+    # kernels and records
+    "kernel",
+    "inline",
+    "Record",
+    "Floats",
+    "Many",
+    "Table",
+    "floats",
+    "many",
+    "table",
+    "layout",
+    "size_of",
+    "size_for",
+    "start_of",
+    # numbers
+    "finite",
+    "number",
+    "LARGEST",
+    "SMALLEST",
+    "expm1",
+]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,59 @@
+"""Figures of recordings in Python: shown by a notebook as they are, and saved as files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from graspfx.show import style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from graspfx.loop.recording.record import Recording
+    from graspfx.show.sheet import Sheet
+
+INLINE = 110  # pixels in an inch, in a notebook
+
+
+class Drawing:
+    """A figure that a notebook shows without pyplot; `figure` is matplotlib's own, `save` writes it.
+
+    Args:
+        sheet: the figure's panels.
+        notes: what could not be drawn, and why.
+    """
+
+    def __init__(self, sheet: Sheet, notes: Sequence[str] = ()) -> None:
+        self.sheet, self.notes = sheet, tuple(notes)
+
+    @property
+    def figure(self) -> Figure:
+        """Matplotlib's figure."""
+        return style.arranged(self.sheet)
+
+    def save(self, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
+        """Write the figure; the path's ending chooses the format, or `form`: "png", "svg" or "pdf".
+
+        Raises:
+            InputError: an ending that no format has.
+        """
+        return style.save(self.sheet, path, form, dpi)
+
+    def __repr__(self) -> str:
+        width, height = self.figure.get_size_inches()
+        return f"<Drawing of {width:.1f} x {height:.1f} inches; .save(path) writes it, .figure is matplotlib's>"
+
+    def _repr_png_(self) -> bytes:
+        return style.pixels(self.figure, INLINE)
+
+
+def plot(
+    recording: Recording, *others: Recording, titles: Sequence[str] | None = None, width: str = "screen"
+) -> Drawing:
+    """Draw a recording over time, beside others if there are any; see `graspfx.show.plot.sheet`."""
+    from graspfx.show.plot import sheet
+
+    return Drawing(sheet([recording, *others], titles, width=width))

@@ -1,0 +1,259 @@
+"""A figure on a grid of panels: titles, legends and labels stand in strips of their own, measured, never over data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
+
+    from graspfx.show.widths import Width
+
+EDGE = 0.06  # [inches] of paper around everything
+GAP = 0.11  # between panels
+LEAD = 0.05  # between a strip and its panel
+BAR = 0.13  # width of a colour bar
+WIDE = 1.2  # of a margin
+MOST_LINES = 3  # of a title
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # from number to number along an ordinate
+PITCH = 1.32  # from line to line, in sizes of the type
+
+
+class Sheet:
+    """Panels in rows and columns, and above each row a strip for its letter and its legend.
+
+    Attributes:
+        figure: matplotlib's.
+        panels: (rows, columns) of axes.
+        bar: axes for a colour bar, or None.
+        width: sizes of type and paper.
+        arranged: whether everything has its place.
+        shares_x: whether all panels have the same abscissa.
+    """
+
+    def __init__(
+        self,
+        heights: Sequence[float],
+        columns: int,
+        width: Width,
+        *,
+        share_x: bool,
+        share_y: bool,
+        widths: Sequence[float] | None,
+        bar: bool,
+        foot: float,
+    ) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.ticker import MaxNLocator
+
+        self.figure: Figure = Figure(figsize=(width.inches, 4.0), dpi=width.dpi)
+        FigureCanvasAgg(self.figure)
+        self.width = width
+        self.heights = [width.share * height for height in heights]
+        self._shares = np.array(widths or [1.0] * columns) / sum(widths or [1.0] * columns)
+        self._share = share_x, share_y
+        self._foot = foot
+        self._title = ""
+        self._titles = [""] * columns
+        self._letters = [""] * len(heights)
+        self._legends: dict[int, list[Artist]] = {}
+        self._strips: list[Any] = []
+        self.arranged, self.shares_x = False, share_x
+        self.panels: NDArray[Any] = np.empty((len(heights), columns), dtype=object)
+        for r in range(len(heights)):
+            for c in range(columns):
+                self.panels[r, c] = self.figure.add_axes(
+                    (0.2, 0.2, 0.6, 0.6),
+                    label=f"{r},{c}",
+                    sharex=self.panels[0, 0] if share_x and (r or c) else None,
+                    sharey=self.panels[r, 0] if share_y and c else None,
+                )
+                if not (share_y and c):
+                    self.panels[r, c].yaxis.set_major_locator(MaxNLocator("auto", steps=STEPS, min_n_ticks=3))
+                if share_x and r + 1 < len(heights):
+                    self.panels[r, c].tick_params(labelbottom=False)
+                if share_y and c:
+                    self.panels[r, c].tick_params(labelleft=False)
+        self.bar: Axes | None = self.figure.add_axes((0.9, 0.2, 0.05, 0.6), label="bar") if bar else None
+
+    def title(self, text: str, column: int | None = None) -> None:
+        """Write a title over everything, or over a column; it is folded where it is too long."""
+        if column is None:
+            self._title = text
+        else:
+            self._titles[column] = text
+
+    def letters(self, rows: Sequence[int] | None = None) -> None:
+        """Letter rows (a), (b), ...: all of them if none are listed, a single one not at all."""
+        lettered = list(range(len(self.heights))) if rows is None else list(rows)
+        if len(lettered) > 1:
+            for letter, row in zip("abcdefghijklmnopqrstuvwxyz", lettered, strict=False):
+                self._letters[row] = f"({letter})"
+
+    def legend(self, row: int, handles: Sequence[Artist] | None = None) -> None:
+        """Name lines in the strip above a row: those that are listed, else every labelled one of the row, once."""
+        if handles is None:
+            entries: dict[str, Artist] = {}
+            for axes in self.panels[row]:
+                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                    entries.setdefault(label, handle)
+            handles = list(entries.values())
+        self._legends[row] = list(handles)
+
+    def arrange(self) -> Figure:
+        """Measure all that is written, give everything its place, and size the figure."""
+        for each in self._strips:
+            each.remove()
+        self._strips = []
+        self.figure.align_ylabels(list(self.panels[:, 0]))
+        self._place(0.75, self.width.inches - 0.3, [0.3] * len(self.heights), [0.3] * len(self.heights), 0.3, GAP)
+        boxes = [[self._overhang(axes) for axes in row] for row in self.panels]
+        left = EDGE + max(row[0][0] for row in boxes)
+        right = self.width.inches - EDGE - max(row[-1][2] for row in boxes)
+        if self.bar is not None:
+            right -= BAR + 2.0 * GAP + self._overhang(self.bar)[2] - max(row[-1][2] for row in boxes)
+        between = max([GAP, *(GAP + row[c][0] + row[c - 1][2] for row in boxes for c in range(1, len(row)))])
+        below = [GAP + max(box[1] for box in row) for row in boxes]
+        below[-1] = EDGE + self._foot + max(box[1] for box in boxes[-1])
+        titled = [max(box[3] for box in row) for row in boxes]
+        wide = [share * (right - left - between * (len(self._shares) - 1)) for share in self._shares]
+        start = left if left < WIDE or any(self._letters) else EDGE  # beside long names of lines there is room for more
+        head, heads = self._write(left, right, wide, between, start)
+        above = [strip[0] + title for strip, title in zip(heads, titled, strict=True)]
+        tall = self._place(left, right, above, below, head, between)
+        self._set(heads, titled, tall, start)
+        self.arranged = True
+        return self.figure
+
+    def _place(
+        self, left: float, right: float, above: Sequence[float], below: Sequence[float], head: float, between: float
+    ) -> float:
+        """Give every panel its place; return the figure's height [inches]."""
+        width = self.width.inches
+        tall = head + sum(above) + sum(below) + sum(self.heights)
+        self.figure.set_size_inches(width, tall)
+        y = tall - head
+        across = right - left - between * (len(self._shares) - 1)
+        for row, height, over, under in zip(self.panels, self.heights, above, below, strict=True):
+            y -= over + height
+            x = left
+            for axes, share in zip(row, self._shares, strict=True):
+                axes.set_position((x / width, y / tall, share * across / width, height / tall))
+                x += share * across + between
+            y -= under
+        if self.bar is not None:
+            bottom = sum(below[-1:])
+            top = tall - head - above[0]
+            self.bar.set_position((
+                (right + 2.0 * GAP) / width, bottom / tall, BAR / width, (top - bottom) / tall
+            ))  # fmt: skip
+        return tall
+
+    def _overhang(self, axes: Axes) -> tuple[float, float, float, float]:
+        """Measure how far what belongs to a panel stands out of it: left, below, right, above [inches]."""
+        box, frame = axes.get_tightbbox(), axes.get_window_extent()
+        assert box is not None
+        dpi = self.figure.dpi
+        sides = (frame.x0 - box.x0, frame.y0 - box.y0, box.x1 - frame.x1, box.y1 - frame.y1)
+        return tuple(max(0.0, side / dpi) for side in sides)
+
+    def _write(
+        self, left: float, right: float, wide: Sequence[float], between: float, start: float
+    ) -> tuple[float, list[tuple[float, Legend | None]]]:
+        """Write titles and legends; return the height of the former, and the legends with theirs [inches]."""
+        size, inch = self.width.title, self.figure.dpi_scale_trans
+        pitch = PITCH * size / 72.0
+        whole = self._folded(self._title, self.width.inches - start - EDGE, size)
+        each = [self._folded(text, room, size) for text, room in zip(self._titles, wide, strict=True)]
+        lines = max(len(text) for text in each)
+        head = EDGE + pitch * (len(whole) + lines) + (LEAD if whole or lines else 0.0)
+        x = left
+        marks = [(start, 0.0, whole)]
+        for text, room in zip(each, wide, strict=True):
+            marks.append((x, pitch * len(whole), text))
+            x += room + between
+        for x, down, text in marks:
+            for k, line in enumerate(text):
+                self._strips.append(self.figure.text(
+                    x, -EDGE - down - pitch * k, line, transform=inch, fontweight="bold", fontsize=size, va="top"
+                ))  # fmt: skip
+        heads = [self._strip(r, start, right) for r in range(len(self.heights))]
+        return head, heads
+
+    def _strip(self, row: int, left: float, right: float) -> tuple[float, Legend | None]:
+        """Make a row's legend, in as many columns as there is room for."""
+        handles = self._legends.get(row, [])
+        plain = PITCH * self.width.text / 72.0 + LEAD if self._letters[row] else 0.0
+        room = right - left
+        for columns in range(len(handles), 0, -1):
+            down = [handle for k in range(columns) for handle in handles[k::columns]]  # that rows are read in order
+            legend = self.figure.legend(
+                handles=down, loc="upper left", bbox_to_anchor=(left, 0.0), ncols=columns, columnspacing=1.4,
+                bbox_transform=self.figure.dpi_scale_trans, handletextpad=0.5, labelspacing=0.25,
+                fontsize=self.width.text,
+            )  # fmt: skip
+            box = legend.get_window_extent()
+            if box.width / self.figure.dpi <= room or columns == 1:
+                self._strips.append(legend)
+                return max(plain, box.height / self.figure.dpi + LEAD), legend
+            legend.remove()
+        return plain, None
+
+    def _set(
+        self, heads: Sequence[tuple[float, Legend | None]], titled: Sequence[float], tall: float, left: float
+    ) -> None:
+        """Set titles from the top down, and legends and letters above their rows."""
+        from matplotlib.text import Text
+
+        for each in self._strips:
+            if isinstance(each, Text):
+                each.set_y(tall + each.get_position()[1])
+        for row, (height, legend), title, letter in zip(self.panels, heads, titled, self._letters, strict=True):
+            top = row[0].get_position().y1 * tall + title + height
+            if legend is not None:
+                legend.set_bbox_to_anchor((left, top), transform=self.figure.dpi_scale_trans)
+            if letter:
+                self._strips.append(self.figure.text(
+                    EDGE, top, letter, transform=self.figure.dpi_scale_trans, fontweight="bold", va="top",
+                    fontsize=self.width.text,
+                ))  # fmt: skip
+
+    def _folded(self, text: str, room: float, size: float) -> list[str]:
+        """Fold a text into lines that fit a width [inches]; what is too much ends in an ellipsis."""
+        lines: list[str] = []
+        for paragraph in filter(None, text.split("\n")):
+            full = ""
+            for word in paragraph.split(" "):
+                for piece in self._pieces(word, room, size):
+                    joined = f"{full} {piece}" if full else piece
+                    if full and self._length(joined, size) > room:
+                        lines.append(full)
+                        joined = piece
+                    full = joined
+            lines.append(full)
+        if len(lines) > MOST_LINES:
+            lines = [*lines[: MOST_LINES - 1], f"{lines[MOST_LINES - 1].rstrip()} …"]
+            while self._length(lines[-1], size) > room and " " in lines[-1]:
+                lines[-1] = f"{lines[-1][:-1].rstrip().rpartition(' ')[0]} …"
+        return lines
+
+    def _pieces(self, word: str, room: float, size: float) -> list[str]:
+        """Cut a word that is longer than a line, as of a path, unless it has a formula in it."""
+        if "$" in word or self._length(word, size) <= room:
+            return [word]
+        cut = next(k for k in range(len(word), 0, -1) if k == 1 or self._length(word[:k], size) <= room)
+        return [word[:cut], *self._pieces(word[cut:], room, size)] if cut < len(word) else [word]
+
+    def _length(self, text: str, size: float) -> float:
+        mark = self.figure.text(0.0, 0.0, text, fontsize=size, fontweight="bold")
+        length = mark.get_window_extent().width / self.figure.dpi
+        mark.remove()
+        return float(length)

@@ -1,0 +1,178 @@
+"""The one style of every figure: widths, type, colours, panels, and where words may stand.
+
+    with look("column"):
+        sheet = figure([1.2, 0.9], width="column")          # two panels, heights in inches at screen width
+        sheet.panels[0, 0].plot(x, y, color=EXTERNAL, label="external")
+        panel(sheet.panels[0, 0], x="time [s]", y="force [N]")
+        sheet.legend(0)                                      # in a strip of its own above the row, never over data
+        sheet.title("A scene")
+    save(sheet, "figure.svg")
+
+External and internal force, and what belongs to them (their displacements, gains and limits), have two colours that
+nothing else has. Fingers have a colour and a marker each. The colours can be told apart with deficient colour vision
+too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from graspfx.errors import InputError
+from graspfx.show.sheet import Sheet
+from graspfx.show.widths import WIDTHS, Width, width_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+EXTERNAL, INTERNAL = "#d55e00", "#0072b2"  # of nothing else, in no figure
+FINGERS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")  # as many as have no common factor with the colours
+INK, NOTE, GRID, NEUTRAL, PALE = "#1a1a1a", "#444444", "#e4e4e4", "#7f7f7f", "#b8b8b8"
+LINE, THICK, HAIR = 1.3, 2.4, 0.7  # [points]
+BAND = 0.22  # opacity of the band between least and greatest
+AXES = ("-", (0.0, (5.0, 2.0)), (0.0, (1.2, 1.4)))  # dashes of what is along, or about, x, y and z
+FORMATS = ("png", "svg", "pdf")
+COLOURS = 256
+UNDATED = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
+
+
+@contextmanager
+def look(width: str = "screen") -> Iterator[Width]:
+    """Draw within this: matplotlib's defaults, whatever its user has set, and over them the style."""
+    import matplotlib as mpl
+
+    size = width_of(width)
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update({
+            "font.family": ["DejaVu Sans", "sans-serif"],  # the one that comes with matplotlib
+            "font.size": size.text, "axes.titlesize": size.title, "axes.labelsize": size.text,
+            "xtick.labelsize": size.text, "ytick.labelsize": size.text, "legend.fontsize": size.text,
+            "legend.frameon": False, "legend.borderaxespad": 0.0, "legend.borderpad": 0.0, "legend.handlelength": 2.6,
+            "axes.edgecolor": INK, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK, "ytick.color": INK,
+            "axes.linewidth": 0.8, "axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True,
+            "axes.grid": True, "grid.color": GRID, "grid.linewidth": 0.6, "axes.xmargin": 0.0,
+            "axes.formatter.useoffset": False, "axes.formatter.limits": (-4, 5), "axes.labelpad": 3.0,
+            "xtick.major.size": 3.0, "ytick.major.size": 3.0, "xtick.minor.size": 1.5, "ytick.minor.size": 1.5,
+            "lines.linewidth": size.weight * LINE, "lines.markersize": 4.5 * size.weight,
+            "lines.dash_capstyle": "butt", "hatch.linewidth": 0.5,
+            "svg.fonttype": "none", "pdf.fonttype": 42,  # text stays text
+            "svg.hashsalt": "graspfx",  # and the same figure the same bytes
+        })  # fmt: skip
+        yield size
+
+
+def figure(
+    heights: list[float],
+    columns: int = 1,
+    *,
+    width: str = "screen",
+    share_x: bool = True,
+    share_y: bool = True,
+    widths: list[float] | None = None,
+    bar: bool = False,
+    foot: float = 0.0,
+) -> Sheet:
+    """Make a figure of rows and columns of panels, of which only the panels' heights are asked for.
+
+    Args:
+        heights: of the panels, row by row [inches] on a screen; less on paper.
+        columns: how many panels stand side by side.
+        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
+        share_x: all panels have the same abscissa, which is numbered below the last row.
+        share_y: the panels of a row have the same ordinate, which is numbered on the left.
+        widths: shares of the columns; equal ones if None.
+        bar: whether there is room for a colour bar on the right, `sheet.bar`.
+        foot: room below all panels [inches].
+
+    Raises:
+        InputError: a width of another name.
+    """
+    return Sheet(
+        heights, columns, width_of(width, columns), share_x=share_x, share_y=share_y, widths=widths, bar=bar, foot=foot
+    )
+
+
+def panel(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:
+    """Label a panel's abscissa and ordinate, with units, and name it in a line above it."""
+    if x:
+        axes.set_xlabel(x)
+    if y:
+        axes.set_ylabel(y)
+    if title:
+        axes.set_title(title, loc="left", fontsize=axes.xaxis.label.get_fontsize(), pad=3.0)
+
+
+def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi: int = 0) -> Path:
+    """Write a figure; the same figure gives the same bytes.
+
+    Args:
+        drawing: what `figure` has made.
+        path: of the file.
+        form: "png", "svg" or "pdf"; by default the path's ending, which may be any that matplotlib writes.
+        dpi: pixels in an inch; by default what suits the figure's width.
+
+    Raises:
+        InputError: an ending that no format has.
+    """
+    target = Path(fspath(path))
+    form = form or target.suffix[1:].lower()
+    sheet = drawing if isinstance(drawing, Sheet) else None
+    dpi = dpi or (sheet.width if sheet is not None else WIDTHS["screen"]).dpi
+    with look():
+        require_form(form, path)
+        picture = arranged(drawing)
+        if form == "png":
+            target.write_bytes(pixels(picture, dpi))
+        else:
+            picture.savefig(target, format=form, dpi=dpi, metadata=UNDATED.get(form))
+    return target
+
+
+def arranged(drawing: Sheet | Figure) -> Figure:
+    """Give matplotlib's figure, in which everything has its place."""
+    if not isinstance(drawing, Sheet):
+        return drawing
+    if not drawing.arranged:
+        with look():
+            drawing.arrange()
+    return drawing.figure
+
+
+def pixels(picture: Figure, dpi: int) -> bytes:
+    """Paint a figure as PNG, in as many colours as it needs up to 256: half the bytes of all of them."""
+    from io import BytesIO
+
+    from PIL import Image
+
+    raw, file = BytesIO(), BytesIO()
+    with look():
+        picture.savefig(raw, format="rgba", dpi=dpi)
+    width, height = (int(inches * dpi) for inches in picture.get_size_inches())
+    image = Image.frombuffer("RGBA", (width, height), raw.getvalue(), "raw", "RGBA", 0, 1).convert("RGB")
+    palette = image.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    palette.save(file, format="PNG", dpi=(dpi, dpi))
+    return file.getvalue()
+
+
+def require_form(form: str, path: str | PathLike[str]) -> None:
+    """Refuse an ending that no format has.
+
+    Raises:
+        InputError: it is none.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    forms = FigureCanvasBase.get_supported_filetypes()
+    if form not in forms:
+        raise InputError("path", fspath(path), f"a file that ends in .{', .'.join(sorted(forms))}")
+
+
+def plain(text: str) -> str:
+    """Write text in which a dollar sign begins no formula."""
+    return text.replace("$", r"\$")
