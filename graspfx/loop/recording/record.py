@@ -64,6 +64,7 @@ class Recording(History):
             energy=list(self.energy.values()),
             growth=losses(self),
             **self._two_forces(),
+            changes=len(self.changes),
         )
 
     def _two_forces(self) -> dict[str, Any]:
