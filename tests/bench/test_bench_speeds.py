@@ -1,4 +1,4 @@
-"""The table of speeds in docs/accuracy.md: every figure is one of the report, with its error, and nothing is left out."""
+"""The table of speeds in docs/accuracy.md: all figures are those of the report, each with its error."""
 
 from __future__ import annotations
 
