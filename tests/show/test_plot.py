@@ -60,7 +60,7 @@ def lines(axes: Any) -> dict[str, Any]:
 
 
 def names(picture: Figure) -> list[list[str]]:
-    """What each legend says, from the top."""
+    """List the words of each legend, from the top."""
     ordered = sorted(legends(picture), key=lambda each: -each.get_window_extent().y0)
     return [[text.get_text() for text in each.get_texts()] for each in ordered]
 
@@ -404,7 +404,7 @@ def test_a_figure_repeats_to_the_bit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["png", "svg", "pdf"])
 def test_a_figure_has_the_format_that_is_asked_for(form: str, tmp_path: Path) -> None:
-    """The same bytes twice; words are words in what is not pixels."""
+    """Equal bytes twice; words are words in what is not pixels."""
     first, second = (figure([divided(waving(N=100))], tmp_path / f"{i}", form=form).read_bytes() for i in range(2))
     assert first == second
     assert first.startswith({"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[form])

@@ -15,7 +15,7 @@ TOUCH = 1.0  # [pixels] by which boxes of letters may meet
 
 
 def texts(picture: Figure) -> Iterator[tuple[str, Bbox]]:
-    """Every text that is seen, with its box; the figure is drawn."""
+    """Yield every text that is seen, with its box; the figure is drawn."""
     hidden = {id(text) for axes in picture.axes for text in _unseen_numbers(axes)}
     for text in picture.findobj(Text):
         assert isinstance(text, Text)
@@ -35,7 +35,7 @@ def _unseen_numbers(axes: Axes) -> Iterator[Text]:
 
 
 def faults(picture: Figure) -> list[str]:
-    """What is written outside of the paper, over other words, or over a panel that it does not belong to."""
+    """List words outside of the paper, over other words, or over a panel that they do not belong to."""
     picture.canvas.draw()
     page, all_texts = picture.bbox, list(texts(picture))
     found = [
