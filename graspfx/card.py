@@ -33,14 +33,16 @@ class Card(NamedTuple):
 
         cell = 'style="text-align: left; vertical-align: top; padding: 0.1em 0.8em 0.1em 0"'
         head = cell.replace("padding", "font-weight: normal; opacity: 0.65; white-space: nowrap; padding")
+        wide = cell.replace("padding", "white-space: pre-wrap; padding")
         body = []
         for label, text in self._rows():
             lines = text.split("\n")
             if len(lines) > MOST_LINES:
                 lines = [*lines[: MOST_LINES - 1], "..."]
-            shown = "<br>".join(escape(line) for line in lines)
-            body.append(f"<tr><th {head}>{escape(label)}</th><td {cell}>{shown}</td></tr>")
-        title = f'<caption style="text-align: left; font-weight: bold">{escape(self.title)}</caption>'
+            inside = "<br>".join(escape(line) for line in lines)
+            body.append(f"<tr><th {head}>{escape(label)}</th><td {wide}>{inside}</td></tr>")
+        breaks = "" if len(self.title) > WIDTH else "; white-space: nowrap"
+        title = f'<caption style="text-align: left; font-weight: bold{breaks}">{escape(self.title)}</caption>'
         return f"<table>{title}<tbody>{''.join(body)}</tbody></table>"
 
     def _rows(self) -> Iterator[tuple[str, str]]:

@@ -85,14 +85,14 @@ class Batch(Carded):
         together = len(self.values) > len(self.shape)
         grid = f" ({' x '.join(map(str, self.shape))})" if len(self.shape) > 1 else ""
         faults = int((self.fault_tick >= 0).sum())
-        kept = {"recordings": self.recordings, "summaries": self.summaries}
+        results = {"recordings": self.recordings, "summaries": self.summaries}
         rows = [
             *(
                 (key, listed(dict.fromkeys(f"{each}" for each in values.ravel())))
                 for key, values in self.values.items()
             ),
             *((name, listed(by_name, len(by_name))) for name, by_name in self.measures.items()),
-            ("kept", listed(name for name, values in kept.items() if values is not None)),
+            ("kept", listed(name for name, values in results.items() if values is not None)),
             ("faults", f"in {counted(faults, 'variant')}" if faults else "none"),
             ("time", f"{self.build_time:.3g} s to build, {self.run_time:.3g} s to run"),
             ("notes", "\n".join(self.notes)),

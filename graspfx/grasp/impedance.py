@@ -54,7 +54,7 @@ class Impedance(Carded):
         return Card(f"Impedance: {self._text()}")
 
     def _text(self) -> str:
-        return f"{_said(self.stiffness, 'N/m')}, {_said(self.damping, 'N s/m')}"
+        return f"{_gain_text(self.stiffness, 'N/m')}, {_gain_text(self.damping, 'N s/m')}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -330,7 +330,7 @@ def _gain(name: str, argument: ArrayLike) -> Gain:
     return value
 
 
-def _said(gain: Gain, unit: str) -> str:
+def _gain_text(gain: Gain, unit: str) -> str:
     """Write a gain: the number, the range of those per finger, or the size of a matrix and its eigenvalues."""
     if isinstance(gain, float):
         return f"{gain:g} {unit}"
