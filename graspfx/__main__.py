@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, stability, warmup, bench, list, schema, plot and picture."""
+"""The graspfx command: run, check, stability, warmup, bench, list, schema, plot, picture and export."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "run": "simulate a scene, record it and sum it up",
     "check": "show a scene's faults, or what each sample will do and why",
     "stability": "say how far gains can go, also over ranges of keys",
+    "export": "write a recording as comma-separated text or netCDF, for other programs",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
     "list": "name the scenes, devices, hands and dynamics there are, a line about each",

@@ -36,9 +36,14 @@ BUILT_IN: dict[Group, dict[str, str]] = {  # of the groups that have no shelf
 
 # What a noun asks of rooms above its own: the one way up, of which nothing is imported by a statement.
 UPWARD = {
+    "Batch.to_frame": "graspfx.show.tabular.batch_frame",
+    "Batch.to_xarray": "graspfx.show.labelled.batch_dataset",
     "Linearisation.scene": "graspfx.scene.load.to_scene",
     "Recording.beside": "graspfx.certificate.comparison.beside",
     "Recording.plot": "graspfx.show.drawing.plot",
+    "Recording.to_csv": "graspfx.show.tabular.write_csv",
+    "Recording.to_frame": "graspfx.show.tabular.recording_frame",
+    "Recording.to_xarray": "graspfx.show.labelled.recording_dataset",
     "Scene.faults": "graspfx.build.checks.faults.find_faults",
     "Scene.linearise": "graspfx.certificate.linearise.linearise",
     "Scene.reach_faults": "graspfx.build.resolve.reach_faults",

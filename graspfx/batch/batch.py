@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import builtins
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import prod
 from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -16,23 +14,25 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.analysis.arguments import count
+from graspfx.batch.grid import as_array, as_objects, grid
 from graspfx.batch.many import Ended, Job
+from graspfx.batch.measured_columns import columns_of, divider, split_of
 from graspfx.batch.statistics import STATISTICS, statistic
 from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.coupling import block as at
-from graspfx.coupling.grasp_state import GraspState
-from graspfx.coupling.two_forces import SplitRule
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.two_parts import RowSplit
 from graspfx.scene.overrides import overridden
 
 if TYPE_CHECKING:
+    import pandas
+    import xarray
+
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -41,12 +41,6 @@ IndexArray = NDArray[np.intp]
 KEEP = ("measures", "recordings", "summary")
 MOST_TICKS = 2**53  # the numbers of more of them are not all floats
 MEASURED = ("finger_position", "object_position", "finger_force")
-OF_OBJECT = {  # of the first object, named as a `Recording` does
-    "object_position": "position",
-    "object_velocity": "velocity",
-    "object_orientation": "orientation",
-    "wrench": "wrench",
-}
 
 
 @dataclass(frozen=True)
@@ -62,6 +56,8 @@ class Batch:
         summaries: `Recording.summary()` of each, likewise.
         notes: what took longer than it need have.
         build_time, run_time: that scenes and programs took, and that the runs took [s].
+        scene: its name.
+        layout: the columns of the runs' recordings, of the first variant where they differ.
     """
 
     values: dict[str, NDArray[Any]]
@@ -72,6 +68,8 @@ class Batch:
     notes: tuple[str, ...] = ()
     build_time: float = 0.0
     run_time: float = 0.0
+    scene: str = ""
+    layout: Layout | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -102,6 +100,39 @@ class Batch:
             raise InputError("keep", "measures", "recordings", "run the batch with keep='recordings'")
         stack = np.array([each.array(quantity) for each in self.recordings.ravel()])
         return stack.reshape(*self.shape, *stack.shape[1:])
+
+    def column(self, quantity: str) -> Column:
+        """Look up what a quantity is: its dimensions, unit and meaning.
+
+        Raises:
+            UnknownNameError: there is no such quantity.
+        """
+        if self.layout is None:
+            raise UnknownNameError("measure", quantity, ())
+        return columns_of(self.layout, [quantity])[0][quantity]
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to an xarray Dataset: a dimension per key, or `variant` for all with `zip`, then those of a quantity.
+
+        Measures are variables as `finger_force_rms`, recordings those of `Recording.to_xarray`, each with `units` and
+        `long_name`; of summaries there are their numbers.
+
+        Raises:
+            MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
+            InputError: recordings of different columns or lengths.
+        """
+        data: xarray.Dataset = plugins.upward("Batch.to_xarray")(self)
+        return data
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Convert to a pandas DataFrame: a row per variant, a column per key and per component.
+
+        Components are called as `finger_force.rms.thumb.x`.
+
+        Raises:
+            MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
+        """
+        return plugins.upward("Batch.to_frame")(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Write values, faults, measures and summaries as nested lists, for JSON."""
@@ -172,7 +203,7 @@ def run_batch(
     _require_known("statistic", statistics, STATISTICS)
     threads = count("threads", threads, 1) if threads is not None else processors()
     began = perf_counter()
-    shape, lists, numbers = _grid(values, zip=zip)
+    shape, lists, numbers = grid(values, zip=zip)
     with plugins.unchanged():
         variants = Variants(scene_, lists, numbers)
         groups = variants.groups()
@@ -187,15 +218,17 @@ def run_batch(
             }
         }
     elif keep == "recordings":
-        results = {"recordings": _objects(runs.recorded(groups, lambda each: each, whole=True), shape)}
+        results = {"recordings": as_objects(runs.recorded(groups, lambda each: each, whole=True), shape)}
     else:
-        results = {"summaries": _objects(runs.recorded(groups, Recording.summary, whole=False), shape)}
+        results = {"summaries": as_objects(runs.recorded(groups, Recording.summary, whole=False), shape)}
     return Batch(
-        values={key: _array(lists[key])[numbers[:, k]].reshape(shape) for k, key in enumerate(lists)},
+        values={key: as_array(lists[key])[numbers[:, k]].reshape(shape) for k, key in enumerate(lists)},
         fault_tick=runs.faults.reshape(shape),
         notes=tuple(variants.notes),
         build_time=perf_counter() - began - runs.run_time,
         run_time=runs.run_time,
+        scene=header_of(resolve(scene_)).scene,
+        layout=groups[0].program.servo.layout,
         **results,
     )
 
@@ -214,10 +247,10 @@ class Runs:
         measures: dict[str, dict[str, FloatArray]] = {}
         for group in groups:
             layout = group.program.servo.layout
-            columns, divided = _columns(layout, measure)
+            columns, divided = columns_of(layout, measure)
             where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
             job = self._job(group, where, statistics)
-            job.more = partial(_divider, group, divided) if divided else None
+            job.more = partial(divider, group, divided) if divided else None
             raw, faults = job.measured(self.threads)
             self.run_time += job.spent
             self.faults[group.members] = faults
@@ -246,7 +279,7 @@ class Runs:
                 outcome = _outcome(group, ended)
                 if job.look is not None:
                     job.look(ended.arena)
-                own = replace(self._header(header, group, member), split=_split(group, ended.arena))
+                own = replace(self._header(header, group, member), split=split_of(group, ended.arena))
                 results[member] = make(Recording(ended.rows, layout, own, outcome))
             self.run_time += job.spent
         return results
@@ -285,91 +318,6 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
         return Outcome(engine="compiled", **coupling)
     program.fill(ended.arena_copy)  # the figures in a fault's words are those in its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
-
-
-def _grid(
-    values: Mapping[str, Sequence[Any] | NDArray[Any]], *, zip: bool
-) -> tuple[tuple[int, ...], dict[str, list[Any]], IndexArray]:
-    """Give the grid's shape, the values of each key, and the number of each variant's."""
-    for key, items in values.items():
-        if isinstance(items, str | bytes) or not isinstance(items, Iterable):
-            raise InputError(f"values[{key!r}]", items, "a list of values")
-    lists = {str(key): [_plain(value) for value in items] for key, items in values.items()}
-    if not lists or not all(lists.values()):
-        raise InputError("values", dict(values), "at least one key, with a list of values each")
-    if "duration" in lists:
-        raise InputError("values", "duration", "keys of the scene itself", "give `run_batch` its duration")
-    lengths = [len(items) for items in lists.values()]
-    if zip and len(set(lengths)) > 1:
-        raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of one length with zip")
-    first = {key: {repr(value): k for k, value in reversed(list(enumerate(items)))} for key, items in lists.items()}
-    alike = [np.array([first[key][repr(value)] for value in items]) for key, items in lists.items()]
-    axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
-    numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T
-    return (lengths[0],) if zip else tuple(lengths), lists, np.ascontiguousarray(numbers)
-
-
-def _plain(value: Any) -> Any:
-    """Write a value without arrays, of which numpy writes out the beginning and the end."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
-    return type(value)(map(_plain, value)) if type(value) in (list, tuple) else value
-
-
-def _array(values: Sequence[Any]) -> NDArray[Any]:
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
-        return np.array(values, dtype=float)
-    objects = np.empty(len(values), dtype=object)
-    objects[:] = list(values)
-    return objects
-
-
-def _objects(values: Sequence[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    objects = np.empty(len(values), dtype=object)
-    objects[:] = list(values)
-    return objects.reshape(shape)
-
-
-def _columns(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
-    """Find the columns of quantities; those of the two forces stand behind a row, and are listed too."""
-    forces = {column.name: column for column in layout.forces}
-    columns: dict[str, Column] = {}
-    divided: list[str] = []
-    end = layout.width
-    for quantity in quantities:
-        name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
-        if name in layout.columns:
-            columns[quantity] = layout.columns[name]
-        elif name in forces:
-            start, end = end, end + prod(forces[name].shape)
-            columns[quantity] = replace(forces[name], where=slice(start, end))
-            divided.append(name)
-        else:
-            raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT, *forces])
-    return columns, divided
-
-
-def _split(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
-    """Read from a variant's buffers how the forces of each object divide."""
-    program, rules = group.program, {}
-    for name, array in program.tick.script.arrays.items():
-        for part in program.servo.objects:
-            if array is part.grasped.block:
-                rules[part.name] = SplitRule.of(GraspState(arena[program.places[name]])).table()
-    return rules
-
-
-def _divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make what computes parts of forces from rows of a variant that begins with these buffers."""
-    splits, layout = [(0, _split(group, arena))], group.program.servo.layout
-
-    def divide(rows: FloatArray) -> FloatArray:
-        parts = RowSplit(rows, layout, splits).forces()
-        return np.concatenate([parts[name].reshape(len(rows), -1) for name in names], axis=1)
-
-    return divide
 
 
 def _names(argument: str, names: Sequence[str]) -> Sequence[str]:

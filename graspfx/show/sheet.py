@@ -20,6 +20,7 @@ EDGE = 0.06  # [inches] of paper around everything
 GAP = 0.11  # between panels
 LEAD = 0.05  # between a strip and its panel
 BAR = 0.13  # width of a colour bar
+WIDE = 1.2  # of a margin
 MOST_LINES = 3  # of a title
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # from number to number along an ordinate
 PITCH = 1.32  # from line to line, in sizes of the type
@@ -34,6 +35,7 @@ class Sheet:
         bar: axes for a colour bar, or None.
         width: sizes of type and paper.
         arranged: whether everything has its place.
+        shares_x: whether all panels have the same abscissa.
     """
 
     def __init__(
@@ -64,7 +66,7 @@ class Sheet:
         self._letters = [""] * len(heights)
         self._legends: dict[int, list[Artist]] = {}
         self._strips: list[Any] = []
-        self.arranged = False
+        self.arranged, self.shares_x = False, share_x
         self.panels: NDArray[Any] = np.empty((len(heights), columns), dtype=object)
         for r in range(len(heights)):
             for c in range(columns):
@@ -123,10 +125,11 @@ class Sheet:
         below[-1] = EDGE + self._foot + max(box[1] for box in boxes[-1])
         titled = [max(box[3] for box in row) for row in boxes]
         wide = [share * (right - left - between * (len(self._shares) - 1)) for share in self._shares]
-        head, heads = self._write(left, right, wide, between)
+        start = left if left < WIDE or any(self._letters) else EDGE  # beside long names of lines there is room for more
+        head, heads = self._write(left, right, wide, between, start)
         above = [strip[0] + title for strip, title in zip(heads, titled, strict=True)]
         tall = self._place(left, right, above, below, head, between)
-        self._set(heads, titled, tall, left)
+        self._set(heads, titled, tall, start)
         self.arranged = True
         return self.figure
 
@@ -163,17 +166,17 @@ class Sheet:
         return tuple(max(0.0, side / dpi) for side in sides)
 
     def _write(
-        self, left: float, right: float, wide: Sequence[float], between: float
+        self, left: float, right: float, wide: Sequence[float], between: float, start: float
     ) -> tuple[float, list[tuple[float, Legend | None]]]:
         """Write titles and legends; return the height of the former, and the legends with theirs [inches]."""
         size, inch = self.width.title, self.figure.dpi_scale_trans
         pitch = PITCH * size / 72.0
-        whole = self._folded(self._title, self.width.inches - left - EDGE, size)
+        whole = self._folded(self._title, self.width.inches - start - EDGE, size)
         each = [self._folded(text, room, size) for text, room in zip(self._titles, wide, strict=True)]
         lines = max(len(text) for text in each)
         head = EDGE + pitch * (len(whole) + lines) + (LEAD if whole or lines else 0.0)
         x = left
-        marks = [(left, 0.0, whole)]
+        marks = [(start, 0.0, whole)]
         for text, room in zip(each, wide, strict=True):
             marks.append((x, pitch * len(whole), text))
             x += room + between
@@ -182,7 +185,7 @@ class Sheet:
                 self._strips.append(self.figure.text(
                     x, -EDGE - down - pitch * k, line, transform=inch, fontweight="bold", fontsize=size, va="top"
                 ))  # fmt: skip
-        heads = [self._strip(r, left, right) for r in range(len(self.heights))]
+        heads = [self._strip(r, start, right) for r in range(len(self.heights))]
         return head, heads
 
     def _strip(self, row: int, left: float, right: float) -> tuple[float, Legend | None]:

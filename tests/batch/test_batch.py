@@ -13,7 +13,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.batch import many
-from graspfx.batch.batch import _grid
+from graspfx.batch.grid import grid
 from graspfx.batch.variants import Variants
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
@@ -215,7 +215,7 @@ def test_values_that_differ_far_inside_a_long_array_differ():
     other = one.copy()
     other[1000] = 1.0
     for values in ([{"points": one}, {"points": other}], [(one,), (other,)]):
-        _, _, numbers = _grid({"key": [*values, values[0]]}, zip=False)
+        _, _, numbers = grid({"key": [*values, values[0]]}, zip=False)
         assert numbers.ravel().tolist() == [0, 1, 0]
 
 

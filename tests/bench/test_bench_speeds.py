@@ -1,4 +1,4 @@
-"""The README's table of speeds: every figure is one of the report, with its error, and nothing is left out."""
+"""The table of speeds in docs/accuracy.md: every figure is one of the report, with its error, and nothing is left out."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from graspfx.bench.report.report import Report
 from graspfx.errors import InputError
 
 ROOT = Path(__file__).parents[2]
-README, REPORT = ROOT / "README.md", ROOT / "docs" / "benchmarks.json"
+PAGE, REPORT = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "benchmarks.json"
 SIZES = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 FIGURE = re.compile(r"(?P<time>[0-9.]+) (?P<unit>s|ms|us|ns)(?:, (?P<error>0|[0-9]e-[0-9]{2})(?P<metres> m)?)?$")
 
 
 def cells(text: str) -> list[list[str]]:
-    """Split the rows of the speed section of a README into their cells."""
+    """Split the rows of a page's speed section into their cells."""
     section = text.partition("## How fast it is\n")[2].partition("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("| ")]
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows[1:]]
 
 
-def test_figures_of_the_readme_are_those_of_the_report() -> None:
+def test_figures_of_the_table_are_those_of_the_report() -> None:
     """Time to two digits and error to one, from the JSON as it stands; a figure without its error is none."""
     rows = {(row["benchmark"], row["case"], row["method"]): row for row in json.loads(REPORT.read_text())["rows"]}
-    table = cells(README.read_text(encoding="utf-8"))
+    table = cells(PAGE.read_text(encoding="utf-8"))
     assert len(table) == len(speeds.LINES) > 10
     for line, (what, ours, beside, command) in zip(speeds.LINES, table, strict=True):
         assert (what, command) == (line.call, f"`graspfx bench {line.benchmark}`")
@@ -51,16 +51,16 @@ def test_figures_of_the_readme_are_those_of_the_report() -> None:
                     assert bool(shown["metres"]) == (row["unit"] == "m")
 
 
-def test_table_of_the_readme_is_the_one_that_the_report_gives() -> None:
-    text = README.read_text(encoding="utf-8")
+def test_table_of_the_page_is_the_one_that_the_report_gives() -> None:
+    text = PAGE.read_text(encoding="utf-8")
     table = text.partition(speeds.BEGIN)[2].partition(speeds.END)[0]
     assert table.strip() == speeds.table(Report.load(REPORT))
     assert table.strip() in (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
 
 
-def test_no_other_figure_of_speed_stands_in_the_readme() -> None:
+def test_no_other_figure_of_speed_stands_in_its_section() -> None:
     """Speeds stand in the table, where they are measured; the text before and after it has none of its own."""
-    section = README.read_text(encoding="utf-8").partition("## How fast it is\n")[2].partition("\n## ")[0]
+    section = PAGE.read_text(encoding="utf-8").partition("## How fast it is\n")[2].partition("\n## ")[0]
     before, _, rest = section.partition(speeds.BEGIN)
     assert not re.search(r"[0-9.]+ (s|ms|us|ns)\b", before + rest.partition(speeds.END)[2])
 
@@ -94,7 +94,7 @@ def test_line_stands_in_the_table_whoever_wins(factor: float) -> None:
 
 
 def test_table_is_written_between_its_lines(tmp_path: Path) -> None:
-    file = tmp_path / "README.md"
+    file = tmp_path / "page.md"
     file.write_text(f"before\n{speeds.BEGIN}\nold\n{speeds.END}\nafter\n")
     report = full_report()
     speeds.write(report, file)
@@ -104,7 +104,7 @@ def test_table_is_written_between_its_lines(tmp_path: Path) -> None:
 
 
 def test_report_that_lacks_a_figure_writes_nothing(tmp_path: Path) -> None:
-    file = tmp_path / "README.md"
+    file = tmp_path / "page.md"
     file.write_text(f"{speeds.BEGIN}\nold\n{speeds.END}\n")
     report = full_report()
     lost = report.rows[0]
@@ -124,12 +124,12 @@ def test_table_leaves_out_a_line_that_was_not_measured() -> None:
 def test_file_without_a_place_is_refused_before_anything_is_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "README.md"
+    file = tmp_path / "page.md"
     file.write_text("no table here\n")
     for arguments, expected in (
         (["bench", "--readme", str(file)], "a file with the lines"),
-        (["bench", "--quick", "--readme", str(README)], "leave out --quick"),
-        (["bench", "eq4", "--readme", str(README)], "all benchmarks that it shows, also "),
+        (["bench", "--quick", "--readme", str(PAGE)], "leave out --quick"),
+        (["bench", "eq4", "--readme", str(PAGE)], "all benchmarks that it shows, also "),
     ):
         assert main(arguments) == 2
         assert expected in capsys.readouterr().err

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from graspfx.bench.measure import Row
 from graspfx.bench.report.pareto import by_case, front
+from graspfx.bench.report.questions import question
 from graspfx.bench.report.report import Report, Stamp
 from graspfx.bench.report.speeds import table as table_of_speeds
 
@@ -17,6 +18,7 @@ HEAD = """# Benchmarks
 Run time *against* error. Every method stands beside its peers: same process, same inputs, timed in turns, its result checked against an oracle before anything is timed. This page is written by `graspfx bench --out docs --overwrite` from [benchmarks.json](benchmarks.json); do not edit it.
 
 **Times** are per operation, the best of all rounds, which others on the machine disturb least; the median stands in the JSON. Inputs change from operation to operation; Python collects no garbage meanwhile. **Ratio** is to the quickest method of the table, or to the one whose ratio is 1. **Error** is the largest over the inputs.
+A figure answers one question about its benchmark; `graspfx bench --redraw --out docs --overwrite` draws all of them from the JSON.
 ● marks the Pareto front: no other method of the table is both as quick and as exact. A method whose error is beyond its bound is not timed.
 """  # noqa: E501
 
@@ -34,10 +36,10 @@ LIMITATIONS = """
 """  # noqa: E501
 
 
-def page(report: Report) -> str:
-    """Write the report in Markdown."""
+def page(report: Report, form: str = "png") -> str:
+    """Write the report in Markdown, with figures of a format."""
     measured = _measured(report.stamps)
-    return "\n".join([HEAD, *_short(report), *measured, *_sections(report), "## Limitations", LIMITATIONS])
+    return "\n".join([HEAD, *_short(report), *measured, *_sections(report, form), "## Limitations", LIMITATIONS])
 
 
 def _short(report: Report) -> Iterator[str]:
@@ -63,13 +65,13 @@ def _versions(s: Stamp) -> str:
     return ", ".join([s.machine["platform"], *(f"{name} {version}" for name, version in s.versions.items())])
 
 
-def _sections(report: Report) -> Iterator[str]:
+def _sections(report: Report, form: str) -> Iterator[str]:
     for name, s in report.stamps.items():
         rows = [row for row in report.rows if row.benchmark == name]
         yield f"## {s.title}\n"
         yield f"`{s.command}`\n"
         if any(row.time_us is not None for row in rows):
-            yield f"![{s.title}: time against error, case by case]({PICTURES}/{name}.png)\n"
+            yield f"![{question(name, s.title, rows).text}]({PICTURES}/{name}.{form})\n"
         for case, each in by_case(rows).items():
             yield f"### {case or 'Not run'}\n"
             yield from table(each)

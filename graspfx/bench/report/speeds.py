@@ -1,4 +1,4 @@
-"""The table of speeds in the README: each figure a row of the report, rounded, with its error beside it."""
+"""The table of speeds in docs/accuracy.md: each figure a row of the report, rounded, with its error beside it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from graspfx.bench.measure import TIMED, Row
 from graspfx.bench.report.report import Report, Stamp
 from graspfx.errors import InputError
 
-BEGIN, END = "<!-- speeds: written by `graspfx bench --readme README.md` -->", "<!-- end of speeds -->"
+BEGIN, END = "<!-- speeds: written by `graspfx bench --readme docs/accuracy.md` -->", "<!-- end of speeds -->"
 HEAD = "| what you call | GraspFX: time, error | beside it: time, error | report |\n|---|---|---|---|"
 SIZES = ((1e6, "s"), (1e3, "ms"), (1.0, "us"), (1e-3, "ns"))  # in microseconds
 FIVE, FIXED, LINE = "5 fingers", "5 fingers, contacts fixed", "5 fingers, condition 1e9"

@@ -10,12 +10,13 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from graspfx.loop.recording.attributes import conclusion, description
 from graspfx.loop.recording.header import Header, Outcome, RunFault
-from graspfx.loop.recording.layout import WRENCH, Column, Layout
+from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.places import sync_folder
+from graspfx.loop.recording.scales import LOGICAL, scales_of, stored_type
 from graspfx.loop.recording.seal import seal
 from graspfx.loop.recording.stream import Stream
 from graspfx.loop.recording.two_parts import RowSplit, splits_of
@@ -23,13 +24,6 @@ from graspfx.loop.recording.two_parts import RowSplit, splits_of
 FloatArray = NDArray[np.float64]
 
 CHUNK = 1024  # rows
-WHOLE = ("touching", "saturated", "status", "law")  # columns of whole numbers
-SCALES = {
-    "axis": ("x", "y", "z"),
-    "turn": ("x", "y", "z"),
-    "quaternion": ("x", "y", "z", "w"),
-    "mode": ("internal", "translation", "rotation"),
-}
 
 
 def write_hdf5(
@@ -110,34 +104,28 @@ def _columns(file: Any, scales: Mapping[str, Any], columns: Iterable[Column], co
 
 
 def _scales(file: Any, layout: Layout, count: int) -> dict[str, Any]:
-    d = layout.dimensions
-    names: dict[str, Sequence[str]] = {"finger": layout.fingers, **SCALES, "component": WRENCH[d]}
-    names["axis"] = SCALES["axis"][:d]
-    used = {name for column in layout.columns.values() for name in column.dimensions}
     time = _rows(file, "time", (), np.float64, count)
     time.attrs["units"] = "s"
     scales = {"time": time}
-    for name in names:
-        if name in used:
-            scales[name] = file.create_dataset(name, data=list(names[name]), dtype=h5py.string_dtype())
+    for name, entries in scales_of(layout).items():
+        scales[name] = file.create_dataset(name, data=list(entries), dtype=h5py.string_dtype())
     for name, scale in scales.items():
         scale.make_scale(name)
     return scales
 
 
 def _column(file: Any, column: Column, scales: Mapping[str, Any], count: int) -> Any:
-    kind = np.int8 if column.name.rpartition("/")[2] in WHOLE else np.float64
-    data = _rows(file, column.name, column.shape, kind, count)
+    data = _rows(file, column.name, column.shape, stored_type(column.name), count)
     for i, name in enumerate(("time", *column.dimensions)):
         data.dims[i].attach_scale(scales[name])
     data.attrs["units"] = column.unit
     data.attrs["long_name"] = column.meaning
-    if column.name in ("touching", "saturated"):
+    if column.name in LOGICAL:
         data.attrs["dtype"] = "bool"  # as xarray marks it
     return data
 
 
-def _rows(file: Any, name: str, shape: tuple[int, ...], kind: type, count: int) -> Any:
+def _rows(file: Any, name: str, shape: tuple[int, ...], kind: DTypeLike, count: int) -> Any:
     chunk = max(1, min(count, CHUNK))
     return file.create_dataset(
         name, (count, *shape), kind, maxshape=(None, *shape), chunks=(chunk, *shape), fletcher32=True

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from graspfx import plugins
 from graspfx.loop.recording.history import History
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 
 class Drawing(Protocol):
@@ -110,6 +114,43 @@ class Recording(History):
         from graspfx.loop.recording.sink import save
 
         save(path, self.rows, self.layout, self.header, self.outcome, overwrite=overwrite)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Convert to an xarray Dataset: dimensions time, finger, axis, ..., each variable with `units` and `long_name`.
+
+        Columns have the names, dimensions and attributes that xarray reads from the file. Those of objects stand
+        together, as `object_position` with a dimension `object`, and what follows from columns is there too, as
+        `displayed_force`. Attributes are those of the file: the scene verbatim, overrides, versions, how the run went.
+
+        Raises:
+            MissingPackageError: no xarray, which `pip install 'graspfx[data]'` brings.
+        """
+        data: xarray.Dataset = plugins.upward("Recording.to_xarray")(self)
+        return data
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Convert to a pandas DataFrame: a row per tick, a column per component, as `finger_force.thumb.x`.
+
+        The index is the time [s]; units are SI, by quantity in `frame.attrs["units"]`.
+
+        Raises:
+            MissingPackageError: no pandas, which `pip install 'graspfx[data]'` brings.
+        """
+        return plugins.upward("Recording.to_frame")(self)
+
+    def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the columns of `to_frame` with the time first as comma-separated text, for which no package is needed.
+
+        A first line of names, then numbers in SI units that read back the same to the last bit; true is 1, false 0.
+
+        Args:
+            path: of the file; it appears when it is whole.
+            overwrite: whether a file that is there already is replaced.
+
+        Raises:
+            RecordingError: the file is there already, or cannot be written.
+        """
+        plugins.upward("Recording.to_csv")(self, path, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Recording:

@@ -18,7 +18,28 @@ from graspfx.bench.report.report import NAME, Report, load, stamp
 from graspfx.errors import InputError
 
 
-def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None, readme: Path | None = None) -> None:
+def redraw(names: Sequence[str], out: Path, *, form: str = "png", width: str = "screen") -> None:
+    """Draw the figures of a report anew, and write its page; nothing is measured.
+
+    Raises:
+        RecordingError: there is no report in the folder.
+    """
+    report = Report.load(out / NAME).ordered(select([]))
+    drawn = [name for name in select(names) if name in report.stamps]
+    write(report, out, drawn, form=form, width=width)
+    print(f"wrote {out / PAGE} and the pictures in {out / PICTURES}", file=sys.stderr)
+
+
+def bench(
+    names: Sequence[str],
+    *,
+    quick: bool,
+    as_json: bool,
+    out: Path | None,
+    readme: Path | None = None,
+    form: str = "png",
+    width: str = "screen",
+) -> None:
     """Run the named benchmarks, all if none is named.
 
     With `out` the report goes there, its page and its figures; benchmarks that are not run keep what a report that is
@@ -39,7 +60,7 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None,
         run(name, report, quick, quiet=as_json)
         if out is not None:  # at once: nothing is lost where a later one is ended
             merged.add(name, [row for row in report.rows if row.benchmark == name], report.stamps[name])
-            write(merged.ordered(select([])), out, drawn=[name])
+            write(merged.ordered(select([])), out, [name], form=form, width=width)
     if as_json:
         print(json.dumps(report.to_json(), indent=1, allow_nan=False))
     if out is not None:
@@ -50,9 +71,9 @@ def bench(names: Sequence[str], *, quick: bool, as_json: bool, out: Path | None,
         print(f"wrote the table of speeds in {readme}", file=sys.stderr)
 
 
-def files(names: Sequence[str], out: Path) -> list[Path]:
+def files(names: Sequence[str], out: Path, form: str = "png") -> list[Path]:
     """List the files that a report on benchmarks, on all if none is named, may write into a folder."""
-    return [out / NAME, out / PAGE, *(_picture(out, name) for name in select(names))]
+    return [out / NAME, out / PAGE, *(_picture(out, name, form) for name in select(names))]
 
 
 def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
@@ -87,19 +108,19 @@ def show(name: str, rows: Sequence[Row]) -> None:
     print(flush=True)
 
 
-def write(report: Report, folder: Path, drawn: Sequence[str]) -> None:
+def write(report: Report, folder: Path, drawn: Sequence[str], *, form: str = "png", width: str = "screen") -> None:
     """Write the report as JSON, its page, and the figures of the benchmarks `drawn`."""
     from graspfx.bench.report.figures import figure
     from graspfx.loop.recording.places import make_folder
 
     make_folder(folder)
     report.save(folder / NAME)
-    (folder / PAGE).write_text(page(report), encoding="utf-8")
+    (folder / PAGE).write_text(page(report, form), encoding="utf-8")
     for name in drawn:
         lines = [row for row in report.rows if row.benchmark == name]
         if any(row.time_us is not None for row in lines):
-            figure(lines, report.stamps[name].title, _picture(folder, name))
+            figure(lines, name, report.stamps[name].title, _picture(folder, name, form), width=width)
 
 
-def _picture(folder: Path, name: str) -> Path:
-    return folder / PICTURES / f"{name}.png"
+def _picture(folder: Path, name: str, form: str) -> Path:
+    return folder / PICTURES / f"{name}.{form}"

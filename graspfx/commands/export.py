@@ -1,0 +1,51 @@
+"""graspfx export: a recording as comma-separated text or netCDF, for other programs."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from graspfx.commands.destination import add_destination, require_room
+from graspfx.commands.output import SUCCESS, name_files, placing, require_place, say_source
+from graspfx.errors import UnknownNameError
+
+ENDINGS = {"csv": ".csv", "nc": ".nc"}
+EXAMPLE = """  graspfx export out/latest --format nc --out waving.nc"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("recording", metavar="RECORDING", type=Path, help="a recording, or its folder")
+    formats = "csv: a row per tick, a column per component (the default); nc: netCDF, which xarray and others open"
+    parser.add_argument("--format", metavar="FORMAT", help=f"{formats}; else by the ending of FILE")
+    add_destination(parser, "FILE", "the file (recording.csv or recording.nc beside the recording)")
+
+
+def execute(options: Namespace) -> int:
+    from graspfx.loop.recording.places import make_folder, recording_file
+    from graspfx.loop.recording.record import Recording
+
+    source = recording_file(options.recording)
+    kind = _format(options)
+    path: Path = options.out or source.parent / f"recording{ENDINGS[kind]}"
+    require_place(path)
+    require_room(options, [path])
+    recording = Recording.load(source)
+    say_source(options.recording, source, recording)
+    make_folder(path.parent)
+    if kind == "csv":
+        recording.to_csv(path, overwrite=True)
+    else:
+        data = recording.to_xarray()
+        with placing(path) as file:
+            data.to_netcdf(file, engine="h5netcdf")
+    name_files([path])
+    return SUCCESS
+
+
+def _format(options: Namespace) -> str:
+    """Choose the format: the one that is named, or that of the file's ending, or text."""
+    ending = options.out.suffix[1:] if options.out is not None else ""
+    kind: str = options.format or (ending if ending in ENDINGS else "csv")
+    if kind not in ENDINGS:
+        raise UnknownNameError("format", kind, ENDINGS)
+    return kind

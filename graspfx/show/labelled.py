@@ -1,0 +1,113 @@
+"""Recordings and batches as labelled data: an xarray Dataset with dimensions, units and meanings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.loop.recording.attributes import conclusion, description
+from graspfx.show.quantities import Quantity, coordinates, quantities
+
+if TYPE_CHECKING:
+    import xarray
+
+    from graspfx.batch.batch import Batch
+    from graspfx.loop.recording.record import Recording
+
+HOW = "pip install 'graspfx[data]'"
+
+
+def recording_dataset(recording: Recording) -> xarray.Dataset:
+    """Convert a recording; its docstring is that of `Recording.to_xarray`."""
+    xr = _xarray("Recording.to_xarray")
+    labels = coordinates(recording.layout)
+    variables = {each.name: _variable(xr, ("time", *each.dimensions), each) for each in quantities(recording)}
+    used = {name for variable in variables.values() for name in variable.dims}
+    scales = {name: list(entries) for name, entries in labels.items() if name in used}
+    time = xr.Variable("time", recording.time, {"units": "s"})
+    attributes: dict[str, Any] = {**description(recording.layout, recording.header), **conclusion(recording.outcome)}
+    attributes["faults"] = "\n".join(map(str, recording.faults))
+    data: xarray.Dataset = xr.Dataset(variables, {"time": time, **scales}, attributes)
+    return data
+
+
+def _xarray(wanted_by: str) -> Any:
+    try:
+        import xarray
+    except ImportError as error:
+        raise MissingPackageError("xarray", wanted_by, HOW) from error
+    return xarray
+
+
+def _variable(xr: Any, dimensions: tuple[str, ...], quantity: Quantity) -> Any:
+    return xr.Variable(dimensions, quantity.values, {"units": quantity.unit, "long_name": quantity.meaning})
+
+
+def batch_dataset(batch: Batch) -> xarray.Dataset:
+    """Convert a batch; its docstring is that of `Batch.to_xarray`."""
+    xr = _xarray("Batch.to_xarray")
+    grid, scales = grid_of(batch)
+    labels = {} if batch.layout is None else coordinates(batch.layout)
+    variables = {"fault_tick": xr.Variable(grid, batch.fault_tick, {"long_name": "tick of the first fault; -1: none"})}
+    for quantity, by_name in batch.measures.items():
+        column = batch.column(quantity)
+        for name, values in by_name.items():
+            unit = "1" if name == "growth" else column.unit
+            about = {"units": unit, "long_name": f"{name} of {quantity}: {column.meaning}"}
+            variables[f"{quantity}_{name}".replace("/", "_")] = xr.Variable((*grid, *column.dimensions), values, about)
+    if batch.recordings is not None:
+        variables |= _stacked(xr, batch, grid)
+        scales["time"] = xr.Variable("time", batch.recordings.flat[0].time, {"units": "s"})
+    if batch.summaries is not None:
+        variables |= {name: xr.Variable(grid, values) for name, values in summary_numbers(batch).items()}
+    used = {name for variable in variables.values() for name in variable.dims}
+    scales |= {name: list(entries) for name, entries in labels.items() if name in used}
+    attributes = {"scene": batch.scene, "notes": list(batch.notes), "build_time": batch.build_time}
+    data: xarray.Dataset = xr.Dataset(variables, scales, {**attributes, "run_time": batch.run_time})
+    return data
+
+
+def grid_of(batch: Batch) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Name a batch's axes, and give the values of each key along its own; with `zip` all keys have one, `variant`."""
+    together = len(batch.values) > len(batch.shape)
+    axes = ("variant",) if together else tuple(batch.values)
+    scales: dict[str, Any] = {}
+    for k, (key, values) in enumerate(batch.values.items()):
+        alone = values if together else np.moveaxis(values, k, 0).reshape(values.shape[k], -1)[:, 0]
+        plain = [each if isinstance(each, str | int | float) else repr(each) for each in alone.tolist()]
+        scales[key] = (axes[0 if together else k], plain)
+    return axes, scales
+
+
+def summary_numbers(batch: Batch) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """Collect what is one number in every summary, of the grid's shape; None is NaN."""
+    summaries = [] if batch.summaries is None else batch.summaries.ravel().tolist()
+    numbers = {}
+    for name in summaries[0]:
+        values = [each.get(name) for each in summaries]
+        if any(isinstance(value, int | float) for value in values) and all(
+            value is None or isinstance(value, int | float) for value in values
+        ):
+            numbers[name] = np.array([np.nan if each is None else each for each in values]).reshape(batch.shape)
+    return numbers
+
+
+def _stacked(xr: Any, batch: Batch, grid: tuple[str, ...]) -> dict[str, Any]:
+    tables = [
+        {each.name: each for each in quantities(one)}
+        for one in ([] if batch.recordings is None else batch.recordings.ravel().tolist())
+    ]
+    first = tables[0]
+    shapes = {name: each.values.shape for name, each in first.items()}
+    if any({name: each.values.shape for name, each in table.items()} != shapes for table in tables):
+        raise InputError("keep", "recordings", "recordings of the same columns and length", "convert them one by one")
+    return {
+        name: xr.Variable(
+            (*grid, "time", *each.dimensions),
+            np.array([table[name].values for table in tables]).reshape(*batch.shape, *each.values.shape),
+            {"units": each.unit, "long_name": each.meaning},
+        )
+        for name, each in first.items()
+    }

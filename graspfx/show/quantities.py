@@ -1,0 +1,113 @@
+"""Quantities of a recording as named arrays: what it exports, with dimensions, units and meanings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import RecordingError
+from graspfx.loop.recording.layout import Column, Layout
+from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.scales import LOGICAL, scales_of, stored_type
+
+FINGER, AXIS, TURN = "finger", "axis", "turn"
+ON_OBJECT = "of the finger on the object"
+DERIVED = (  # attributes of a recording that are no columns of it, or not always
+    ("displayed_force", (FINGER, AXIS), "N", "on the operator, after every limit, before output delay"),
+    ("internal_force", (FINGER, AXIS), "N", f"{ON_OBJECT}: what squeezes it, f - P f"),
+    ("external_force", (FINGER, AXIS), "N", f"{ON_OBJECT}: what moves it, P f"),
+    ("internal_moment", (FINGER, TURN), "N m", f"{ON_OBJECT}: what squeezes it"),
+    ("external_moment", (FINGER, TURN), "N m", f"{ON_OBJECT}: what moves it"),
+    ("internal_displacement", (FINGER, AXIS), "m", "by which the fingers squeeze, e - P'e"),
+    ("external_displacement", (FINGER, AXIS), "m", "the rigid motion of the contacts in e, P'e"),
+    (
+        "internal_energy",
+        (FINGER,),
+        "J",
+        "work done so far on the fingertip by the displayed force's internal part",
+    ),
+    (
+        "external_energy",
+        (FINGER,),
+        "J",
+        "work done so far on the fingertip by the displayed force's external part",
+    ),
+)
+
+
+class Quantity(NamedTuple):
+    """One quantity of all ticks: its array (N, ...), the names of its dimensions without time, its unit and meaning."""
+
+    name: str
+    values: NDArray[Any]
+    dimensions: tuple[str, ...]
+    unit: str
+    meaning: str
+
+
+def quantities(recording: Recording) -> Iterator[Quantity]:
+    """List the columns of a recording, those of its objects together, and what follows from them.
+
+    A column `objects/NAME/position` is `object_position` with a dimension `object`; an object that lacks a column which
+    another has gets NaN.
+    """
+    layout = recording.layout
+    for column in layout.columns.values():
+        if "/" not in column.name:
+            yield Quantity(column.name, _stored(recording, column), column.dimensions, column.unit, column.meaning)
+    for name, dimensions, unit, meaning in DERIVED:
+        if name not in layout.columns and (values := _derived(recording, name)) is not None:
+            yield Quantity(name, values, dimensions, unit, meaning)
+    for part, column in parts_of_objects(layout).items():
+        values = np.stack([_of_object(recording, name, part, column) for name in layout.objects], axis=1)
+        yield Quantity(object_name(part), values, ("object", *column.dimensions), column.unit, column.meaning)
+
+
+def coordinates(layout: Layout) -> dict[str, tuple[str, ...]]:
+    """Name the entries along each dimension, time apart."""
+    return {**scales_of(layout), "object": layout.objects}
+
+
+def parts_of_objects(layout: Layout) -> Mapping[str, Column]:
+    """List what objects' columns are called below their names, as in `energy/work`, with the first of each."""
+    parts: dict[str, Column] = {}
+    for column in layout.columns.values():
+        if column.name.startswith("objects/"):
+            parts.setdefault(column.name.split("/", 2)[2], column)
+    return parts
+
+
+def object_name(part: str) -> str:
+    """Name the quantity of all objects that a part of one object's columns belongs to."""
+    return "object_" + part.replace("/", "_")
+
+
+def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """List a quantity's columns (N,) one by one, as `finger_force.thumb.x`."""
+    shape = quantity.values.shape[1:]
+    flat = quantity.values.reshape(len(quantity.values), prod(shape))
+    for k, place in enumerate(np.ndindex(*shape)):
+        entries = (names[name][i] for name, i in zip(quantity.dimensions, place, strict=True))
+        yield ".".join([quantity.name, *entries]), flat[:, k]
+
+
+def _stored(recording: Recording, column: Column) -> NDArray[Any]:
+    values = recording.array(column.name)
+    return np.not_equal(values, 0.0) if column.name in LOGICAL else values.astype(stored_type(column.name))
+
+
+def _derived(recording: Recording, name: str) -> NDArray[Any] | None:
+    try:
+        values: NDArray[Any] | None = getattr(recording, name, None)
+    except RecordingError:  # of an earlier format, which does not say how
+        return None
+    return values
+
+
+def _of_object(recording: Recording, name: str, part: str, like: Column) -> NDArray[Any]:
+    own = recording.layout.columns.get(f"objects/{name}/{part}")
+    return np.full((len(recording), *like.shape), np.nan) if own is None else _stored(recording, own)
