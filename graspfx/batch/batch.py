@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import prod
 from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -17,20 +16,18 @@ from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
 from graspfx.batch.many import Ended, Job
+from graspfx.batch.measured_columns import columns_of, divider, split_of
 from graspfx.batch.statistics import STATISTICS, statistic
 from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.coupling import block as at
-from graspfx.coupling.grasp_state import GraspState
-from graspfx.coupling.two_forces import SplitRule
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.two_parts import RowSplit
 from graspfx.scene.overrides import overridden
 
 if TYPE_CHECKING:
@@ -45,12 +42,6 @@ IndexArray = NDArray[np.intp]
 KEEP = ("measures", "recordings", "summary")
 MOST_TICKS = 2**53  # the numbers of more of them are not all floats
 MEASURED = ("finger_position", "object_position", "finger_force")
-OF_OBJECT = {  # of the first object, named as a `Recording` does
-    "object_position": "position",
-    "object_velocity": "velocity",
-    "object_orientation": "orientation",
-    "wrench": "wrench",
-}
 
 
 @dataclass(frozen=True, repr=False)
@@ -140,7 +131,7 @@ class Batch(Carded):
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
-        return _columns(self.layout, [quantity])[0][quantity]
+        return columns_of(self.layout, [quantity])[0][quantity]
 
     def to_xarray(self) -> xarray.Dataset:
         """Convert to an xarray Dataset: a dimension per key, or `variant` for all with `zip`, then those of a quantity.
@@ -278,10 +269,10 @@ class Runs:
         measures: dict[str, dict[str, FloatArray]] = {}
         for group in groups:
             layout = group.program.servo.layout
-            columns, divided = _columns(layout, measure)
+            columns, divided = columns_of(layout, measure)
             where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
             job = self._job(group, where, statistics)
-            job.more = partial(_divider, group, divided) if divided else None
+            job.more = partial(divider, group, divided) if divided else None
             raw, faults = job.measured(self.threads)
             self.run_time += job.spent
             self.faults[group.members] = faults
@@ -310,7 +301,7 @@ class Runs:
                 outcome = _outcome(group, ended)
                 if job.look is not None:
                     job.look(ended.arena)
-                own = replace(self._header(header, group, member), split=_split(group, ended.arena))
+                own = replace(self._header(header, group, member), split=split_of(group, ended.arena))
                 results[member] = make(Recording(ended.rows, layout, own, outcome))
             self.run_time += job.spent
         return results
@@ -349,46 +340,6 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
         return Outcome(engine="compiled", **coupling)
     program.fill(ended.arena_copy)  # the figures in a fault's words are those in its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
-
-
-def _columns(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
-    """Find the columns of quantities; those of the two forces stand behind a row, and are listed too."""
-    forces = {column.name: column for column in layout.forces}
-    columns: dict[str, Column] = {}
-    divided: list[str] = []
-    end = layout.width
-    for quantity in quantities:
-        name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
-        if name in layout.columns:
-            columns[quantity] = layout.columns[name]
-        elif name in forces:
-            start, end = end, end + prod(forces[name].shape)
-            columns[quantity] = replace(forces[name], where=slice(start, end))
-            divided.append(name)
-        else:
-            raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT, *forces])
-    return columns, divided
-
-
-def _split(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
-    """Read from a variant's buffers how the forces of each object divide."""
-    program, rules = group.program, {}
-    for name, array in program.tick.script.arrays.items():
-        for part in program.servo.objects:
-            if array is part.grasped.block:
-                rules[part.name] = SplitRule.of(GraspState(arena[program.places[name]])).table()
-    return rules
-
-
-def _divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make what computes parts of forces from rows of a variant that begins with these buffers."""
-    splits, layout = [(0, _split(group, arena))], group.program.servo.layout
-
-    def divide(rows: FloatArray) -> FloatArray:
-        parts = RowSplit(rows, layout, splits).forces()
-        return np.concatenate([parts[name].reshape(len(rows), -1) for name in names], axis=1)
-
-    return divide
 
 
 def _names(argument: str, names: Sequence[str]) -> Sequence[str]:

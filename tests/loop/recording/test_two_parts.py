@@ -252,7 +252,7 @@ def test_a_steered_run_divides_by_the_rule_of_each_tick(tmp_path: Path) -> None:
 def test_rows_from_the_middle_of_a_run_divide_by_their_own_rule() -> None:
     rec = gx.run("sphere-three-fingers", {"duration": 0.4, "engine": "interpreted"})
     name, rule = next(iter(rec.header.split.items()))
-    other = {name: rule | {"shares": [1.0, 2.0, 3.0]}}
+    other = {name: {**rule, "shares": [1.0, 2.0, 3.0]}}
     changes = (KeyChange(30, SPLIT, other), KeyChange(60, SPLIT, dict(rec.header.split)))
     whole = Recording(rec.rows.copy(), rec.layout, rec.header, Outcome(changes=changes))
     splits: Any = splits_of(whole.header, changes)
