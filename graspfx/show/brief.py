@@ -30,7 +30,7 @@ def brief_rows(columns: Sequence[View]) -> list[Row]:
 
 
 def _depth(view: View) -> tuple[Curve, ...]:
-    """Plot how deep fingers stand in the surface while they touch it: their mean, and from the least to the greatest."""
+    """Plot how deep fingers stand in the surface while they touch it: their mean and range."""
     gap = view.recording.gap
     if gap is None or not view.fingers:
         return ()
