@@ -133,10 +133,10 @@ class Steering:
 def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
     """Require a block of the same layout and the same switches, but for those that are not folded in."""
     key, value = next(iter(values.items()))
-    what = key if len(values) == 1 else ", ".join(values)
+    keys = key if len(values) == 1 else ", ".join(values)
     if new.block.size != own.block.size:
         raise InputError(
-            what, value, "a value of the form that it had at the start",
+            keys, value, "a value of the form that it had at the start",
             "another form is laid out in another way, which cannot change in mid-run; begin with it",
         )  # fmt: skip
     places = own.structure
@@ -144,7 +144,7 @@ def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[s
     if not same.all():
         field = name_of(GraspState, int(places[np.flatnonzero(~same)[0]]), own.block)
         raise InputError(
-            what, value, "a value that changes numbers only",
+            keys, value, "a value that changes numbers only",
             f"{field} would change with it, which decides what is computed; begin with such a value",
         )  # fmt: skip
 

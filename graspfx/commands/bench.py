@@ -27,7 +27,7 @@ def execute(options: Namespace) -> int:
     from graspfx.bench.threads import one_blas_thread
 
     with one_blas_thread():  # before numpy is loaded
-        from graspfx.bench.session import bench, files, redraw
+        from graspfx.bench.suite import bench, files, redraw
 
         look = {"form": options.format or FORMATS[0], "width": options.width}
         if options.redraw and options.out is None:

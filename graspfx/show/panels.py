@@ -204,8 +204,8 @@ def _parts(
     """Plot the squeeze, of more than two fingers its mean and range, and the push along each axis worth it."""
     if not any(parts):
         return []
-    several = any(len(view.fingers) > 2 for view in columns)
-    name = "internal (squeeze), mean and range" if several else "internal (squeeze)"
+    crowded = any(len(view.fingers) > 2 for view in columns)
+    name = "internal (squeeze), mean and range" if crowded else "internal (squeeze)"
     panels = []
     for view, each in zip(columns, parts, strict=True):
         curves = []

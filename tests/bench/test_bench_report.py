@@ -49,7 +49,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "BENCHMARKS", dict.fromkeys(modules, ""))
     monkeypatch.setattr("graspfx.bench.registry.import_module", lambda name: modules[name])
     monkeypatch.setattr(registry, "benchmark", modules.__getitem__)
-    monkeypatch.setattr("graspfx.bench.session.benchmark", modules.__getitem__)
+    monkeypatch.setattr("graspfx.bench.suite.benchmark", modules.__getitem__)
 
 
 @pytest.mark.usefixtures("toy")

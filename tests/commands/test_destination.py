@@ -124,7 +124,7 @@ def test_plot_picture_stability_and_bench_refuse_too(
         "a/pictures/bench/eq4.png": ["bench", "eq4", "--quick", "--out", "a"],
     }
     drawing = ["show.plot.figure", "show.picture.portrait.picture"]
-    for work in (*drawing, "certificate.limit_sweep.swept_limits", "bench.session.bench"):
+    for work in (*drawing, "certificate.limit_sweep.swept_limits", "bench.suite.bench"):
         monkeypatch.setattr(f"graspfx.{work}", None)
     for there, command in cases.items():
         Path(there).parent.mkdir(parents=True, exist_ok=True)
