@@ -1,4 +1,4 @@
-"""The table of speeds in docs/accuracy.md: all figures are those of the report, each with its error."""
+"""The table of speeds in docs/accuracy.md: every figure is the report's, with its error; nothing is left out."""
 
 from __future__ import annotations
 
