@@ -202,7 +202,7 @@ def test_a_recording_without_a_split_says_so() -> None:
 
 
 def test_no_work_is_booked_after_a_fault() -> None:
-    """As in a tick: what the force of the last sample did up to the fault counts where the books had come first."""
+    """The work of the last sample before it counts where the books had come first, as in a tick."""
     rec = gx.run("paper-waving", {"duration": 1.0, "engine": "interpreted"})
     rows = rec.rows.copy()
     forces, energy = (rec.layout.columns[name].where for name in ("finger_force", "device_energy"))
