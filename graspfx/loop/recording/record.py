@@ -69,7 +69,19 @@ class Recording(Carded, History):
             residual=[motion.residual for motion in self.objects.values() if motion.residual is not None],
             energy=list(self.energy.values()),
             growth=losses(self),
+            **self._two_forces(),
+            changes=len(self.changes),
         )
+
+    def _two_forces(self) -> dict[str, Any]:
+        """Give the two forces for a summary, and the moment of the internal ones; nothing of an earlier format's."""
+        if not self.header.split:
+            return {}
+        return {
+            "internal_force": self.internal_force,
+            "external_force": self.external_force,
+            "internal_moment": self._row_split.moment_share(self.internal_force),
+        }
 
     def plot(
         self,
