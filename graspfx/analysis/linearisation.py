@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,9 @@ from graspfx.analysis.discrete import INTEGRATORS
 from graspfx.card import Card, Carded, listed, span
 from graspfx.errors import InputError
 from graspfx.numeric import SMALLEST
+
+if TYPE_CHECKING:
+    import control
 
 FloatArray = NDArray[np.float64]
 
@@ -149,13 +152,29 @@ class Linearisation(Carded):
             ("delay", late if self.delay.any() or self.object_delay else "none"),
             ("with", listed(name for name, part in extras if part is not None)),
         ]
-        calls = "gx.stability.spectral_radius(linear), gx.stability.loop_matrix(linear), .with_changes(stiffness=...)"
+        calls = "gx.stability.spectral_radius(linear), gx.stability.loci(linear), .to_control(), .with_changes(stiffness=...)"
         return Card("Linearisation of a grasp at rest", rows, calls)
 
     @property
     def coordinates(self) -> tuple[int, int]:
         """(m, r)."""
         return self.G.shape[1], self.G.shape[0]
+
+    def to_control(self, loop: str = "closed") -> control.StateSpace:
+        """Convert to a system of python-control with dt = T.
+
+        Args:
+            loop: "closed": from a force of the operator on each device coordinate, `hand[i]` [N], held over the sample,
+                to devices `x[i]` [m], object `q[j]` [m, rad] and coupling forces on the object `f[i]` [N]. Or "open",
+                the return ratio: from the coupling's forces `u[i]` as they meet devices and object, to minus the forces
+                with which it answers, so that `control.feedback(system, I)` has the closed loop's eigenvalues and a
+                margin of the ratio is one of the coupling.
+
+        Raises:
+            MissingPackageError: no python-control, which `pip install 'graspfx[control]'` brings.
+            UnknownNameError: another loop.
+        """
+        return plugins.upward("Linearisation.to_control")(self, loop)
 
     def with_changes(self, **changes: Any) -> Linearisation:
         """Copy the linearisation with some arguments changed."""
