@@ -12,14 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
+from graspfx.card import Card, Carded, listed, span
 from graspfx.errors import InputError
 from graspfx.numeric import SMALLEST
 
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Linearisation:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Linearisation(Carded):
     """Small motions of m device coordinates x and r object coordinates q about a grasp at rest.
 
         m_i x'' + b_i x' + (K_h x + B_h x')_i = -(f + N_x (x, q))_i          devices, in continuous time
@@ -135,6 +136,22 @@ class Linearisation:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    def _card(self) -> Card:
+        m, r = self.coordinates
+        extras = (("preload", self.preload), ("ground", self.ground))
+        late = f"{listed(dict.fromkeys(self.delay.tolist()))} samples, of the object's force {self.object_delay}"
+        rows = [
+            ("motions", f"{m} device coordinates and {r} of the object, sampled every {1e3 * self.period:g} ms"),
+            ("devices", f"{span(self.mass, 'kg')}, {span(self.friction, 'N s/m')}"),
+            ("object", f"{span(np.linalg.eigvalsh(self.inertia), 'kg or kg m^2')}, integrator {self.integrator}"),
+            ("coupling", f"{_range(self.stiffness, 'N/m')}; {_range(self.damping, 'N s/m')}"),
+            ("hands", f"{_range(self.hand_stiffness, 'N/m')}; {_range(self.hand_damping, 'N s/m')}"),
+            ("delay", late if self.delay.any() or self.object_delay else "none"),
+            ("with", listed(name for name, part in extras if part is not None)),
+        ]
+        calls = "gx.stability.spectral_radius(linear), gx.stability.loop_matrix(linear), .with_changes(stiffness=...)"
+        return Card("Linearisation of a grasp at rest", rows, calls)
+
     @property
     def coordinates(self) -> tuple[int, int]:
         """(m, r)."""
@@ -168,6 +185,11 @@ def linear_of(subject: Subject) -> Linearisation:
     if not isinstance(scene, Linearisable):
         raise InputError("linear", subject, "a Linearisation, a scene, or the name or path of one")
     return scene.linearise()
+
+
+def _range(matrix: FloatArray, unit: str) -> str:
+    """Write the range of a matrix's eigenvalues, of its symmetric part."""
+    return span(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)), unit)
 
 
 def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:

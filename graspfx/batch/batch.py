@@ -21,6 +21,7 @@ from graspfx.batch.statistics import STATISTICS, statistic
 from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
+from graspfx.card import Card, Carded, counted, listed
 from graspfx.coupling import block as at
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
@@ -43,8 +44,8 @@ MOST_TICKS = 2**53  # the numbers of more of them are not all floats
 MEASURED = ("finger_position", "object_position", "finger_force")
 
 
-@dataclass(frozen=True)
-class Batch:
+@dataclass(frozen=True, repr=False)
+class Batch(Carded):
     """The outcome of many runs. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
 
     Attributes:
@@ -70,6 +71,27 @@ class Batch:
     run_time: float = 0.0
     scene: str = ""
     layout: Layout | None = None
+
+    def _card(self) -> Card:
+        together = len(self.values) > len(self.shape)
+        grid = f" ({' x '.join(map(str, self.shape))})" if len(self.shape) > 1 else ""
+        faults = int((self.fault_tick >= 0).sum())
+        results = {"recordings": self.recordings, "summaries": self.summaries}
+        rows = [
+            *(
+                (key, listed(dict.fromkeys(f"{each}" for each in values.ravel())))
+                for key, values in self.values.items()
+            ),
+            *((name, listed(by_name, len(by_name))) for name, by_name in self.measures.items()),
+            ("kept", listed(name for name, values in results.items() if values is not None)),
+            ("faults", f"in {counted(faults, 'variant')}" if faults else "none"),
+            ("time", f"{self.build_time:.3g} s to build, {self.run_time:.3g} s to run"),
+            ("notes", "\n".join(self.notes)),
+        ]
+        calls = "[quantity][statistic], .growth(quantity), .fault_tick, .to_xarray(), .to_frame(), .to_dict()"
+        zipped = ", their values taken together" if together else ""
+        title = f"Batch of {self.scene or 'a scene'}: {counted(len(self), 'variant')}{grid}{zipped}"
+        return Card(title, rows, calls)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -302,8 +302,8 @@ class Session:
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
             return
-        for each in changes:
-            self._steering.require_live(numbered(self.scene, each))
+        for each, new in changes.items():
+            self._steering.require_live(numbered(self.scene, each), new)
         if self._finished is not None:
             raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
         scene = self.scene.replace(changes)

@@ -128,7 +128,7 @@ class Row:
         label: of the ordinate.
         panels: one per view; one without curves where a run does not have the quantity.
         height: [inches] on a screen.
-        signed: whether zero is drawn, where it is in sight.
+        signed: whether zero is in sight and drawn.
     """
 
     label: str
@@ -164,7 +164,7 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
         rows_ += _parts("force [N]", columns, forces, along, 1.0)
         if not any(forces) or any(len(view.fingers) > 2 for view in columns):
             panels = tuple(_forces(view, strokes) for view in columns)
-            rows_.append(Row("force of a\nfinger [N]", panels, LOW))
+            rows_.append(Row("force of a\nfinger [N]", panels, LOW, signed=True))
         rows_ += _turns(columns)
         return rows_
 

@@ -130,11 +130,11 @@ def _draw_row(row: Row, panels: Sequence[Axes], columns: Sequence[View], weight:
         if not curves:
             axes.text(0.5, 0.5, "does not apply", transform=axes.transAxes, ha="center", va="center", color=NOTE)
     first = panels[0]
+    if row.signed:
+        for axes in panels:
+            axes.axhline(0.0, color=NEUTRAL, linewidth=weight * HAIR, zorder=0.9, label="_zero")
     low, high = first.get_ylim()
     _thin_out(row, panels, high - low)
-    if row.signed and low < 0.0 < high:
-        for axes in panels:
-            axes.axhline(0.0, color=NEUTRAL, linewidth=weight * HAIR, zorder=0.9)
     panel(first, y=row.label)
 
 

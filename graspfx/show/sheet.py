@@ -114,17 +114,21 @@ class Sheet:
             each.remove()
         self._strips = []
         self.figure.align_ylabels(list(self.panels[:, 0]))
-        self._place(0.75, self.width.inches - 0.3, [0.3] * len(self.heights), [0.3] * len(self.heights), 0.3, GAP)
-        boxes = [[self._overhang(axes) for axes in row] for row in self.panels]
-        left = EDGE + max(row[0][0] for row in boxes)
-        right = self.width.inches - EDGE - max(row[-1][2] for row in boxes)
-        if self.bar is not None:
-            right -= BAR + 2.0 * GAP + self._overhang(self.bar)[2] - max(row[-1][2] for row in boxes)
-        between = max([GAP, *(GAP + row[c][0] + row[c - 1][2] for row in boxes for c in range(1, len(row)))])
-        below = [GAP + max(box[1] for box in row) for row in boxes]
-        below[-1] = EDGE + self._foot + max(box[1] for box in boxes[-1])
-        titled = [max(box[3] for box in row) for row in boxes]
-        wide = [share * (right - left - between * (len(self._shares) - 1)) for share in self._shares]
+        rows = len(self.heights)
+        left, right, between = 0.75, self.width.inches - 0.3, GAP
+        above, below, head = [0.3] * rows, [0.3] * rows, 0.3
+        for _ in range(2 if any(axes.texts for axes in self.panels.ravel()) else 1):  # words may move with their panel
+            self._place(left, right, above, below, head, between)
+            boxes = [[self._overhang(axes) for axes in row] for row in self.panels]
+            left = EDGE + max(row[0][0] for row in boxes)
+            right = self.width.inches - EDGE - max(row[-1][2] for row in boxes)
+            if self.bar is not None:
+                right -= BAR + 2.0 * GAP + self._overhang(self.bar)[2] - max(row[-1][2] for row in boxes)
+            between = max([GAP, *(GAP + row[c][0] + row[c - 1][2] for row in boxes for c in range(1, len(row)))])
+            below = [GAP + max(box[1] for box in row) for row in boxes]
+            below[-1] = EDGE + self._foot + max(box[1] for box in boxes[-1])
+            titled = [max(box[3] for box in row) for row in boxes]
+            wide = [share * (right - left - between * (len(self._shares) - 1)) for share in self._shares]
         start = left if left < WIDE or any(self._letters) else EDGE  # beside long names of lines there is room for more
         head, heads = self._write(left, right, wide, between, start)
         above = [strip[0] + title for strip, title in zip(heads, titled, strict=True)]

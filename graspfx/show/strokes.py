@@ -33,7 +33,7 @@ class Stroke:
 
 OBJECT = Stroke(INK, THICK)  # so wide that it shows on either side of a finger
 FINGERS_TOGETHER = Stroke(NEUTRAL, LINE, (0.0, (ON, OFF)))
-SQUEEZE = Stroke(INTERNAL, 2.0)  # so wide that it shows beneath a push of the same size
+SQUEEZE = Stroke(INTERNAL, 2.6)  # so wide that it shows beneath a push of the same size
 PUSHES = tuple(Stroke(EXTERNAL, LINE, dashes) for dashes in AXES)
 TURNS = tuple(Stroke(INK, LINE, dashes) for dashes in AXES)
 

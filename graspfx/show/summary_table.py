@@ -12,6 +12,8 @@ from graspfx.show.table import ASCII, RULES, Column, lines
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
 
+SHOWN = 8  # changes in mid-run
+
 Row = tuple[str, str, str, float]  # what, key, unit, by what an SI value is multiplied
 
 ROWS: tuple[Row, ...] = (
@@ -51,6 +53,7 @@ ROWS: tuple[Row, ...] = (
     ("cost per tick", "tick_cost", "us", 1.0),
     ("ticks ran", "engine", "", 1.0),
     ("faults", "faults", "", 1.0),
+    ("values changed in mid-run", "changes", "", 1.0),
 )
 
 BRIEF: tuple[Row, ...] = (
@@ -99,8 +102,12 @@ def print_summary(
     summaries, names = [recording.summary() for recording in recordings], _names(recordings, titles)
     for line in lines(_columns(summaries, names, table), width, rules=rules, bold=sys.stdout.isatty()):
         print(line)
-    for name, summary in zip(names, summaries, strict=True):
+    for name, summary, recording in zip(names, summaries, recordings, strict=True):
         of = f"{name}: " if len(summaries) > 1 else ""
+        for change in recording.changes[:SHOWN]:
+            print(f"note: {of}from {change.tick * recording.period:g} s on {change.key} = {change.value}")
+        if len(recording.changes) > SHOWN:
+            print(f"note: {of}and {len(recording.changes) - SHOWN} changes more, all of them in Recording.changes")
         for growth in summary["growth"]:
             print(f"note: {of}{growth['text']}")
 

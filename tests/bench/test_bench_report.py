@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from matplotlib.image import imread
 
 from graspfx.__main__ import main
 from graspfx.bench import registry
@@ -16,10 +17,13 @@ from graspfx.bench.calibration import STEPS, calibrate, chain
 from graspfx.bench.case import Case, Method, missing
 from graspfx.bench.measure import Row
 from graspfx.bench.report import page as pages
-from graspfx.bench.report.figures import figure
+from graspfx.bench.report.figures import figure, sheet
 from graspfx.bench.report.pareto import by_case, front
+from graspfx.bench.report.questions import QUESTIONS, question
 from graspfx.bench.report.report import SCHEMA, Report
 from graspfx.errors import MissingPackageError, RecordingError
+from graspfx.show.style import arranged
+from tests.support.writing import faults
 
 DOCS = Path(__file__).parents[2] / "docs"
 ROW = {"benchmark", "method", "time_us", "error", "note"}
@@ -161,10 +165,37 @@ def test_times_have_three_digits(us: float | None, text: str) -> None:
 
 
 def test_figures_with_and_without_errors(tmp_path: Path) -> None:
-    figure([row("a", 1.0, 0.0), row("b", 2.0, 1e-9), row("c", None, None, "missing")], "errors", tmp_path / "a.png")
+    figure(
+        [row("a", 1.0, 0.0), row("b", 2.0, 1e-9), row("c", None, None, "missing")], "toy", "errors", tmp_path / "a.png"
+    )
     spread = Row("b", "c", "a", 1.0, None, "", median_us=1.5, quantiles={"p50": 1.5, "max": 40.0})
-    figure([spread], "no errors", tmp_path / "b.png")
-    assert all((tmp_path / name).stat().st_size > 5000 for name in ("a.png", "b.png"))
+    figure([spread], "toy", "no errors", tmp_path / "b.png")
+    for name, dots in (("a.png", 2), ("b.png", 1)):
+        ink = (imread(tmp_path / name)[..., :3] < 0.2).all(axis=2)
+        assert ink.sum() > 1200 + 20 * dots  # frame, words and marks
+
+
+@pytest.mark.parametrize("width", ["screen", "column"])
+@pytest.mark.parametrize("name", registry.BENCHMARKS)
+def test_a_figure_answers_one_question_in_three_panels_at_most(name: str, width: str) -> None:
+    """From the committed report: each panel shows what was measured, and nothing is written over anything else."""
+    report = Report.load(DOCS / "benchmarks.json")
+    rows = [each for each in report.rows if each.benchmark == name]
+    assert QUESTIONS[name].text.endswith("?") and 1 <= len(QUESTIONS[name].panels) <= 3
+    drawn = sheet(rows, question(name, "", rows), width=width)
+    assert all(axes.lines for axes in drawn.panels.ravel())
+    assert faults(arranged(drawn)) == []
+
+
+def test_figures_are_drawn_anew_from_the_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is measured: only a report that is there is read."""
+    assert main(["bench", "--redraw", "--out", str(tmp_path)]) == 2
+    (tmp_path / "benchmarks.json").write_bytes((DOCS / "benchmarks.json").read_bytes())
+    assert main(["bench", "maps", "--redraw", "--out", str(tmp_path), "--overwrite", "--format", "svg"]) == 0
+    assert "<svg" in (tmp_path / "pictures/bench/maps.svg").read_text("utf-8")
+    assert "pictures/bench/maps.svg" in (tmp_path / "benchmarks.md").read_text("utf-8")
+    assert main(["bench", "--redraw"]) == 2
+    assert "--out" in capsys.readouterr().err
 
 
 def test_calibration_is_the_chain() -> None:

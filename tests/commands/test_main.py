@@ -158,7 +158,7 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
         assert process.stderr.read() == b""
 
 
-def test_plot_draws_one_recording_or_two_compared(capsys: pytest.CaptureFixture[str]) -> None:
+def test_plot_draws_one_recording_or_several_compared(capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("a", "b"):
         assert main(["run", "reference-1dof", "--duration", "0.1", "--no-figure", "--out", name]) == 0
     assert main(["plot", "a/recording.h5"]) == 0
@@ -166,7 +166,12 @@ def test_plot_draws_one_recording_or_two_compared(capsys: pytest.CaptureFixture[
     assert Path("a/figure.png").is_file()
     assert Path("both/comparison.png").is_file()
     assert "both/comparison.png" in capsys.readouterr().out
-    assert main(["plot", "a/recording.h5", "b/recording.h5", "a/recording.h5"]) == 2
+    assert main(["plot", "a", "b", "a", "--out", "three", "--format", "svg", "--width", "page"]) == 0
+    assert 'width="518.4pt"' in Path("three/comparison.svg").read_text("utf-8")  # 7.2 inches
+    table = capsys.readouterr().out
+    assert "change" not in table and "peak force per finger" in table  # a change is of two
+    with pytest.raises(SystemExit):
+        main(["plot", "a", "--format", "gif"])
 
 
 def test_a_recording_that_is_none_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
@@ -354,7 +359,7 @@ def test_a_folder_where_the_picture_goes_is_said_before_the_run(capsys: pytest.C
 def test_a_picture_that_cannot_be_written_leaves_the_recording(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **options: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("graspfx.show.plot.figure", full)

@@ -25,35 +25,35 @@ ROOM, WORDS = 1.6, 4.0  # beyond the least and the greatest, on a logarithmic ax
 
 def figure(rows: Sequence[Row], name: str, title: str, path: Path, *, width: str = "screen") -> None:
     """Draw the answer to a benchmark's question from its rows; nothing if no method of it was timed."""
-    asked = question(name, title, rows)
-    if not asked.panels:
+    query = question(name, title, rows)
+    if not query.panels:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    style.save(sheet(rows, asked, width=width), path)
+    style.save(sheet(rows, query, width=width), path)
 
 
-def sheet(rows: Sequence[Row], asked: Question, *, width: str = "screen") -> Sheet:
+def sheet(rows: Sequence[Row], query: Question, *, width: str = "screen") -> Sheet:
     """Draw what `figure` writes."""
     timed = [row for row in rows if row.time_us is not None]
-    stacked = asked.stacked or width == "column"
-    heights = [max(_height(each, timed) for each in asked.panels)]
+    stacked = query.stacked or width == "column"
+    heights = [max(_height(each, timed) for each in query.panels)]
     if stacked:
-        heights = [_height(each, timed) for each in asked.panels]
-    lined = any(isinstance(each, Dots) for each in asked.panels)
-    shared = not stacked and _measures(asked) == 1
+        heights = [_height(each, timed) for each in query.panels]
+    lined = any(isinstance(each, Dots) for each in query.panels)
+    shared = not stacked and _measures(query) == 1
     with style.look(width):
         drawing = style.figure(
-            heights, 1 if stacked else len(asked.panels), width=width, share_x=stacked and lined, share_y=shared
+            heights, 1 if stacked else len(query.panels), width=width, share_x=stacked and lined, share_y=shared
         )
-        looks = _looks(asked, timed)
-        for axes, each in zip(drawing.panels.ravel(), asked.panels, strict=True):
+        looks = _looks(query, timed)
+        for axes, each in zip(drawing.panels.ravel(), query.panels, strict=True):
             _draw(axes, each, timed, looks, drawing.width.weight)
         for axes in drawing.panels.ravel()[: 1 if drawing.shares_x else None]:  # now that all is drawn
-            _widen(axes, WORDS if any(isinstance(each, Savings) for each in asked.panels) else ROOM)
-        _label(drawing, asked, timed, stacked)
-        drawing.title(asked.text)
-        named = [zip(*axes.get_legend_handles_labels(), strict=True) for axes in drawing.panels.ravel()]
-        entries = {label: handle for each in reversed(named) for handle, label in each}
+            _widen(axes, WORDS if any(isinstance(each, Savings) for each in query.panels) else ROOM)
+        _label(drawing, query, timed, stacked)
+        drawing.title(query.text)
+        legends = [zip(*axes.get_legend_handles_labels(), strict=True) for axes in drawing.panels.ravel()]
+        entries = {label: handle for each in reversed(legends) for handle, label in each}
         drawing.legend(0, [entries[name] for name in looks or entries])
     return drawing
 
@@ -66,15 +66,15 @@ def _height(each: Panel, rows: Sequence[Row]) -> float:
     return FRAME + LINE * len({row.case for row in rows})
 
 
-def _measures(asked: Question) -> int:
+def _measures(query: Question) -> int:
     """Count the ordinates that the panels have."""
-    return len({(type(each), each.y if isinstance(each, Curves) else "") for each in asked.panels})
+    return len({(type(each), each.y if isinstance(each, Curves) else "") for each in query.panels})
 
 
-def _looks(asked: Question, rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
+def _looks(query: Question, rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
     """Give each method its colour and marker, the framework's own first."""
     names: list[str] = []
-    for each in asked.panels:
+    for each in query.panels:
         if isinstance(each, Curves):
             points = each.points(rows)
             names += [name for name in each.methods.values() if name in points]
@@ -185,15 +185,15 @@ def _widen(axes: Axes, room: float) -> None:
     axes.xaxis.set_minor_formatter("")
 
 
-def _label(drawing: Sheet, asked: Question, rows: Sequence[Row], stacked: bool) -> None:
+def _label(drawing: Sheet, query: Question, rows: Sequence[Row], stacked: bool) -> None:
     """Name what panels share once, in the middle or on the left."""
     panels = list(drawing.panels.ravel())
     units = {row.unit for row in rows if row.unit}
     error = f"error [{next(iter(units))}]" if len(units) == 1 else "error"
     middle = len(panels) - 1 if stacked else len(panels) // 2 if len(panels) == 3 else None
-    for k, (axes, each) in enumerate(zip(panels, asked.panels, strict=True)):
+    for k, (axes, each) in enumerate(zip(panels, query.panels, strict=True)):
         title, x, y = each.title, NAMES["time"] if isinstance(each, Scatter) else each.x, ""
-        if isinstance(each, Curves | Scatter) and (stacked or k == 0 or _measures(asked) > 1):
+        if isinstance(each, Curves | Scatter) and (stacked or k == 0 or _measures(query) > 1):
             y = NAMES["time"] if isinstance(each, Curves) and each.y == "time" else error
         if isinstance(each, Curves) and len(units) > 1 and title:
             unit = next(row.unit for row in rows if row.unit and re.fullmatch(each.cases, row.case))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.card import Card, Carded
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
@@ -25,8 +26,8 @@ BoolArray = NDArray[np.bool_]
 Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
 
 
-@dataclass(frozen=True)
-class ObjectMotion:
+@dataclass(frozen=True, repr=False)
+class ObjectMotion(Carded):
     """One object over time.
 
     Attributes:
@@ -46,6 +47,11 @@ class ObjectMotion:
     wrench: FloatArray
     law: NDArray[np.int8] | None = None
     residual: FloatArray | None = None
+
+    def _card(self) -> Card:
+        from graspfx.loop.recording.recording_card import motion_card
+
+        return motion_card(self)
 
 
 class History:

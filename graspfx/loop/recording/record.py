@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from graspfx import plugins
+from graspfx.card import Card, Carded
 from graspfx.loop.recording.history import History
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ class Drawing(Protocol):
         """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
 
 
-class Recording(History):
+class Recording(Carded, History):
     """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
 
     Args:
@@ -35,6 +36,11 @@ class Recording(History):
         header: what was known before the run.
         outcome: how it went.
     """
+
+    def _card(self) -> Card:
+        from graspfx.loop.recording.recording_card import recording_card
+
+        return recording_card(self)
 
     def summary(self) -> dict[str, Any]:
         """Summarise the run in SI units; the keys are those of `graspfx.loop.recording.summary.summarise`."""
@@ -64,6 +70,7 @@ class Recording(History):
             energy=list(self.energy.values()),
             growth=losses(self),
             **self._two_forces(),
+            changes=len(self.changes),
         )
 
     def _two_forces(self) -> dict[str, Any]:

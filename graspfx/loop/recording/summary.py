@@ -45,6 +45,7 @@ def summarise(
     internal_force: FloatArray | None = None,
     external_force: FloatArray | None = None,
     internal_moment: float | None = None,
+    changes: int = 0,
 ) -> dict[str, Any]:
     """Summarise a run in SI units; a value is None where this run does not have it.
 
@@ -86,6 +87,7 @@ def summarise(
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
         engine: what ran the ticks, "interpreted" or "compiled", or since when; None if not known.
         faults: how many.
+        changes: how many values of keys were replaced in mid-run; None if none was.
 
     Args:
         period: T [s].
@@ -101,6 +103,7 @@ def summarise(
         true_position: (N, n, d), of simulated fingertips [m].
         fade_shortfall, blended: as in the recording's outcome [m], [samples].
         faults: how many there were.
+        changes: of values of keys in mid-run.
         law, residual: (N,) per object with a coefficient of friction, as recorded.
         energy: per observed object, the columns of its ledger.
         displayed_force: (N, n, d) [N].
@@ -155,6 +158,7 @@ def summarise(
         "ticks_per_second": N / wall_time if timed and wall_time else None,
         "tick_cost": wall_time / N * MICROSECONDS if timed and wall_time else None,
         "faults": faults,
+        "changes": changes or None,
     }
 
 
