@@ -40,6 +40,7 @@ UPWARD = {
     "Batch.to_xarray": "graspfx.show.labelled.batch_dataset",
     "Linearisation.scene": "graspfx.scene.load.to_scene",
     "Recording.beside": "graspfx.certificate.comparison.beside",
+    "Recording.picture": "graspfx.show.drawing.picture",
     "Recording.plot": "graspfx.show.drawing.plot",
     "Recording.to_csv": "graspfx.show.tabular.write_csv",
     "Recording.to_frame": "graspfx.show.tabular.recording_frame",

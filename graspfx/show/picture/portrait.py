@@ -134,10 +134,10 @@ def _in_space(
     painter = Painter(camera, now.extent)
     for thing, colour in zip(now.things, _thing_colours(now), strict=True):
         painter.add(thing.surface, colour, outline=EDGE, both_sides=thing.endless)
-    behind = painter.hidden(outward(now))
     for i, colour in enumerate(finger_colours(now)):
         at = ball(radius(now, i))
         painter.add(Surface(at.vertices + now.tips[i], at.faces), colour, outline=EDGE, hides=False)
+    behind = painter.hidden(outward(now))
     painter.draw(axes)
     low, high = painter.bounds()
     for path, colour in _paths(now):
