@@ -13,6 +13,7 @@ PYTEST := env -u PYTHONDONTWRITEBYTECODE $(INTERPRETER) -m pytest
 TOGETHER := $(PYTEST) --numprocesses $(WORKERS) --dist worksteal --benchmark-disable
 UNASKED := alone or large or stress or faults
 RUN_READY := $(VENV)/.ready-to-run
+WAVE := $(BIN)/graspfx run paper-waving --overwrite
 WORK_READY := $(VENV)/.ready-to-work
 
 .DEFAULT_GOAL := help
@@ -21,12 +22,25 @@ WORK_READY := $(VENV)/.ready-to-work
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
 
-demo: $(RUN_READY) ## wave a cube with conventional and with separate gains, side by side
-	@$(BIN)/graspfx run paper-waving --set coupling.internal.stiffness=30.0 --out $(OUT)/conventional --overwrite
-	@$(BIN)/graspfx run paper-waving --out $(OUT)/proposed --overwrite
-	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --out $(OUT) --overwrite
+demo: $(RUN_READY) ## wave a cube with one stiffness and with two: sinks in, shakes, neither; and the paper's own pair
+	@echo "Waving a cube, ten seconds each. In a hand of little damping (--preset light-hand):"
+	@echo "  sinks-in      one stiffness, 30 N/m: calm, and the fingers sink in"
+	@echo "  shakes        one stiffness, 70 N/m: less deep, and the push grows into a shake"
+	@echo "  neither       30 N/m for the push, 70 N/m for the squeeze: less deep, and calm"
+	@$(WAVE) --preset light-hand --set coupling.internal.stiffness=30 --no-figure --out $(OUT)/light-hand/sinks-in >/dev/null
+	@$(WAVE) --preset light-hand --set coupling.external.stiffness=70 --no-figure --out $(OUT)/light-hand/shakes >/dev/null
+	@$(WAVE) --preset light-hand --no-figure --out $(OUT)/light-hand/neither >/dev/null
+	@$(BIN)/graspfx plot $(addprefix $(OUT)/light-hand/,sinks-in shakes neither) --brief --out $(OUT)/light-hand --overwrite
+	@echo
+	@echo "In a hand as of the paper's Figs. 12 and 13:"
+	@echo "  conventional  one stiffness, 30 N/m"
+	@echo "  proposed      30 N/m for the push, 70 N/m for the squeeze"
+	@$(WAVE) --set coupling.internal.stiffness=30.0 --out $(OUT)/conventional >/dev/null
+	@$(WAVE) --out $(OUT)/proposed >/dev/null
+	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --brief --out $(OUT) --overwrite
 
-pictures: $(RUN_READY) ## draw every scene of the shelf anew, as docs/scenes.md says how
+pictures: demo ## draw the README's figure from the demo, and every scene of the shelf as docs/scenes.md says how
+	@cp $(OUT)/light-hand/comparison.png docs/pictures/demo.png
 	@$(INTERPRETER) -c 'from graspfx import plugins; print(*(n for n, o in plugins.names("scenes").items() if o.startswith("GraspFX")))' \
 		| xargs -n 1 | while read -r name; do \
 			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \

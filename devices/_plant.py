@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,10 +175,6 @@ class HeldPlant(ABC):
     def fault_text(self, code: int) -> str:
         """Why the kernel gave this number."""
         return "efforts or the hand's targets are not finite numbers: a simulated plant does not move"
-
-    def adopt(self, other: Self) -> None:
-        """Take over the mechanics of another plant of the same structure; `hold` comes next."""
-        raise InputError("plant", type(self).__name__, "one whose mechanics may change in mid-run")
 
     @property
     @abstractmethod

@@ -113,7 +113,7 @@ def abbreviate(value: object, limit: int = 60) -> str:
     if shape:
         return f"an array of shape {tuple(shape)}"
     try:
-        text = repr(value)
+        text = " ".join(repr(value).split())
     except Exception:  # noqa: BLE001 - others' code may raise anything, and Python does not write 5000 digits
         text = f"a value of type {type(value).__name__}"
     return text if len(text) <= limit else text[: limit - 3] + "..."

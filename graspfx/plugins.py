@@ -39,6 +39,9 @@ UPWARD = {
     "Batch.to_frame": "graspfx.show.tabular.batch_frame",
     "Batch.to_xarray": "graspfx.show.labelled.batch_dataset",
     "Linearisation.scene": "graspfx.scene.load.to_scene",
+    "Linearisation.to_control": "graspfx.show.control_system.to_control",
+    "Loci.bode": "graspfx.show.loop_figures.bode",
+    "Loci.nyquist": "graspfx.show.loop_figures.nyquist",
     "Recording.beside": "graspfx.certificate.comparison.beside",
     "Recording.picture": "graspfx.show.drawing.picture",
     "Recording.plot": "graspfx.show.drawing.plot",
@@ -48,6 +51,7 @@ UPWARD = {
     "Scene.faults": "graspfx.build.checks.faults.find_faults",
     "Scene.linearise": "graspfx.certificate.linearise.linearise",
     "Scene.reach_faults": "graspfx.build.resolve.reach_faults",
+    "ZWidth.plot": "graspfx.show.loop_figures.z_width",
 }
 
 

@@ -91,9 +91,13 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
         mass: (n,) [kg].
         damping: (n,) [N s/m].
         dimensions: d.
+
+    Attributes:
+        live: whether mechanics and hand may change in mid-run; to be set before a tick is written.
     """
 
     kernel = staticmethod(advance)
+    live = False
 
     def __init__(self, mass: Sequence[float], damping: Sequence[float], dimensions: int) -> None:
         super().__init__(PointPlantState, len(mass), dimensions)
@@ -103,10 +107,15 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     @property
     def structure(self) -> Index:
-        """Counts, whether targets stand still, and the groups of coupled fingers: how many, their table and members."""
+        """Counts, whether targets stand still, and the groups of coupled fingers: how many, their table and members.
+
+        Counts alone of a plant that is `live`: the others go with the hand's gains.
+        """
         block = self._block
-        names = "fingers", "dimensions", "still", "group_count"
+        names = ("fingers", "dimensions") + (() if self.live else ("still", "group_count"))
         counts = [layout(PointPlantState)[name].place(block) for name in names]
+        if self.live:
+            return np.array(counts)
         groups = np.arange(block.groups.offset, block.groups[block.group_count].offset)
         members = block.members.offset + np.arange(self.position.size)
         return np.concatenate([counts, groups, members])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import lag_of_object, number, numbers, one_of, samples
 from graspfx.analysis.discrete import INTEGRATORS
+from graspfx.card import Card, Carded, listed, span
 from graspfx.errors import InputError
 from graspfx.numeric import SMALLEST
+
+if TYPE_CHECKING:
+    import control
 
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Linearisation:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Linearisation(Carded):
     """Small motions of m device coordinates x and r object coordinates q about a grasp at rest.
 
         m_i x'' + b_i x' + (K_h x + B_h x')_i = -(f + N_x (x, q))_i          devices, in continuous time
@@ -135,10 +139,42 @@ class Linearisation:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    def _card(self) -> Card:
+        m, r = self.coordinates
+        extras = (("preload", self.preload), ("ground", self.ground))
+        late = f"{listed(dict.fromkeys(self.delay.tolist()))} samples, of the object's force {self.object_delay}"
+        rows = [
+            ("motions", f"{m} device coordinates and {r} of the object, sampled every {1e3 * self.period:g} ms"),
+            ("devices", f"{span(self.mass, 'kg')}, {span(self.friction, 'N s/m')}"),
+            ("object", f"{span(np.linalg.eigvalsh(self.inertia), 'kg or kg m^2')}, integrator {self.integrator}"),
+            ("coupling", f"{_range(self.stiffness, 'N/m')}; {_range(self.damping, 'N s/m')}"),
+            ("hands", f"{_range(self.hand_stiffness, 'N/m')}; {_range(self.hand_damping, 'N s/m')}"),
+            ("delay", late if self.delay.any() or self.object_delay else "none"),
+            ("with", listed(name for name, part in extras if part is not None)),
+        ]
+        calls = "gx.stability.spectral_radius(linear), gx.stability.loci(linear), .to_control(), .with_changes(stiffness=...)"
+        return Card("Linearisation of a grasp at rest", rows, calls)
+
     @property
     def coordinates(self) -> tuple[int, int]:
         """(m, r)."""
         return self.G.shape[1], self.G.shape[0]
+
+    def to_control(self, loop: str = "closed") -> control.StateSpace:
+        """Convert to a system of python-control with dt = T.
+
+        Args:
+            loop: "closed": from a force of the operator on each device coordinate, `hand[i]` [N], held over the sample,
+                to devices `x[i]` [m], object `q[j]` [m, rad] and coupling forces on the object `f[i]` [N]. Or "open",
+                the return ratio: from the coupling's forces `u[i]` as they meet devices and object, to minus the forces
+                with which it answers, so that `control.feedback(system, I)` has the closed loop's eigenvalues and a
+                margin of the ratio is one of the coupling.
+
+        Raises:
+            MissingPackageError: no python-control, which `pip install 'graspfx[control]'` brings.
+            UnknownNameError: another loop.
+        """
+        return plugins.upward("Linearisation.to_control")(self, loop)
 
     def with_changes(self, **changes: Any) -> Linearisation:
         """Copy the linearisation with some arguments changed."""
@@ -168,6 +204,11 @@ def linear_of(subject: Subject) -> Linearisation:
     if not isinstance(scene, Linearisable):
         raise InputError("linear", subject, "a Linearisation, a scene, or the name or path of one")
     return scene.linearise()
+
+
+def _range(matrix: FloatArray, unit: str) -> str:
+    """Write the range of a matrix's eigenvalues, of its symmetric part."""
+    return span(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)), unit)
 
 
 def _ground(parts: tuple[ArrayLike, ArrayLike], r: int, integrator: str) -> tuple[FloatArray, FloatArray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -15,10 +16,12 @@ from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
 from graspfx.batch.many import Ended, Job
+from graspfx.batch.measured_columns import columns_of, divider, split_of
 from graspfx.batch.statistics import STATISTICS, statistic
 from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
+from graspfx.card import Card, Carded, counted, listed
 from graspfx.coupling import block as at
 from graspfx.environment import processors
 from graspfx.errors import InputError, UnknownNameError
@@ -39,16 +42,10 @@ IndexArray = NDArray[np.intp]
 KEEP = ("measures", "recordings", "summary")
 MOST_TICKS = 2**53  # the numbers of more of them are not all floats
 MEASURED = ("finger_position", "object_position", "finger_force")
-OF_OBJECT = {  # of the first object, named as a `Recording` does
-    "object_position": "position",
-    "object_velocity": "velocity",
-    "object_orientation": "orientation",
-    "wrench": "wrench",
-}
 
 
-@dataclass(frozen=True)
-class Batch:
+@dataclass(frozen=True, repr=False)
+class Batch(Carded):
     """The outcome of many runs. Every array begins with the grid's axes: one for each key, or one for all with `zip`.
 
     Attributes:
@@ -74,6 +71,27 @@ class Batch:
     run_time: float = 0.0
     scene: str = ""
     layout: Layout | None = None
+
+    def _card(self) -> Card:
+        together = len(self.values) > len(self.shape)
+        grid = f" ({' x '.join(map(str, self.shape))})" if len(self.shape) > 1 else ""
+        faults = int((self.fault_tick >= 0).sum())
+        results = {"recordings": self.recordings, "summaries": self.summaries}
+        rows = [
+            *(
+                (key, listed(dict.fromkeys(f"{each}" for each in values.ravel())))
+                for key, values in self.values.items()
+            ),
+            *((name, listed(by_name, len(by_name))) for name, by_name in self.measures.items()),
+            ("kept", listed(name for name, values in results.items() if values is not None)),
+            ("faults", f"in {counted(faults, 'variant')}" if faults else "none"),
+            ("time", f"{self.build_time:.3g} s to build, {self.run_time:.3g} s to run"),
+            ("notes", "\n".join(self.notes)),
+        ]
+        calls = "[quantity][statistic], .growth(quantity), .fault_tick, .to_xarray(), .to_frame(), .to_dict()"
+        zipped = ", their values taken together" if together else ""
+        title = f"Batch of {self.scene or 'a scene'}: {counted(len(self), 'variant')}{grid}{zipped}"
+        return Card(title, rows, calls)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -113,7 +131,7 @@ class Batch:
         """
         if self.layout is None:
             raise UnknownNameError("measure", quantity, ())
-        return self.layout.columns[_column(self.layout, quantity)]
+        return columns_of(self.layout, [quantity])[0][quantity]
 
     def to_xarray(self) -> xarray.Dataset:
         """Convert to an xarray Dataset: a dimension per key, or `variant` for all with `zip`, then those of a quantity.
@@ -184,8 +202,9 @@ def run_batch(
         zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
         keep: "measures", of the quantities in `measure`; "recordings", whole ones, a `Recording` of each; or
             "summary", `Recording.summary()` of each, which costs a millisecond apiece.
-        measure: quantities: columns of a recording's layout, or `object_position`, `object_velocity`,
-            `object_orientation` and `wrench` of the first object.
+        measure: quantities: columns of a recording's layout, `internal_force` and `external_force` (with these
+            variants run one by one), or `object_position`, `object_velocity`, `object_orientation` and `wrench` of the
+            first object.
         statistics: of each number of these: first, last, mean, rms, min, max, peak (the largest magnitude) and growth
             (the peak of the second half of the run over that of the first).
         threads: as many as there are processors if not given; the result is the same.
@@ -250,9 +269,10 @@ class Runs:
         measures: dict[str, dict[str, FloatArray]] = {}
         for group in groups:
             layout = group.program.servo.layout
-            columns = {quantity: layout.columns[_column(layout, quantity)] for quantity in measure}
-            where = [k for column in columns.values() for k in range(layout.width)[column.where]]
+            columns, divided = columns_of(layout, measure)
+            where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
             job = self._job(group, where, statistics)
+            job.more = partial(divider, group, divided) if divided else None
             raw, faults = job.measured(self.threads)
             self.run_time += job.spent
             self.faults[group.members] = faults
@@ -281,7 +301,8 @@ class Runs:
                 outcome = _outcome(group, ended)
                 if job.look is not None:
                     job.look(ended.arena)
-                results[member] = make(Recording(ended.rows, layout, self._header(header, group, member), outcome))
+                own = replace(self._header(header, group, member), split=split_of(group, ended.arena))
+                results[member] = make(Recording(ended.rows, layout, own, outcome))
             self.run_time += job.spent
         return results
 
@@ -319,13 +340,6 @@ def _outcome(group: Group, ended: Ended) -> Outcome:
         return Outcome(engine="compiled", **coupling)
     program.fill(ended.arena_copy)  # the figures in a fault's words are those in its parts' buffers
     return Outcome((RunFault(ended.fault, servo.why(tick.own)),), engine="compiled", **coupling)
-
-
-def _column(layout: Layout, quantity: str) -> str:
-    name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
-    if name not in layout.columns:
-        raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT])
-    return name
 
 
 def _names(argument: str, names: Sequence[str]) -> Sequence[str]:

@@ -37,6 +37,9 @@ LARGEST = 1000  # operations of a tick as a straight line: longer ones are rarel
 LONG = 10_000_000  # and for which a program is worth the time that the best code takes to be made
 
 
+More = Callable[[FloatArray], FloatArray]
+
+
 class Beginnings(Protocol):
     """The buffers of variants at the beginning."""
 
@@ -77,6 +80,8 @@ class Job:
         ticks: N.
         varying: entries of the arena that are not the same in all variants.
         look: at the arena of every variant when its run is over; then they run one by one.
+        more: makes for a variant's arena what computes further numbers of rows (r, width), whose places are behind
+            those of a row; then they run one by one, too.
     """
 
     tick: Tick
@@ -89,6 +94,7 @@ class Job:
     ticks: int
     varying: Index
     look: Callable[[FloatArray], None] | None = None
+    more: Callable[[FloatArray], More] | None = None
     side_by_side: int = 0  # variants that ran side by side
     spent: float = 0.0  # on runs [s]
 
@@ -124,7 +130,7 @@ class Job:
     def _lanes(self) -> tuple[LanesText, Native] | None:
         """Write the program for lanes, if there is one and it is worth it."""
         work = self.variants * self.ticks
-        if work < LOOK or self.look is not None or self.ticks > LARGEST_TICK:
+        if work < LOOK or self.look is not None or self.more is not None or self.ticks > LARGEST_TICK:
             return None
         source = self.source
         varying = set(self.varying.tolist())
@@ -215,19 +221,25 @@ class _Single:
         begin = job.begin.arenas(members)
         columns = np.array(job.columns, dtype=float)
         sums = empty(len(columns))
-        buffers = {"rows": rows.reshape(-1), "columns": columns, "found": sums.reshape(-1)}
+        wide = rows if job.more is None else np.zeros((len(rows), max(job.width, *job.columns) + 1))
+        buffers = {"rows": wide.reshape(-1), "columns": columns, "found": sums.reshape(-1)}
         taking = self.taking.bind(*(buffers[name] for name in self.taking.arrays)).long
         half = job.ticks // 2
         for variant, arrays in zip(members.tolist(), begin, strict=True):
             arena[:] = arrays
             sums[...] = empty(len(columns))
+            more = None if job.more is None else job.more(arena)
             k = 0
             for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
                 while k < end:
                     count = run(k, min(len(rows), end - k), 0)
+                    if more is not None:
+                        extra = more(rows[:count])
+                        wide[:count, : job.width] = rows[:count]
+                        wide[:count, job.width : job.width + extra.shape[1]] = extra
                     if k == 0:
-                        sums[:, FIRST] = rows[0, list(job.columns)]
-                    taking(count, job.width, len(columns), low)
+                        sums[:, FIRST] = wide[0, list(job.columns)]
+                    taking(count, wide.shape[1], len(columns), low)
                     k += count
             measures[variant] = sums
             faults[variant] = self._fault(arena)

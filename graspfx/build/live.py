@@ -31,7 +31,7 @@ LISTS = ("object", "finger", "device", "hand", "obstacle")
 
 REASONS = {
     ("period", "duration"): "time is counted in periods, and a session runs as long as it is stepped",
-    ("dimensions", "engine", "title"): "it belongs to the whole run",
+    ("dimensions", "engine", "title", "preset"): "it belongs to the whole run",
     ("object.*.position", "object.*.orientation", "object.*.velocity", "object.*.angular_velocity", "finger.*.start"): (
         "it says where the run starts; what moves goes on from where it is"
     ),

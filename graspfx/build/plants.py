@@ -13,6 +13,7 @@ from graspfx.errors import DeviceError
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.hand import join
 from graspfx.loop.parts import PlantWiring
+from graspfx.loop.update import SteerablePlant
 
 if TYPE_CHECKING:
     from graspfx.build.hand_parts import HandPart
@@ -38,6 +39,7 @@ def make_plants(
     """
     scene, start = parts.scene, parts.start
     squeezes = any(key.endswith(".squeeze") for key in live)
+    changes = any(key.startswith(("hand.", "device.")) or ".hand." in key or ".device." in key for key in live)
     for members in _components(wired, parts.hands):
         simulated = [wired[i] for i in members]
         fingers = np.concatenate([wire.fingers for wire in simulated])
@@ -50,6 +52,8 @@ def make_plants(
         first = devices[0]
         assert isinstance(first, SimulatedDevice)
         plant = type(first).plant(devices)
+        if changes and isinstance(plant, SteerablePlant):
+            plant.live = True
         try:
             plant.place(start[fingers])
         except DeviceError as error:

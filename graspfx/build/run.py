@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import sys
@@ -80,7 +81,8 @@ def run(
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
     parts = resolve(scene_)
     warn_of_axes(parts)
-    size = 8 * make_layout(parts).width  # bytes of a tick
+    layout = make_layout(parts)
+    size = 8 * layout.width  # bytes of a tick
     ticks = _ticks(scene_, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
@@ -92,7 +94,9 @@ def run(
 
             file = make_folder(out) / NAME
             free = shutil.disk_usage(file.parent).free
-            _require_room(ticks, 2 * size, f"the disk of {file.parent}", free)  # the part, and the recording from it
+            derived = 8 * sum(math.prod(column.shape) for column in layout.forces)
+            both = 2 * size + derived  # the part, and the recording from it
+            _require_room(ticks, both, f"the disk of {file.parent}", free)
             sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite))
         with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
             began = perf_counter()

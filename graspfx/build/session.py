@@ -17,12 +17,12 @@ from graspfx import plugins
 from graspfx.build.build import build
 from graspfx.build.live import numbered, value_of
 from graspfx.build.resolve import resolve
-from graspfx.build.run import header_of, require_memory, warn_of_axes
+from graspfx.build.run import header_of, require_memory, split_rules, warn_of_axes
 from graspfx.build.steering import Steering
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
-from graspfx.loop.recording.header import RunFault
+from graspfx.loop.recording.header import SPLIT, RunFault
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
@@ -119,11 +119,12 @@ class Session:
         with ExitStack() as stack:
             self.servo = stack.enter_context(build(scene, live=keys))
             self._steering = Steering(self.servo, scene, keys)
-            header, sinks = header_of(parts), list[Sink]()
+            header, sinks = header_of(parts, self.servo.objects), list[Sink]()
             if out is not None:
                 from graspfx.loop.recording.sink import FileSink
 
                 sinks.append(FileSink(make_folder(out) / NAME, self.servo.layout, header, overwrite=overwrite))
+            self._split = header.split
             self._recorder = stack.enter_context(Recorder(self.servo.layout, header, sinks))
             self._stack = stack.pop_all()
 
@@ -301,10 +302,18 @@ class Session:
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
             return
-        for each in changes:
-            self._steering.require_live(numbered(self.scene, each))
+        for each, new in changes.items():
+            self._steering.require_live(numbered(self.scene, each), new)
         if self._finished is not None:
             raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
         scene = self.scene.replace(changes)
         self.servo.write(self._steering.update(scene, changes), self._recorder)
+        self._note_split()
         self.scene = scene
+
+    def _note_split(self) -> None:
+        """Note how forces divide from the coming tick on, where that follows from what was changed."""
+        split = split_rules(self.servo.objects)
+        if split != self._split:
+            self._recorder.change(self.tick, {SPLIT: split})
+            self._split = split

@@ -68,8 +68,6 @@ class Steering:
             return "the ledger of coupling.passivity books each sample with the numbers that it began with"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
             return "other software moves an object, and has its own copy of the number"
-        if plain in INERTIA and any(getattr(mover.body, "buffer", None) is not None for mover in servo.movers):
-            return "the contact of an object with the planes that it meets is made for its mass"
         if plain in DEVICE and coupling.metric == "mass":
             return "coupling.metric = 'mass' counts fingers by it"
         if plain in DEVICE and not (
@@ -101,6 +99,11 @@ class Steering:
                 _require_structure(own.grasped, new.grasped, values)
                 entries += self._entries(own.grasped, new.grasped, keys)
                 parts.append((own.grasped, new.grasped))
+            if any(key in INERTIA for key in keys):
+                bodies = [
+                    (mover.body, fresh.body) for mover, fresh in zip(self.servo.movers, other.movers, strict=True)
+                ]
+                parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # what meets planes
             moves = any(key in DEVICE or is_of_a_hand(key) for key in keys)
             plants = list(enumerate(zip(self.servo.plants, other.plants, strict=True))) if moves else []
             for _, (wiring, anew) in plants:
@@ -119,7 +122,7 @@ class Steering:
         yield own.block, places, new.block[places]
         yield from _caches(own, new, keys)
 
-    def require_live(self, key: str) -> None:
+    def require_live(self, key: str, value: Any) -> None:
         """Require that a key, with numbers for names, is live.
 
         Raises:
@@ -127,13 +130,19 @@ class Steering:
         """
         if not any(covers(each, key) for each in self.keys):
             live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
-            raise InputError(key, "a value", "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
+            raise InputError(key, value, "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
 
 
 def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:
     """Require a block of the same layout and the same switches, but for those that are not folded in."""
     key, value = next(iter(values.items()))
     keys = key if len(values) == 1 else ", ".join(values)
+    slips, stays = (each.array(FingerState.coefficient) > 0.0 for each in (new, own))
+    if not np.array_equal(slips, stays):
+        raise InputError(
+            keys, value, "a coefficient of friction above zero where there was one, and none where there was none",
+            "a contact with friction has a memory that one without has not; begin with such a value",
+        )  # fmt: skip
     if new.block.size != own.block.size:
         raise InputError(
             keys, value, "a value of the form that it had at the start",

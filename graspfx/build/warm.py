@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import Any
 
 from graspfx.build.build import build
+from graspfx.coupling import two_forces
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError
 from graspfx.loop.tick.engine import Compiled
@@ -42,6 +43,7 @@ def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> 
     """Compile a scene's program unless it is in the cache; devices that are no simulations are not opened."""
     began = perf_counter()
     try:
+        two_forces.warm()
         with build(load(name, overrides, preset=preset), hardware=False) as servo:
             programs = Compiled(servo.script).programs.values()
     except GraspFXError as error:

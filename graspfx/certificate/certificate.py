@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from graspfx.analysis.passivity.grasp_leak import CouplingLimits
+from graspfx.card import Card, Carded
 from graspfx.certificate.plain_data import plain
 
 STANDING = "standing on"
+MOST = 12  # limits on a card
 
 
 @dataclass(frozen=True)
@@ -37,9 +39,19 @@ class Limit:
     exact: bool
     difference: float = math.nan
 
+    @property
+    def text(self) -> str:
+        """Gain, limit, margin, and the frequency at which stability is lost, in words."""
+        gain = "gains as they are" if math.isnan(self.gain) else f"{self.gain:.4g} N/m"
+        if math.isinf(self.margin):
+            return f"{gain}: no limit"
+        limit = "" if math.isnan(self.limit) else f"limit {self.limit:.4g}, "
+        lost = "" if math.isnan(self.frequency) else f", lost at {self.frequency:.3g} Hz"
+        return f"{gain}: {limit}margin {self.margin:.2f}{lost}"
 
-@dataclass(frozen=True, eq=False)
-class Certificate:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Carded):
     """The certificate of one object of a scene.
 
     Attributes:
@@ -67,6 +79,19 @@ class Certificate:
     edge: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fade: tuple[float, float] | None = None
+
+    def _card(self) -> Card:
+        stable = "stable" if self.stable else "NOT STABLE"
+        limits = [f"{row.mode} {row.text}" for row in self.limits]
+        more = [f"and {len(limits) - MOST} more in .limits"] if len(limits) > MOST else []
+        rows = [
+            ("at", self.at if self.at != "provisional" else "provisional: one step from the start; no rest was sought"),
+            ("limits", "\n".join([*limits[:MOST], *more])),
+            ("granted", "; ".join(self.assumed)),
+            ("notes", "\n".join(self.notes)),
+        ]
+        title = f"Certificate of {self.object}: {stable}, spectral radius {self.spectral_radius:.6f}"
+        return Card(title, rows, ".limits, .passive, .grip, .to_dict()")
 
     @property
     def stable(self) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, overload
 
+from graspfx.card import Card, Carded
 from graspfx.certificate.certificate import Certificate
 from graspfx.certificate.certificate_lines import lines
 from graspfx.certificate.certificates import certificates
@@ -17,8 +18,8 @@ from graspfx.scene.load import to_scene
 from graspfx.scene.model import Scene
 
 
-@dataclass(frozen=True, eq=False)
-class Certificates(Sequence[Certificate]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificates(Carded, Sequence[Certificate]):
     """The certificates of a scene, one for every object that fingers touch, in the order of the scene's objects.
 
     Attributes:
@@ -60,11 +61,11 @@ class Certificates(Sequence[Certificate]):
     def __iter__(self) -> Iterator[Certificate]:
         return iter(self.each)
 
-    def __repr__(self) -> str:
-        first = (
-            f"{self.scene}: {'provisional, ' if self.provisional else ''}{'stable' if self.stable else 'NOT STABLE'}"
-        )
-        return "\n".join([first, *(line for certificate in self.each for line in lines(certificate))])
+    def _card(self) -> Card:
+        stable = "stable" if self.stable else "NOT STABLE"
+        rows = [(certificate.object, "\n".join(lines(certificate))) for certificate in self.each]
+        calls = "[index], .stable, .to_dict()"
+        return Card(f"{self.scene}: {'provisional, ' if self.provisional else ''}{stable}", rows, calls)
 
 
 def certify(

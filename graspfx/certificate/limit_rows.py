@@ -29,12 +29,7 @@ def limit_lines(limits: Sequence[Limit]) -> Iterator[str]:
 
 def figures(row: Limit) -> str:
     """Write a mode's gain, limit, margin and the frequency at which it is lost."""
-    gain = "gains as they are" if math.isnan(row.gain) else f"{row.gain:.4g} N/m"
-    if math.isinf(row.margin):
-        return f"{gain}: no limit"
-    limit = "" if math.isnan(row.limit) else f"limit {row.limit:.4g}, "
-    lost = "" if math.isnan(row.frequency) else f", lost at {row.frequency:.3g} Hz"
-    return f"{gain}: {limit}margin {row.margin:.2f}{lost}"
+    return row.text
 
 
 def _worth_saying(limits: Sequence[Limit]) -> Iterator[Limit]:

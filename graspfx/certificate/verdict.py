@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+from graspfx.card import Card, Carded, listed
 from graspfx.certificate.limit_rows import PUSHING, figures
 from graspfx.errors import Fault, GraspFXError, SceneError
 
@@ -16,11 +17,12 @@ if TYPE_CHECKING:
     from graspfx.certificate.plan import PlanRow
     from graspfx.scene.model import Scene
 
+MOST_STEPS, MOST_FAULTS = 12, 8  # on a card
 STABLE, NOT_STABLE, NOT_JUDGED = "stable", "NOT STABLE", "not judged"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Report:
+class Report(Carded):
     """The answer of a check.
 
     Attributes:
@@ -92,8 +94,21 @@ class Report:
         for row in self.plan:
             yield f"{'runs' if row.runs else 'skipped':<9}{row.step:<24}{row.why}"
 
-    def __repr__(self) -> str:
-        return f"<check of {self.scene}>\n" + "\n".join(self.lines())
+    def _card(self) -> Card:
+        from graspfx.certificate.certificate_lines import lines
+
+        runs = listed((row.step for row in self.plan if row.runs), MOST_STEPS)
+        skipped = listed((row.step for row in self.plan if not row.runs), MOST_STEPS)
+        rows = [
+            ("check of", self.scene),
+            ("faults", "\n".join(fault.text(self.scene) for fault in self.faults[:MOST_FAULTS])),
+            *((each.object, "\n".join(lines(each))) for each in self.certificates),
+            ("notes", "\n".join(self.notes)),
+            ("runs", runs),
+            ("skipped", skipped),
+        ]
+        calls = ".ok, .verdict, .certificates, .notes, .plan, .to_dict(); print(*report.lines(), sep='\\n') shows all"
+        return Card(self.verdict, rows, calls)
 
 
 def check(scene: Scene | str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Report:

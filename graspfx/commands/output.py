@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import PART, is_part, part_of
@@ -56,12 +56,13 @@ def print_json(value: object) -> None:
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
-def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", *, width: str = "screen") -> None:
+def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
+    """Draw recordings as `graspfx.show.plot.figure` does with these options."""
     from graspfx.show.plot import figure
 
     require_place(picture)
     with placing(picture, otherwise) as file:
-        figure(recordings, file, width=width)
+        figure(recordings, file, **options)
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:

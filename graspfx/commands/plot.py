@@ -15,6 +15,7 @@ EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf
 
 def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or more, or their folders")
+    parser.add_argument("--brief", action="store_true", help="depth, squeeze and push alone, in figure and table")
     add_style(parser)
     add_destination(parser, "DIR", "folder of the picture (that of the first recording)")
 
@@ -22,7 +23,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     from graspfx.loop.recording.places import make_folder, recording_file
     from graspfx.loop.recording.record import Recording
-    from graspfx.show.summary_table import print_summary
+    from graspfx.show.summary_table import BRIEF, ROWS, print_summary
 
     paths = [recording_file(path) for path in options.recordings]
     folder: Path = options.out or paths[0].parent
@@ -32,8 +33,9 @@ def execute(options: Namespace) -> int:
     for request, path, recording in zip(options.recordings, paths, recordings, strict=True):
         say_source(request, path, recording)
     make_folder(folder)
-    draw(recordings, picture, width=options.width)
-    print_summary(recordings, _labels(paths))
+    labels = _labels(paths)
+    draw(recordings, picture, brief=options.brief, width=options.width, labels=labels if len(paths) > 1 else None)
+    print_summary(recordings, labels, BRIEF if options.brief else ROWS)
     name_files([picture])
     return SUCCESS
 

@@ -237,7 +237,7 @@ class GraspedObject:
 
     def contradiction(self) -> str:
         """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""
-        return contradiction(self._grasp)
+        return contradiction(self._grasp.buffer)
 
     def check_activity(self) -> None:
         """Warn of matrices for gains whose largest skew part so far can create energy: once, and if it grows tenfold.

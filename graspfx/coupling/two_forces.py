@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -14,13 +16,18 @@ from numpy.typing import NDArray
 from graspfx.compile.records import Floats, Many, size_for
 from graspfx.coupling.division import SAMPLE, ContactSample, DividedContact, Division, divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.errors import GraspFXError
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 
 FloatArray = NDArray[np.float64]
 
 ROWS = 2048  # divided at once: what they take in memory stays small
-FEW = 5000  # rows x fingers x (1 + rotations) that Python divides sooner than LLVM is loaded
+FEW, MORE = 500, 5000  # rows x fingers x (1 + rotations), some ten microseconds each where Python divides them
+PROGRAM = """
+def run(rows, dual):
+    divide_rows(division, 0, samples, 0, rows, dual)
+"""
 
 
 @dataclass(frozen=True)
@@ -205,10 +212,18 @@ def moment_of(rule: SplitRule, torsion: FloatArray, axis: FloatArray) -> FloatAr
     return np.asarray((np.array(rule.patches) * torsion)[..., None] * axis)
 
 
+def warm() -> None:
+    """Compile the program that divides rows, where there is LLVM, unless it is in the cache."""
+    if find_spec("llvmlite") is not None:
+        _compiled()
+
+
 def _runner(work: int) -> Any:
-    """Choose who divides: by the work there is, never by a clock."""
-    if work > FEW and find_spec("llvmlite") is not None:
-        return _compiled()
+    """Choose who divides, by the work there is and by whether LLVM would have to be loaded first; never by a clock."""
+    least = FEW if "llvmlite" in sys.modules else MORE
+    if work > least and find_spec("llvmlite") is not None:
+        with suppress(GraspFXError):  # an LLVM that does not load: Python gives the same bits
+            return _compiled()
     return _interpreted
 
 
@@ -218,11 +233,14 @@ def _interpreted(block: FloatArray, rows: FloatArray, count: int, dual: bool) ->
 
 @cache
 def _compiled() -> Any:
-    from graspfx.compile.machine import compiled
+    """Compile the program, which is one for all grasps, or take it from the cache."""
+    from graspfx.compile.native import compiled
+    from graspfx.compile.program import program_source
 
-    machine = compiled(divide_rows)
+    native = compiled(program_source(PROGRAM, {"divide_rows": divide_rows}, ["division", "samples"], {}))
 
     def run(block: FloatArray, rows: FloatArray, count: int, dual: bool) -> None:
-        machine.unlocked(block, 0, rows, 0, count, dual)
+        buffers = {"division": block, "samples": rows}
+        native.bind(*(buffers[name] for name in native.arrays)).long(count, int(dual))
 
     return run

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from graspfx.card import Card, Carded, counted, listed
 from graspfx.grasp.matrix import GraspMatrix
 from graspfx.grasp.split import Split
 
@@ -16,8 +18,10 @@ if TYPE_CHECKING:
     from graspfx.grasp.quality.measures import Measures
     from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
+MOST = 6  # points on a card
 
-class Grasp(GraspMatrix):
+
+class Grasp(Carded, GraspMatrix):
     """Contacts on an object: f_v = G f, G (w, m), column j = [a_j; (c_i - o) x a_j] for a force, [0; a_j] for a moment.
 
     w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z), 6 in space (force, then moment), less the locked freedoms.
@@ -41,6 +45,22 @@ class Grasp(GraspMatrix):
     Raises:
         InputError: as `grasp.contact.contacts`, or an origin or mask that does not fit.
     """
+
+    def _card(self) -> Card:
+        models = dict.fromkeys(self.contacts.models)
+        names = [f"{self.contacts.models.count(each)} {each}" for each in models]
+        w, m = self.matrix.shape
+        rows = [
+            ("contacts", f"{self.fingers} in {counted(self.dimensions, 'dimension')}: {listed(names)}"),
+            ("G", f"{w} x {m}: wrench components by force components"),
+            ("free", "all freedoms" if self.free.all() else f"{int(self.free.sum())} of {len(self.free)} freedoms"),
+            ("points", f"{np.array2string(self.points[:MOST], precision=4, separator=', ')} m" + self._others()),
+        ]
+        calls = ".matrix, .split(metric), .measures(), .force_closure(), .margin(wrench), .virtual_linkage()"
+        return Card("Grasp", rows, calls)
+
+    def _others(self) -> str:
+        return f"\nand {self.fingers - MOST} more" if self.fingers > MOST else ""
 
     def split(self, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> Split:
         """Split contact forces into external and internal ones (eq. 3); see `Split`."""

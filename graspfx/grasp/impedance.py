@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.card import Card, Carded, span
 from graspfx.errors import InputError, UnknownNameError
 from graspfx.grasp.split import SYMMETRIC, Split
 from graspfx.numeric import finite
@@ -27,8 +28,8 @@ class ActiveCouplingWarning(UserWarning):
     """A coupling that can create energy."""
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Impedance:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Impedance(Carded):
     """A spring and a damper for contact displacements, f = K e + D e'.
 
     A gain is a number; one per finger (n,); a symmetric positive semidefinite matrix (d, d) for every finger, or
@@ -49,9 +50,15 @@ class Impedance:
         object.__setattr__(self, "stiffness", _gain("stiffness", stiffness))
         object.__setattr__(self, "damping", _gain("damping", damping))
 
+    def _card(self) -> Card:
+        return Card(f"Impedance: {self._text()}")
 
-@dataclass(frozen=True, eq=False)
-class Coupling:
+    def _text(self) -> str:
+        return f"{_gain_text(self.stiffness, 'N/m')}, {_gain_text(self.damping, 'N s/m')}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Coupling(Carded):
     """f = P (K_ep e + K_ed e') + (I - P) (K_ip e + K_id e') (Kawai and Yoshikawa, eq. 4), f on the object.
 
     P is the split's projector on forces. With a metric M = L L, L symmetric, numbers enter as k M, and gains per finger
@@ -85,6 +92,10 @@ class Coupling:
         for name in ("external", "internal"):
             if not isinstance(getattr(self, name), Impedance):
                 raise InputError(name, getattr(self, name), "an Impedance", f"{name}=Impedance(stiffness, damping)")
+
+    def _card(self) -> Card:
+        rows = [("external", self.external._text()), ("internal", self.internal._text()), ("form", self.form)]
+        return Card("Coupling, eq. (4)", rows, ".stiffness(split), .damping(split), .force(split, e, de)")
 
     @property
     def equal(self) -> bool:
@@ -317,6 +328,15 @@ def _gain(name: str, argument: ArrayLike) -> Gain:
             )
     value.setflags(write=False)
     return value
+
+
+def _gain_text(gain: Gain, unit: str) -> str:
+    """Write a gain: the number, the range of those per finger, or the size of a matrix and its eigenvalues."""
+    if isinstance(gain, float):
+        return f"{gain:g} {unit}"
+    if gain.ndim == 1:
+        return f"{span(gain, unit)} for {len(gain)} fingers"
+    return f"{' x '.join(map(str, gain.shape))} matrix of {span(np.linalg.eigvalsh(gain).ravel(), unit)}"
 
 
 def _equal(outer: Gain, inner: Gain) -> bool:

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.card import Card, Carded, counted
 from graspfx.compile.kernel import source_function
 from graspfx.compile.machine import compiled
 from graspfx.compile.records import size_for
@@ -23,7 +24,7 @@ FloatArray = NDArray[np.float64]
 ENGINES = ("auto", "compiled", "interpreted")
 
 
-class PointCoupling:
+class PointCoupling(Carded):
     """f = P (k_ep e + k_ed e') + (I - P) (k_ip e + k_id e') (Kawai and Yoshikawa, eq. 4), f on the object.
 
     For n hard fingers on an object that is free to move, with numbers for gains: P d is the rigid motion that fits a
@@ -79,6 +80,7 @@ class PointCoupling:
             _number("internal", internal, "stiffness"),
             _number("internal", internal, "damping"),
         ]
+        self._gains = external._text(), internal._text()
         n, d = fingers, dimensions
         if n < 1:
             raise InputError("fingers", n, "one or more")
@@ -105,6 +107,17 @@ class PointCoupling:
             self.compute = partial(
                 source_function(direct.couple), memoryview(block)
             )  # items of a memoryview are Python floats
+
+    def _card(self) -> Card:
+        n, d = self.points.shape
+        rows = [
+            ("external", self._gains[0]),
+            ("internal", self._gains[1]),
+            ("contacts", f"{n} hard in {counted(d, 'dimension')}; rank {self.rank} at the last call"),
+            ("engine", self.engine),
+        ]
+        calls = "write .points [m], .displacement [m] and .rate [m/s], call .compute(), read .force [N]"
+        return Card("Coupling of point contacts in place, eq. (4)", rows, calls)
 
     @property
     def rank(self) -> int:

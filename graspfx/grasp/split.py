@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.card import Card, Carded, counted, span
 from graspfx.errors import InputError
 from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite, number
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+CALLS = ".divide(f), .external, .internal, .internal_basis, .internal_coordinates(names)"
 SYMMETRIC = 1e-9  # relative: what a matrix may be off and still be taken as symmetric
 
 
@@ -39,7 +41,7 @@ class ContactSet(Protocol):
         """Give a matrix with the row space of G after torsion columns are multiplied by a length, and that length."""
 
 
-class Split:
+class Split(Carded):
     """f = P f + (I - P) f, P = G^+ G; with a metric M, P = M G'(G M G')^+ G (Kawai and Yoshikawa, eq. 3).
 
     P f is external: what moves the object. (I - P) f is internal: its wrench is zero. P acts on forces, its transpose
@@ -98,6 +100,20 @@ class Split:
         # the same in the metric's own coordinates, L x with M = L L, orthonormal
         orthonormal = self._root is None and (self.grasp is None or not self.grasp.torsion_columns.any())
         self._modes = basis if orthonormal else np.linalg.qr(self.stretch(basis.T).T)[0]
+
+    def _card(self) -> Card:
+        kind = "" if self.grasp is None else f" of {counted(self.grasp.fingers, 'contact')}"
+        metric = "equal" if self._root is None else f"given, of {span(self._weights(), '')}".rstrip()
+        rows = [
+            ("components", f"{self.components} of the contact forces{kind}"),
+            ("rank", f"{self.rank}: the external forces' dimensions; {self.components - self.rank} internal"),
+            ("condition", f"{self.condition:.4g}"),
+            ("metric", metric),
+        ]
+        return Card("Split into external and internal forces, eq. (3)", rows, CALLS)
+
+    def _weights(self) -> FloatArray:
+        return np.asarray(self.metric if self.metric.ndim == 1 else np.linalg.eigvalsh(self.metric), dtype=float)
 
     @cached_property
     def external(self) -> FloatArray:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspfx.card import Card, Carded, counted
 from graspfx.compile.records import Floats, Table, numbers
 from graspfx.cones.complement import Contacts, complement, release, settle
 from graspfx.cones.cone import contact_frame
@@ -20,12 +22,14 @@ from graspfx.numeric import SMALLEST, finite
 from graspfx.spatial import Vector
 
 FloatArray = NDArray[np.float64]
+MOST = 8  # fingers on a card
+
 Status = Literal["free", "stick", "slide"]
 Law = Literal["frictionless", "stick", "coulomb", "associated"]
 
 
-@dataclass(frozen=True)
-class Touch:
+@dataclass(frozen=True, repr=False)
+class Touch(Carded):
     """Forces of the fingers on the object, and the state of each contact.
 
     Attributes:
@@ -40,6 +44,18 @@ class Touch:
     status: tuple[Status, ...]
     residual: float
     law: Law
+
+    def _card(self) -> Card:
+        by_finger = self.force.reshape(len(self.status), -1)
+        pairs = zip(by_finger, self.status, strict=True)
+        forces = (f"{np.array2string(f, precision=6)} N, {status}" for f, status in pairs)
+        lines = list(islice(forces, MOST))
+        rest = [f"and {len(self.status) - MOST} more"] if len(self.status) > MOST else []
+        return Card(
+            f"Forces of {counted(len(self.status), 'finger')} that only push, on the object",
+            [("fingers", "\n".join([*lines, *rest])), ("law", self.law), ("residual", f"{self.residual:.3g} N")],
+            ".force (m,) [N], .status, .law, .residual",
+        )
 
 
 def unilateral_force(

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol, Self, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.card import Card, Carded, counted, listed
 from graspfx.errors import InputError
 from graspfx.loop.plant import Kernel, Plant, unaltered
 
@@ -18,9 +19,20 @@ FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 T = TypeVar("T")
 
+UNITS = {
+    "continuous_force": "N",
+    "peak_force": "N",
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "mass": "kg",
+    "friction": "N s/m",
+    "resolution": "m",
+    "delay": "samples",
+}
 
-@dataclass(frozen=True)
-class Features:
+
+@dataclass(frozen=True, repr=False)
+class Features(Carded):
     """The features of a device, known before it is opened. An unknown one is None, never zero."""
 
     fingers: int  # k, the number of channels
@@ -34,6 +46,16 @@ class Features:
     friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
     resolution: float | None = None  # of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
+
+    def _card(self) -> Card:
+        figures = {name: getattr(self, name) for name in UNITS}
+        rows = [
+            ("workspace", "" if self.workspace is None else " to ".join(str(each) for each in self.workspace) + " m"),
+            *((name, f"{value:g} {UNITS[name]}") for name, value in figures.items() if value is not None),
+            ("not known", listed((name for name, value in figures.items() if value is None), len(figures))),
+        ]
+        space = counted(self.dimensions, "dimension")
+        return Card(f"Features of a device: {counted(self.fingers, 'finger')} in {space}", rows)
 
 
 class Device(Protocol):

@@ -21,6 +21,17 @@ class Steerable(Protocol):
         """Take over the parameters of another one of the same structure; what it is doing goes on."""
 
 
+@runtime_checkable
+class SteerablePlant(Steerable, Protocol):
+    """A plant whose mechanics and hand may change in mid-run.
+
+    Attributes:
+        live: whether they may: then its `structure` is only what never changes.
+    """
+
+    live: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Update:
     """New values of keys of a scene, as numbers.

@@ -10,18 +10,21 @@ from typing import TYPE_CHECKING, Any, Self
 from pydantic import PrivateAttr
 
 from graspfx import plugins
+from graspfx.card import Card, Carded
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
+from graspfx.scene.scene_card import scene_card
 from graspfx.scene.source import Source
+from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.scene_table import SceneTable
 
 if TYPE_CHECKING:
     from graspfx.analysis.linearisation import Linearisation
 
 
-class Scene(SceneTable):
+class Scene(Carded, SceneTable):
     """A scene, described and checked: `Scene(dimensions=1, period=0.005, object={"mass": 0.1, ...}, ...)`.
 
     Fields are named as the keys of a scene file; lists of tables (`object`, `finger`, `device`, `hand`) are tuples.
@@ -54,6 +57,16 @@ class Scene(SceneTable):
         copy = super().__copy__()
         copy._stock = None
         return copy
+
+    def _card(self) -> Card:
+        return scene_card(self, self._source)
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def __dir__(self) -> list[str]:
+        own = {name for each in (Scene, Readable) for name in vars(each) if not name.startswith(("_", "model_"))}
+        return sorted({*SceneTable.model_fields, *own})
 
     @property
     def source(self) -> Source:

@@ -159,9 +159,9 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
         rows_ = [_changes(_positions(columns, a, strokes, height)) for a in axes]
         displacements = [view.displacement_modes for view in columns]
         forces = [view.force_modes for view in columns]
-        pushes = sorted({*_pushes(displacements), *_pushes(forces)})
-        rows_ += _parts("displacement [mm]", columns, displacements, pushes, MM)
-        rows_ += _parts("force [N]", columns, forces, pushes, 1.0)
+        along = sorted({*pushes(displacements), *pushes(forces)})
+        rows_ += _parts("displacement [mm]", columns, displacements, along, MM)
+        rows_ += _parts("force [N]", columns, forces, along, 1.0)
         if not any(forces) or any(len(view.fingers) > 2 for view in columns):
             panels = tuple(_forces(view, strokes) for view in columns)
             rows_.append(Row("force of a\nfinger [N]", panels, LOW, signed=True))
@@ -186,13 +186,13 @@ def _positions(columns: Sequence[View], a: int, strokes: Mapping[str, Stroke], h
     def panel(view: View) -> tuple[Curve, ...]:
         if a >= view.dimensions:
             return ()
-        x = _curve("object", MM * view.motion.position[:, a], OBJECT)
+        x = curve("object", MM * view.motion.position[:, a], OBJECT)
         return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes))
 
     return Row(f"position {'xyz'[a]} [mm]", tuple(map(panel, columns)), height)
 
 
-def _pushes(parts: Sequence[Modes | None]) -> list[int]:
+def pushes(parts: Sequence[Modes | None]) -> list[int]:
     """Pick the axes along which a push is worth a line."""
     largest = [np.abs(np.where(np.abs(each.push) < LARGEST, each.push, 0.0)).max(axis=0) for each in parts if each]
     return _axes_worth_showing(largest)
@@ -210,11 +210,11 @@ def _parts(
     for view, each in zip(columns, parts, strict=True):
         curves = []
         if each is not None and len(view.fingers) > 1:
-            curves.append(_curve(name, scale * each.mean_squeeze, SQUEEZE, scale * each.squeeze))
+            curves.append(curve(name, scale * each.mean_squeeze, SQUEEZE, scale * each.squeeze))
         for a in axes:
             if each is not None and a < view.dimensions:
                 along = f", {'xyz'[a]}" if view.dimensions > 1 else ""
-                curves.append(_curve(f"external (push){along}", scale * each.push[:, a], PUSHES[a]))
+                curves.append(curve(f"external (push){along}", scale * each.push[:, a], PUSHES[a]))
         panels.append(tuple(curves))
     return [Row(label, tuple(panels), LOW, signed=True)]
 
@@ -232,7 +232,7 @@ def _turns(columns: Sequence[View]) -> list[Row]:
         return []
     axes = _axes_worth_showing(ranges)
     panels = tuple(
-        tuple(_curve(f"about {'xyz'[a]}", turn[:, a], TURNS[a]) for a in axes if view.dimensions == 3 or a == 2)
+        tuple(curve(f"about {'xyz'[a]}", turn[:, a], TURNS[a]) for a in axes if view.dimensions == 3 or a == 2)
         if view.dimensions > 1
         else ()
         for view, turn in zip(columns, turns, strict=True)
@@ -282,11 +282,11 @@ def _since_start(curve: Curve, starts: set[str]) -> Curve:
 def _of_fingers(view: View, values: FloatArray, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
     """Draw one curve per finger, from values (N, n); of many, their mean and their range."""
     if len(view.fingers) > MOST_FINGERS:
-        return (_curve(ALL, mean(values, np.isfinite(values)), FINGERS_TOGETHER, values),)
-    return tuple(_curve(name, values[:, i], strokes[name]) for i, name in enumerate(view.names))
+        return (curve(ALL, mean(values, np.isfinite(values)), FINGERS_TOGETHER, values),)
+    return tuple(curve(name, values[:, i], strokes[name]) for i, name in enumerate(view.names))
 
 
-def _curve(label: str, values: FloatArray, stroke: Stroke, many: FloatArray | None = None) -> Curve:
+def curve(label: str, values: FloatArray, stroke: Stroke, many: FloatArray | None = None) -> Curve:
     whole = Curve(label, np.where(np.abs(values) < LARGEST, values, np.nan), stroke)
     return whole if many is None else replace(whole, many=np.where(np.abs(many) < LARGEST, many, np.nan))
 

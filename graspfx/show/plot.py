@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import InputError
 from graspfx.show import style
+from graspfx.show.brief import brief_rows
 from graspfx.show.panels import Curve, Row, View, rows, views
 from graspfx.show.strokes import finger_strokes
 from graspfx.show.style import BAND, HAIR, NEUTRAL, NOTE, panel, plain
@@ -38,6 +39,8 @@ def figure(
     path: str | PathLike[str],
     titles: Sequence[str] | None = None,
     *,
+    labels: Sequence[str] | None = None,
+    brief: bool = False,
     width: str = "screen",
     form: str = "",
 ) -> Path:
@@ -47,6 +50,8 @@ def figure(
         recordings: one or more.
         path: of the figure; its ending chooses the format.
         titles: one per recording; what is set in each if not given.
+        labels: one per recording, to stand before what is set in it.
+        brief: whether depth, squeeze and push are all that is drawn.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
         form: "png", "svg" or "pdf", whatever the ending.
 
@@ -56,10 +61,17 @@ def figure(
     Raises:
         InputError: no recordings, one without a tick, another number of titles, or no such width or format.
     """
-    return style.save(sheet(recordings, titles, width=width), path, form)
+    return style.save(sheet(recordings, titles, labels=labels, brief=brief, width=width), path, form)
 
 
-def sheet(recordings: Sequence[Recording], titles: Sequence[str] | None = None, *, width: str = "screen") -> Sheet:
+def sheet(
+    recordings: Sequence[Recording],
+    titles: Sequence[str] | None = None,
+    *,
+    labels: Sequence[str] | None = None,
+    brief: bool = False,
+    width: str = "screen",
+) -> Sheet:
     """Draw one recording, or several side by side with shared axes, in the manner of Kawai and Yoshikawa, Figs. 12-13.
 
     Rows, from the top: the position of the object and its fingers along each axis of noticeable motion; displacements
@@ -69,23 +81,31 @@ def sheet(recordings: Sequence[Recording], titles: Sequence[str] | None = None, 
     shown by their mean and range. Internal parts are drawn while two fingers touch or more, external ones while one
     does.
 
+    In brief, three rows: how deep fingers stand in the surface, mean and range; the squeeze; and the push.
+
     Where positions would look straight, their change since the first tick is drawn, and names say from where. A
     recording of several objects gets a column for each that fingers touch.
 
     Args:
         recordings: one or more.
         titles: one per recording; what is set in each if not given.
+        labels: one per recording, to stand before what is set in it.
+        brief: whether depth, squeeze and push are all that is drawn.
         width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
 
     Raises:
-        InputError: no recordings, one without a tick, another number of titles, or no such width.
+        InputError: no recordings, one without a tick, another number of titles or labels, or no such width; in brief,
+            recordings of earlier formats, which do not say how forces divide.
     """
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
-    if titles is not None and len(titles) != len(recordings):
-        raise InputError("titles", len(titles), f"as many as recordings, {len(recordings)}")
+    for name, texts in (("titles", titles), ("labels", labels)):
+        if texts is not None and len(texts) != len(recordings):
+            raise InputError(name, len(texts), f"as many as recordings, {len(recordings)}")
     columns = views(recordings)
-    rows_ = rows(columns, finger_strokes([view.names for view in columns]))
+    rows_ = brief_rows(columns) if brief else rows(columns, finger_strokes([view.names for view in columns]))
+    if not rows_:
+        raise InputError("brief", True, "recordings that say how deep fingers stand, or how their forces divide")
     with style.look(width):
         drawing = style.figure([row.height for row in rows_], len(columns), width=width)
         names: list[str] = []
@@ -99,7 +119,7 @@ def sheet(recordings: Sequence[Recording], titles: Sequence[str] | None = None, 
             panel(axes, x="time [s]")
         drawing.panels[0, 0].set_xlim(0.0, max(len(each) * each.period for each in recordings))
         drawing.letters()
-        _add_titles(drawing, recordings, titles)
+        _add_titles(drawing, recordings, titles, labels)
     return drawing
 
 
@@ -156,7 +176,9 @@ def _entry(label: str) -> str:
     return f" {label}" if label.startswith("_") else label
 
 
-def _add_titles(drawing: Sheet, recordings: Sequence[Recording], titles: Sequence[str] | None) -> None:
+def _add_titles(
+    drawing: Sheet, recordings: Sequence[Recording], titles: Sequence[str] | None, labels: Sequence[str] | None
+) -> None:
     """Name the scene over everything if it is one, over each column what is set in its recording, and the object."""
     names = [_name(recording) for recording in recordings]
     if titles is None and len(set(names)) == 1:
@@ -165,6 +187,8 @@ def _add_titles(drawing: Sheet, recordings: Sequence[Recording], titles: Sequenc
     for number, recording in enumerate(recordings):
         own = views([recording])
         heading = titles[number] if titles is not None else _settings(recording)
+        if labels is not None and titles is None:
+            heading = ": ".join(filter(None, (plain(labels[number]), heading)))
         if titles is None and len(set(names)) > 1:
             heading = f"{names[number]}\n{heading}"
         for view in own:
@@ -175,13 +199,16 @@ def _add_titles(drawing: Sheet, recordings: Sequence[Recording], titles: Sequenc
 
 def _name(recording: Recording) -> str:
     header = recording.header
-    return plain(header.title or Path(header.scene).stem or "run")
+    preset = f", preset {header.preset}" if header.preset else ""
+    return plain((header.title or Path(header.scene).stem or "run") + preset)
 
 
 def _settings(recording: Recording) -> str:
-    """Write the gains, and the other settings of this run."""
+    """Write the gains, and the other settings of this run that no preset has."""
     header = recording.header
-    others = [f"{key} = {value}" for key, value in header.overrides.items() if key not in GAINS]
+    preset = header.scene_table.get("preset", {}).get(header.preset, {}).get("set", {})
+    own = {key: value for key, value in header.overrides.items() if key not in preset or preset[key] != value}
+    others = [f"{key} = {value}" for key, value in own.items() if key not in GAINS]
     return ", ".join([*_gains(header.scene_table), *map(plain, others)])
 
 

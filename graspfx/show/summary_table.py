@@ -12,6 +12,8 @@ from graspfx.show.table import ASCII, RULES, Column, lines
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
 
+SHOWN = 8  # changes in mid-run
+
 Row = tuple[str, str, str, float]  # what, key, unit, by what an SI value is multiplied
 
 ROWS: tuple[Row, ...] = (
@@ -26,6 +28,13 @@ ROWS: tuple[Row, ...] = (
     ("peak displayed force per finger", "peak_displayed_force", "N", 1.0),
     ("samples at the limit, per finger", "saturated", "%", 100.0),
     ("force vibration above 5 Hz, RMS", "force_vibration", "mN", 1e3),
+    ("internal force, peak per finger", "internal_force_peak", "N", 1.0),
+    ("internal force, mean", "internal_force_mean", "N", 1.0),
+    ("internal force, vibration above 5 Hz", "internal_force_vibration", "mN", 1e3),
+    ("external force, peak per finger", "external_force_peak", "N", 1.0),
+    ("external force, mean", "external_force_mean", "N", 1.0),
+    ("external force, vibration above 5 Hz", "external_force_vibration", "mN", 1e3),
+    ("moment of internal forces, of |f| r", "internal_moment", "%", 100.0),
     ("finger vibration above 5 Hz, RMS", "finger_vibration", "um", 1e6),
     ("object vibration above 5 Hz, RMS", "object_vibration", "um", 1e6),
     ("energy at each device port", "port_energy", "mJ", 1e3),
@@ -44,6 +53,16 @@ ROWS: tuple[Row, ...] = (
     ("cost per tick", "tick_cost", "us", 1.0),
     ("ticks ran", "engine", "", 1.0),
     ("faults", "faults", "", 1.0),
+    ("values changed in mid-run", "changes", "", 1.0),
+)
+
+BRIEF: tuple[Row, ...] = (
+    ("depth of a finger, mean", "invasion_mean", "mm", 1e3),
+    ("squeeze: internal force, mean", "internal_force_mean", "N", 1.0),
+    ("its vibration above 5 Hz, RMS", "internal_force_vibration", "mN", 1e3),
+    ("push: external force, mean", "external_force_mean", "N", 1.0),
+    ("its vibration above 5 Hz, RMS", "external_force_vibration", "mN", 1e3),
+    ("force vibration above 5 Hz, RMS", "force_vibration", "mN", 1e3),
 )
 
 
@@ -54,15 +73,15 @@ def columns(recordings: Sequence[Recording], titles: Sequence[str] | None = None
         recordings: one or more.
         titles: of the columns; each recording's scene if not given.
     """
-    return _columns([recording.summary() for recording in recordings], _names(recordings, titles))
+    return _columns([recording.summary() for recording in recordings], _names(recordings, titles), ROWS)
 
 
 def _names(recordings: Sequence[Recording], titles: Sequence[str] | None) -> Sequence[str]:
     return titles or [recording.header.scene for recording in recordings]
 
 
-def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str]) -> list[Column]:
-    rows = [row for row in ROWS if any(summary[row[1]] is not None for summary in summaries)]
+def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str], table: Sequence[Row]) -> list[Column]:
+    rows = [row for row in table if any(summary[row[1]] is not None for summary in summaries)]
     columns = [Column("", [quantity for quantity, _, _, _ in rows])]
     for name, summary in zip(names, summaries, strict=True):
         cells = [_cell(summary[key], scale) for _, key, _, scale in rows]
@@ -73,16 +92,22 @@ def _columns(summaries: Sequence[dict[str, Any]], names: Sequence[str]) -> list[
     return [*columns, Column("unit", [unit for _, _, unit, _ in rows])]
 
 
-def print_summary(recordings: Sequence[Recording], titles: Sequence[str] | None = None) -> None:
+def print_summary(
+    recordings: Sequence[Recording], titles: Sequence[str] | None = None, table: Sequence[Row] = ROWS
+) -> None:
     """Print the summary of one recording, or of several side by side, as wide as the terminal, then its notes."""
     encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     rules = RULES if encoding.startswith("utf") else ASCII
     width = get_terminal_size().columns
     summaries, names = [recording.summary() for recording in recordings], _names(recordings, titles)
-    for line in lines(_columns(summaries, names), width, rules=rules, bold=sys.stdout.isatty()):
+    for line in lines(_columns(summaries, names, table), width, rules=rules, bold=sys.stdout.isatty()):
         print(line)
-    for name, summary in zip(names, summaries, strict=True):
+    for name, summary, recording in zip(names, summaries, recordings, strict=True):
         of = f"{name}: " if len(summaries) > 1 else ""
+        for change in recording.changes[:SHOWN]:
+            print(f"note: {of}from {change.tick * recording.period:g} s on {change.key} = {change.value}")
+        if len(recording.changes) > SHOWN:
+            print(f"note: {of}and {len(recording.changes) - SHOWN} changes more, all of them in Recording.changes")
         for growth in summary["growth"]:
             print(f"note: {of}{growth['text']}")
 

@@ -90,6 +90,33 @@ def test_measures_are_those_of_single_runs(line, jobs, ticks):
                     np.testing.assert_array_equal(found, expected, err_msg=f"{quantity} {name}")
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("paper-waving", {KEP: [30.0, 70.0], KIP: [70.0, 80.0]}),  # equal gains among them
+        ("sphere-three-fingers", {"coupling.fade": [[0.002, 0.004], [0.007, 0.015]]}),
+        ("soft-pinch", {"finger.*.patch": [0.003, 0.006]}),
+    ],
+)
+def test_the_two_forces_are_measured_as_single_runs_have_them(name, values):
+    scene = gx.load(name)
+    quantities = ["internal_force", "finger_force", "external_force"]
+    quantities += ["internal_moment"] if name == "soft-pinch" else []
+    batch = gx.run_batch(scene, values, 0.4, measure=quantities)
+    both = gx.run_batch(scene, values, 0.4, keep="recordings")
+    for index in np.ndindex(batch.shape):
+        run = single(scene, batch, index, 0.4)
+        recorded: gx.Recording = require(both.recordings)[index]  # type: ignore[assignment] # an array of objects
+        assert recorded.header.split == run.header.split
+        for quantity in quantities:
+            with np.errstate(invalid="ignore", divide="ignore"):  # growth of what is zero
+                expected = numbers_of(getattr(run, quantity), len(run) // 2)
+            for statistic in ("last", "min", "max", "peak"):
+                np.testing.assert_array_equal(batch[quantity][statistic][index], expected[statistic])
+            np.testing.assert_allclose(batch[quantity]["mean"][index], expected["mean"], rtol=1e-12, atol=1e-16)
+            np.testing.assert_array_equal(both.stacked(quantity)[index], getattr(run, quantity))
+
+
 def test_lanes_give_what_runs_one_by_one_give(line, jobs, monkeypatch):
     values = {KEP: np.linspace(5.0, 90.0, 6), BV: np.linspace(0.1, 1.5, 7)}
     aside = gx.run_batch(line, values, 0.5)

@@ -1,4 +1,4 @@
-"""The table of speeds in docs/accuracy.md: every figure is one of the report, with its error, and nothing is left out."""
+"""The table of speeds in docs/accuracy.md: every figure is the report's, with its error; nothing is left out."""
 
 from __future__ import annotations
 

@@ -82,7 +82,9 @@ def test_the_certificate_says_how_far_the_fade_is_from_the_settled_squeeze() -> 
     assert one.fade is not None
     begins, asked = one.fade
     assert begins == pytest.approx(0.009) and 0.004 < asked < begins
-    assert f"the fade begins at 9 mm; the forces at rest ask for {1e3 * asked:.3g} mm" in repr(gx.certify(scene))
+    assert f"the fade begins at 9 mm; the forces at rest ask for {1e3 * asked:.3g} mm" in " ".join(
+        repr(gx.certify(scene)).split()
+    )
     (short,) = gx.certify(scene.replace({"coupling.fade": [0.002, 0.01]}))
     assert short.fade is not None and short.fade[1] == pytest.approx(asked, rel=1e-3)
     assert f"too short by {1e3 * (short.fade[1] - 0.002):.3g} mm" in "\n".join(lines(short))

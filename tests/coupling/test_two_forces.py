@@ -12,7 +12,7 @@ from graspfx.build.build import build
 from graspfx.compile.records import Floats
 from graspfx.coupling.division import SAMPLE, ContactSample, Division, divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.coupling.two_forces import FEW, Samples, SplitRule, external_part
+from graspfx.coupling.two_forces import Samples, SplitRule, external_part
 from graspfx.objects.body_state import Motion
 from tests.support.grasps import RIGID, grasped, law, respond
 from tests.support.scatter import rotation
@@ -137,9 +137,11 @@ def random_samples(seed: int, N: int) -> tuple[SplitRule, Samples, np.ndarray, n
 def test_interpreted_and_compiled_give_the_same_bits(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     one, samples, whole, torsion = random_samples(seed, 60)
     for dual in (False, True):
-        monkeypatch.setattr("graspfx.coupling.two_forces.FEW", FEW * 1000)
+        monkeypatch.setattr("graspfx.coupling.two_forces.FEW", 10**9)
+        monkeypatch.setattr("graspfx.coupling.two_forces.MORE", 10**9)
         interpreted = external_part(one, samples, whole, torsion, dual=dual)
         monkeypatch.setattr("graspfx.coupling.two_forces.FEW", 0)
+        monkeypatch.setattr("graspfx.coupling.two_forces.MORE", 0)
         monkeypatch.setattr("graspfx.coupling.two_forces.ROWS", 17)  # in pieces
         compiled = external_part(one, samples, whole, torsion, dual=dual)
         for a, b in zip(interpreted, compiled, strict=True):

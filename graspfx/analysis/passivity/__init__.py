@@ -13,11 +13,13 @@ from graspfx.analysis.passivity.grasp_leak import (
 )
 from graspfx.analysis.passivity.horizon import WorstMotion, worst_motion
 from graspfx.analysis.passivity.requirement import damping_margin, guaranteed_wall_limit, required_damping, wall_limit
+from graspfx.analysis.passivity.z_width import ZWidth, z_width
 
 __all__ = [
     "CouplingLimits",
     "QuantisedWall",
     "WorstMotion",
+    "ZWidth",
     "coupling_limits",
     "damping_margin",
     "external_limit",
@@ -30,6 +32,7 @@ __all__ = [
     "required_damping",
     "wall_limit",
     "worst_motion",
+    "z_width",
 ]
 
 

@@ -15,8 +15,9 @@ from graspfx.analysis.stability.design import (
     least_friction,
     least_wall_friction,
 )
-from graspfx.analysis.stability.fullloop import loop_matrix
+from graspfx.analysis.stability.fullloop import OpenLoop, loop_matrix, open_loop
 from graspfx.analysis.stability.limits import Limits, Loss
+from graspfx.analysis.stability.loci import Loci, loci
 from graspfx.analysis.stability.modal import Mode
 from graspfx.analysis.stability.one_gain import (
     external_limit,
@@ -47,6 +48,10 @@ __all__ = [  # noqa: RUF022 (numbers, arrays of numbers, grasps, design)
     "modes",
     "Mode",
     "loop_matrix",
+    "open_loop",
+    "OpenLoop",
+    "loci",
+    "Loci",
     "preloaded",
     "Preload",
     "pushing",

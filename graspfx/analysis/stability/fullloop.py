@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,51 +28,104 @@ def loop_matrix(subject: Subject, motions: Motions | None = None) -> FloatArray:
         motions: `uncoupled` of it, if known: gains are no part of it.
     """
     linear = linear_of(subject)
-    m, r = linear.coordinates
-    T = linear.period
-    lag, object_lag = int(linear.delay.max()), linear.object_delay
-    differenced = linear.rate == "difference" and bool(linear.damping.any())
-    implicit, grounded = linear.integrator == "implicit", linear.ground is not None
-    parts = {"x": m, "v": m, "q": r, "w": r, "old": m if differenced else 0, "g": r if implicit and grounded else 0}
-    parts |= {f"f{i}": m for i in range(1, lag + 1)} | {f"g{i}": r for i in range(1, object_lag + 1)}
-    size = sum(parts.values())
-    at: dict[str, FloatArray] = {}
-    start = 0
-    for name, width in parts.items():
-        at[name] = np.eye(size)[start : start + width]
-        start += width
+    plant = Plant(linear, motions)
+    f, extra = plant.coupling()
+    return plant.advanced(f + extra[: len(f)], linear.G @ f - extra[len(f) :])
 
-    rate = (at["x"] - at["old"]) / T if differenced else at["v"]
-    E, H, p, q, R, s = uncoupled(linear) if motions is None else motions
-    translation, spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
-    N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
-    K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
-    pose, speed = (translation, spun) if implicit else (at["q"], at["w"])
-    if implicit and grounded:
-        pose, speed = translation + q @ at["g"], spun + s @ at["g"]
-    f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
-    extra = N @ np.concatenate([at["x"], pose])
-    if implicit and linear.G_contact is not None:
-        # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
-        stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
-        implicit_part = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
-        u = np.linalg.solve(implicit_part, q @ (c @ K @ stretch + G @ D @ slip))
-        f = f - K @ c.T @ u - D @ G.T @ u / T
-    elif implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
-        yields = K @ G_e.T @ q + D @ G.T @ s
-        f = np.linalg.solve(np.eye(m) + yields @ G, f + yields @ extra[m:])
-    display_force, felt = f + extra[:m], G @ f - extra[m:]
 
-    late = [display_force, *(at[f"f{i}"] for i in range(1, lag + 1))]
-    displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
-    wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
-    state = E @ np.concatenate([at["x"], at["v"]]) - H @ displayed
-    borne = wrench + ground_wrench(linear, s, translation + q @ wrench, spun + s @ wrench)
-    rows = [state, translation + q @ borne, spun + s @ borne]
-    rows += [at["x"]] if differenced else []
-    rows += [borne - wrench] if implicit and grounded else []
-    rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
-    return np.concatenate(rows)
+def open_loop(subject: Subject) -> OpenLoop:
+    """Open the loop where forces meet the plants: s_(k+1) = A s_k + B u_k, f_k = C s_k; with u = f it is `loop_matrix`.
+
+    Under "implicit" the coupling's own prediction of the object stays inside of C.
+
+    Args:
+        subject: the grasp: a `Linearisation`, a scene, or the name or path of one.
+    """
+    linear = linear_of(subject)
+    m, _ = linear.coordinates
+    plant = Plant(linear, inputs=m)
+    f, extra = plant.coupling()
+    u = plant.at["u"]
+    rows = plant.advanced(u + extra[:m], linear.G @ u - extra[m:])
+    hand = np.zeros((plant.size, m))
+    hand[: 2 * m] = plant.hold
+    return OpenLoop(rows[:, : plant.size], rows[:, plant.size :], f[:, : plant.size], hand, linear.period)
+
+
+class OpenLoop(NamedTuple):
+    """A loop opened at the coupling's forces u (m,), which act as contact forces on the object do: A, B, C.
+
+    `hand` (states, m) is how a force of the operator on each device coordinate, held over a sample, enters.
+    """
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    hand: FloatArray
+    period: float
+
+
+class Plant:
+    """Devices, hands and object without their coupling, as rows over the state and, beside it, some inputs."""
+
+    def __init__(self, linear: Linearisation, motions: Motions | None = None, inputs: int = 0) -> None:
+        m, r = linear.coordinates
+        self.linear, self.lag, self.object_lag = linear, int(linear.delay.max()), linear.object_delay
+        self.differenced = linear.rate == "difference" and bool(linear.damping.any())
+        self.implicit, self.grounded = linear.integrator == "implicit", linear.ground is not None
+        ground = r if self.implicit and self.grounded else 0
+        parts = {"x": m, "v": m, "q": r, "w": r, "old": m if self.differenced else 0, "g": ground}
+        parts |= {f"f{i}": m for i in range(1, self.lag + 1)} | {f"g{i}": r for i in range(1, self.object_lag + 1)}
+        self.size = sum(parts.values())
+        parts["u"] = inputs
+        at: dict[str, FloatArray] = {}
+        start = 0
+        for name, width in parts.items():
+            at[name] = np.eye(self.size + inputs)[start : start + width]
+            start += width
+        self.at = at
+        self.drift, self.hold, p, q, R, s = uncoupled(linear) if motions is None else motions
+        self.shift, self.push = q, s
+        self.translation, self.spun = at["q"] + p @ at["w"], R @ at["w"]  # the object without a wrench
+
+    def coupling(self) -> tuple[FloatArray, FloatArray]:
+        """Give the coupling's forces f, and what the preload adds to devices and object, as rows over the state."""
+        linear, at, q, s = self.linear, self.at, self.shift, self.push
+        m, r = linear.coordinates
+        T = linear.period
+        rate = (at["x"] - at["old"]) / T if self.differenced else at["v"]
+        N = np.zeros((m + r, m + r)) if linear.preload is None else linear.preload
+        K, D, G, G_e = linear.stiffness, linear.damping, linear.G, linear.G_displacement
+        pose, speed = (self.translation, self.spun) if self.implicit else (at["q"], at["w"])
+        if self.implicit and self.grounded:
+            pose, speed = self.translation + q @ at["g"], self.spun + s @ at["g"]
+        f = K @ (at["x"] - G_e.T @ pose) + D @ (rate - G.T @ speed)
+        extra = N @ np.concatenate([at["x"], pose])
+        if self.implicit and linear.G_contact is not None:
+            # u = q (G_c K e + G D e') - q (G_c K G_c' + G D G'/T) u, then f = K (e - G_c'u) + D (e' - G'u/T)
+            stretch, slip, c = at["x"] - G_e.T @ pose, rate - G.T @ speed, linear.G_contact
+            implicit_part = np.eye(r) + q @ (c @ K @ c.T + G @ D @ G.T / T)
+            u = np.linalg.solve(implicit_part, q @ (c @ K @ stretch + G @ D @ slip))
+            f = f - K @ c.T @ u - D @ G.T @ u / T
+        elif self.implicit:  # f = f_free - (K G_e' q + D G' s) (G f - extra_q)
+            yields = K @ G_e.T @ q + D @ G.T @ s
+            f = np.linalg.solve(np.eye(m) + yields @ G, f + yields @ extra[m:])
+        return f, extra
+
+    def advanced(self, display_force: FloatArray, felt: FloatArray) -> FloatArray:
+        """Give the next state's rows, for the force to display on devices and the wrench that the object is to feel."""
+        linear, at, lag, object_lag = self.linear, self.at, self.lag, self.object_lag
+        late = [display_force, *(at[f"f{i}"] for i in range(1, lag + 1))]
+        displayed = np.stack([late[d][i] for i, d in enumerate(linear.delay)])
+        wrench = [felt, *(at[f"g{i}"] for i in range(1, object_lag + 1))][object_lag]
+        state = self.drift @ np.concatenate([at["x"], at["v"]]) - self.hold @ displayed
+        translation, spun, q, s = self.translation, self.spun, self.shift, self.push
+        borne = wrench + ground_wrench(linear, s, translation + q @ wrench, spun + s @ wrench)
+        rows = [state, translation + q @ borne, spun + s @ borne]
+        rows += [at["x"]] if self.differenced else []
+        rows += [borne - wrench] if self.implicit and self.grounded else []
+        rows += late[:lag] + [felt, *(at[f"g{i}"] for i in range(1, object_lag))][:object_lag]
+        return np.concatenate(rows)
 
 
 def ground_wrench(linear: Linearisation, s: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:

@@ -45,6 +45,11 @@ def changes_text(changes: Sequence[KeyChange]) -> str:
     return _json([list(change) for change in changes])
 
 
+def as_stored(value: Any) -> Any:
+    """Write a value as it comes back from a file: tuples and arrays as lists."""
+    return json.loads(_json(value))
+
+
 def changes_of(text: str | bytes) -> list[KeyChange]:
     """Read changes of keys from JSON."""
     return [KeyChange(int(tick), str(key), value) for tick, key, value in json.loads(text)]

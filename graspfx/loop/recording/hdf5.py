@@ -19,6 +19,7 @@ from graspfx.loop.recording.places import sync_folder
 from graspfx.loop.recording.scales import LOGICAL, scales_of, stored_type
 from graspfx.loop.recording.seal import seal
 from graspfx.loop.recording.stream import Stream
+from graspfx.loop.recording.two_parts import RowSplit, splits_of
 
 FloatArray = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ def write_hdf5(
 
     A variable per column of the layout, with dimension scales `time`, `finger`, `axis` and units as attributes; objects
     are groups of their own under `objects`. Times are ticks x period. Each chunk has a checksum, and the file a digest.
+    The two forces are variables too, for other programs: a reader of ours computes them again, to the same bits.
 
     An exception that a signal raises must no more reach HDF5 than a failing write: `hold_signals` is to keep it away.
 
@@ -45,13 +47,19 @@ def write_hdf5(
             for name, value in (description(layout, header) | conclusion(outcome)).items():
                 file.attrs[name] = value
             _write_faults(file, outcome.faults)
-            columns = _columns(file, layout, count)
+            scales = _scales(file, layout, count)
+            columns = _columns(file, scales, layout.columns.values(), count)
+            splits = splits_of(header, outcome.changes) if header.split else []
+            forces = _columns(file, scales, layout.forces, count) if splits else []
             time, first = file["time"], 0
             for rows in _pieces(blocks, layout.width):
                 last = first + len(rows)
                 time[first:last] = np.arange(first, last) * header.period
                 for column, data in columns:
                     data[first:last] = rows[:, column.where].reshape(len(rows), *column.shape)
+                parts = RowSplit(rows, layout, splits, first).forces() if forces else {}
+                for column, data in forces:
+                    data[first:last] = parts[column.name]
                 first = last
                 stream.require()
         size = stream.seek(0, os.SEEK_END)
@@ -91,9 +99,8 @@ def _write_faults(file: Any, faults: Sequence[RunFault]) -> None:
     texts.dims[0].attach_scale(ticks)
 
 
-def _columns(file: Any, layout: Layout, count: int) -> list[tuple[Column, Any]]:
-    scales = _scales(file, layout, count)
-    return [(column, _column(file, column, scales, count)) for column in layout.columns.values()]
+def _columns(file: Any, scales: Mapping[str, Any], columns: Iterable[Column], count: int) -> list[tuple[Column, Any]]:
+    return [(column, _column(file, column, scales, count)) for column in columns]
 
 
 def _scales(file: Any, layout: Layout, count: int) -> dict[str, Any]:

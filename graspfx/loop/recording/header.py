@@ -57,6 +57,9 @@ class RunFault(NamedTuple):
         return f"tick {self.tick}: {self.message}"
 
 
+SPLIT = "split"  # as the key of a change: how forces divide from its tick on, which follows from other keys
+
+
 class KeyChange(NamedTuple):
     """A value of the scene that was replaced in mid-run: the first tick that it holds in, its key and the value."""
 
@@ -79,7 +82,7 @@ class Outcome:
     engine: str = ""  # that ran the ticks: interpreted, compiled, or compiled after some of them; empty if not known
     fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
-    changes: tuple[KeyChange, ...] = ()  # of keys in mid-run; the header's table is the scene at the start
+    changes: tuple[KeyChange, ...] = ()  # of keys, and SPLIT, in mid-run; the header's tables are those of the start
 
 
 def now() -> str:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.card import Card, Carded
 from graspfx.errors import RecordingError, UnknownNameError
-from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
+from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.spatial import Quaternion, Vector, rotate
 
@@ -25,8 +26,8 @@ BoolArray = NDArray[np.bool_]
 Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
 
 
-@dataclass(frozen=True)
-class ObjectMotion:
+@dataclass(frozen=True, repr=False)
+class ObjectMotion(Carded):
     """One object over time.
 
     Attributes:
@@ -46,6 +47,11 @@ class ObjectMotion:
     wrench: FloatArray
     law: NDArray[np.int8] | None = None
     residual: FloatArray | None = None
+
+    def _card(self) -> Card:
+        from graspfx.loop.recording.recording_card import motion_card
+
+        return motion_card(self)
 
 
 class History:
@@ -70,14 +76,17 @@ class History:
         return len(self.rows)
 
     def array(self, column: str) -> FloatArray:
-        """View a column of the layout, (N, ...).
+        """View a column of the layout, or give one of the two forces or moments by its name, (N, ...).
 
         Raises:
             UnknownNameError: the recording has no such column.
         """
         entry = self.layout.columns.get(str(column))
         if entry is None:
-            raise UnknownNameError("column", str(column), self.layout.columns)
+            forces = [each.name for each in self.layout.forces]
+            if column in forces:
+                return np.asarray(getattr(self, column))
+            raise UnknownNameError("column", str(column), [*self.layout.columns, *forces])
         return self.rows[:, entry.where].reshape(len(self.rows), *entry.shape)
 
     def optional(self, column: str) -> FloatArray | None:
@@ -235,9 +244,9 @@ class History:
 
     @property
     def _row_split(self) -> RowSplit:
-        from graspfx.loop.recording.two_parts import RowSplit
+        from graspfx.loop.recording.two_parts import RowSplit, splits_of
 
-        return RowSplit(self.rows, self.layout, self.header.split)
+        return RowSplit(self.rows, self.layout, splits_of(self.header, self.outcome.changes))
 
     @cached_property
     def objects(self) -> Mapping[str, ObjectMotion]:
@@ -327,7 +336,7 @@ class History:
     @property
     def changes(self) -> tuple[KeyChange, ...]:
         """Values of the scene that were replaced in mid-run: tick, key and value; the scene's table is the start's."""
-        return self.outcome.changes
+        return tuple(change for change in self.outcome.changes if change.key != SPLIT)
 
     @property
     def wall_time(self) -> float | None:

@@ -84,6 +84,21 @@ class Layout:
         """Numbers per tick."""
         return sum(prod(column.shape) for column in self.columns.values())
 
+    @property
+    def forces(self) -> tuple[Column, ...]:
+        """Variables that follow from a row, and stand in a file beside its columns: the parts of forces and moments."""
+        n, names = ("finger", len(self.fingers)), ["force", "moment"] if self.moments else ["force"]
+        axes = {"force": (n, ("axis", self.dimensions)), "moment": (n, ("turn", 3))}
+        parts = {"internal": "that squeezes the object", "external": "that moves the object"}
+        return tuple(
+            Column(
+                f"{part}_{name}", slice(0, 0), tuple(size for _, size in axes[name]), tuple(a for a, _ in axes[name]),
+                {"force": "N", "moment": "N m"}[name], f"part of the finger's {name} on the object {purpose}",
+            )
+            for name in names
+            for part, purpose in parts.items()
+        )  # fmt: skip
+
     def is_essential(self, name: str) -> bool:
         """Tell whether no recording can lack a column."""
         folder, _, last = name.rpartition("/")

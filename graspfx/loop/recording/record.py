@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from graspfx import plugins
+from graspfx.card import Card, Carded
 from graspfx.loop.recording.history import History
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Drawing(Protocol):
         """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
 
 
-class Recording(History):
+class Recording(Carded, History):
     """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
 
     Args:
@@ -41,6 +42,11 @@ class Recording(History):
         header: what was known before the run.
         outcome: how it went.
     """
+
+    def _card(self) -> Card:
+        from graspfx.loop.recording.recording_card import recording_card
+
+        return recording_card(self)
 
     def summary(self) -> dict[str, Any]:
         """Summarise the run in SI units; the keys are those of `graspfx.loop.recording.summary.summarise`."""
@@ -69,7 +75,19 @@ class Recording(History):
             residual=[motion.residual for motion in self.objects.values() if motion.residual is not None],
             energy=list(self.energy.values()),
             growth=losses(self),
+            **self._two_forces(),
+            changes=len(self.changes),
         )
+
+    def _two_forces(self) -> dict[str, Any]:
+        """Give the two forces for a summary, and the moment of the internal ones; nothing of an earlier format's."""
+        if not self.header.split:
+            return {}
+        return {
+            "internal_force": self.internal_force,
+            "external_force": self.external_force,
+            "internal_moment": self._row_split.moment_share(self.internal_force),
+        }
 
     def plot(
         self,

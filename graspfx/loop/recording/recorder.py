@@ -9,6 +9,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.recording.attributes import as_stored
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.record import Recording
@@ -86,7 +87,7 @@ class Recorder:
 
     def change(self, k: int, values: Mapping[str, Any]) -> None:
         """Note that keys of the scene have these values from tick k on."""
-        self.changes += [KeyChange(k, key, value) for key, value in values.items()]
+        self.changes += [KeyChange(k, key, as_stored(value)) for key, value in values.items()]
 
     def drain(self) -> None:
         """Hand full blocks to the sinks; call it between ticks."""

@@ -42,6 +42,10 @@ def summarise(
     displayed_force: FloatArray | None = None,
     saturated: BoolArray | None = None,
     growth: Sequence[Mapping[str, Any]] = (),
+    internal_force: FloatArray | None = None,
+    external_force: FloatArray | None = None,
+    internal_moment: float | None = None,
+    changes: int = 0,
 ) -> dict[str, Any]:
     """Summarise a run in SI units; a value is None where this run does not have it.
 
@@ -56,6 +60,12 @@ def summarise(
         peak_displayed_force: per finger, of the force on the operator [N]; None if not given.
         saturated: per finger, the share of ticks in which its force stands at its limit; None without limits.
         force_vibration: RMS over fingers and ticks of what is above 5 Hz in a finger's force [N].
+        internal_force_peak, external_force_peak: per finger, the largest while it touches [N].
+        internal_force_mean, external_force_mean: of the length, over fingers and ticks in which they touch [N].
+        internal_force_vibration, external_force_vibration: as `force_vibration` [N]; all of these None for a recording
+            of an earlier format, which does not say how its forces divide.
+        internal_moment: moment sum e_i x f_i of the internal forces f at the fingertips, the largest over the largest
+            |f| r (`two_parts.RowSplit.moment_share`); None where the reaction is at the contacts or nothing turns.
         finger_vibration: RMS over fingers and ticks of what is above 5 Hz in a fingertip's position, true if known [m].
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
@@ -77,6 +87,7 @@ def summarise(
         wall_time, ticks_per_second, tick_cost: of the computation [s, 1/s, microseconds].
         engine: what ran the ticks, "interpreted" or "compiled", or since when; None if not known.
         faults: how many.
+        changes: how many values of keys were replaced in mid-run; None if none was.
 
     Args:
         period: T [s].
@@ -92,11 +103,14 @@ def summarise(
         true_position: (N, n, d), of simulated fingertips [m].
         fade_shortfall, blended: as in the recording's outcome [m], [samples].
         faults: how many there were.
+        changes: of values of keys in mid-run.
         law, residual: (N,) per object with a coefficient of friction, as recorded.
         energy: per observed object, the columns of its ledger.
         displayed_force: (N, n, d) [N].
         saturated: (N, n).
         growth: as in the result.
+        internal_force, external_force: (N, n, d) [N].
+        internal_moment: as in the result.
     """
     N, n, _ = finger_position.shape
     groups = [[i for i in range(n) if finger_objects[i] == k] for k in range(len(object_position))]
@@ -127,6 +141,9 @@ def summarise(
         "peak_displayed_force": None if displayed_force is None else _peaks(displayed_force),
         "saturated": None if saturated is None else [_mean(saturated[:, i]) for i in range(n)],
         "force_vibration": vibration(finger_force, period),
+        **_two_forces("internal_force", internal_force, touching, period),
+        **_two_forces("external_force", external_force, touching, period),
+        "internal_moment": internal_moment,
         "finger_vibration": vibration(finger_position if true_position is None else true_position, period),
         "object_vibration": vibration(np.stack(object_position, axis=1), period),
         "port_energy": [float(device_energy[-1, i]) if N else None for i in range(n)],
@@ -141,6 +158,18 @@ def summarise(
         "ticks_per_second": N / wall_time if timed and wall_time else None,
         "tick_cost": wall_time / N * MICROSECONDS if timed and wall_time else None,
         "faults": faults,
+        "changes": changes or None,
+    }
+
+
+def _two_forces(name: str, force: FloatArray | None, touching: BoolArray, period: float) -> dict[str, Any]:
+    if force is None:
+        return dict.fromkeys((f"{name}_peak", f"{name}_mean", f"{name}_vibration"))
+    size = np.linalg.norm(force, axis=2)
+    return {
+        f"{name}_peak": [_peak(size[touching[:, i], i]) for i in range(size.shape[1])],
+        f"{name}_mean": _mean(size[touching]),
+        f"{name}_vibration": vibration(force, period),
     }
 
 

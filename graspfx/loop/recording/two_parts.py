@@ -1,96 +1,155 @@
 """External and internal parts of what a recording holds: forces, moments, displacements and energies.
 
-All follow from the rows and from what the header says of each grasp's split; nothing of them is computed in a tick.
+All follow from the rows and from what the recording says of each grasp's split; nothing of them is computed in a tick.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.coupling.two_forces import Samples, SplitRule, external_part, moment_of, torsion_over_patch
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.header import RunFault
+from graspfx.loop.recording.header import SPLIT, Header, KeyChange, RunFault
 from graspfx.loop.recording.layout import Layout
 
 FloatArray = NDArray[np.float64]
+Split = Mapping[str, Mapping[str, Any]]  # of each object, its `SplitRule` as a table
+
+
+class GraspRows(NamedTuple):
+    """Rows in which a grasp's rule is the same: the rows, the rule, the numbers of its fingers, and its contacts."""
+
+    rows: slice
+    rule: SplitRule
+    fingers: list[int]
+    samples: Samples
 
 
 @dataclass(frozen=True)
 class RowSplit:
-    """Rows of a recording, (N, width), and how they divide.
+    """Rows of a recording, and how they divide.
 
     Args:
-        rows: of the recording.
+        rows: (r, width).
         layout: their columns.
-        split: by object, its `SplitRule` as a table.
-
-    Raises:
-        RecordingError: there is none.
+        splits: how forces divide, each from a tick on.
+        start: tick of the first row.
     """
 
     rows: FloatArray
     layout: Layout
-    split: Mapping[str, Mapping[str, Any]]
-
-    def __post_init__(self) -> None:
-        if not self.split:
-            raise RecordingError(
-                "this recording does not say how its forces divide into external and internal ones, as an earlier "
-                "GraspFX made it: run its scene again"
-            )
+    splits: Sequence[tuple[int, Split]]
+    start: int = 0
 
     def column(self, name: str) -> FloatArray:
-        """View a column, (N, ...)."""
+        """View a column, (r, ...)."""
         column = self.layout.columns[name]
         return self.rows[:, column.where].reshape(len(self.rows), *column.shape)
 
     def external_forces(self, force: FloatArray | None = None) -> tuple[FloatArray, FloatArray | None]:
-        """Compute P f, (N, n, d) [N], and the moments with it, (N, n, 3) [N m]; None for fingers that exert none.
+        """Compute P f, (r, n, d) [N], and the moments with it, (r, n, 3) [N m]; None for fingers that exert none.
 
         Args:
-            force: (N, n, d) [N], instead of the fingers' on the object.
+            force: (r, n, d) [N], instead of the fingers' on the object.
         """
         whole = self.column("finger_force") if force is None else force
         external = np.zeros(whole.shape)
         moment = np.zeros((*whole.shape[:2], 3)) if self.layout.moments else None
-        for rule, fingers, samples in self._grasps():
+        for rows, rule, fingers, samples in self.grasps():
             if moment is None or not rule.soft:
-                external[:, fingers], _ = external_part(rule, samples, whole[:, fingers])
+                external[rows, fingers], _ = external_part(rule, samples, whole[rows, fingers])
                 continue
-            axis = self.column("torsion_axis" if self.layout.torsion_axes else "contact_normal")[:, fingers]
-            torsion = torsion_over_patch(rule, self.column("finger_moment")[:, fingers], axis)
-            external[:, fingers], part = external_part(rule, samples, whole[:, fingers], torsion)
-            moment[:, fingers] = moment_of(rule, part, axis)
+            axis = self.column("torsion_axis" if self.layout.torsion_axes else "contact_normal")[rows, fingers]
+            torsion = torsion_over_patch(rule, self.column("finger_moment")[rows, fingers], axis)
+            external[rows, fingers], part = external_part(rule, samples, whole[rows, fingers], torsion)
+            moment[rows, fingers] = moment_of(rule, part, axis)
         return external, moment
 
     def external_displacements(self) -> FloatArray:
-        """Compute P' e of e = p - c, (N, n, d) [m]."""
+        """Compute P' e of e = p - c, (r, n, d) [m]."""
         e = self.column("finger_position") - self.column("contact_position")
         external = np.zeros(e.shape)
-        for rule, fingers, samples in self._grasps():
-            torsion = self.column("torsion_displacement")[:, fingers] if rule.soft else None
-            external[:, fingers], _ = external_part(rule, samples, e[:, fingers], torsion, dual=True)
+        for rows, rule, fingers, samples in self.grasps():
+            torsion = self.column("torsion_displacement")[rows, fingers] if rule.soft else None
+            external[rows, fingers], _ = external_part(rule, samples, e[rows, fingers], torsion, dual=True)
         return external
 
-    def _grasps(self) -> Iterator[tuple[SplitRule, list[int], Samples]]:
-        """List each object's rule, the numbers of its fingers, and its contacts in every row."""
+    def forces(self) -> dict[str, FloatArray]:
+        """Compute the variables that a file has of the two forces, by the names in `Layout.forces`."""
+        external, moment = self.external_forces()
+        variables = {"internal_force": self.column("finger_force") - external, "external_force": external}
+        if moment is not None:
+            variables |= {"internal_moment": self.column("finger_moment") - moment, "external_moment": moment}
+        return variables
+
+    def moment_share(self, internal: FloatArray) -> float | None:
+        """Compute the peak of |sum e_i x f_i| over that of |f| r, f the internal forces; of objects the largest.
+
+        The fingers act on the object at their tips, so that internal forces, which have no moment about the contact
+        points, turn it by that moment. It is taken along free rotations; |f|^2 = sum |f_i|^2, and r^2 is the mean
+        square of the contacts' distances from their centroid.
+
+        Args:
+            internal: (r, n, d) [N].
+
+        Returns:
+            None where the reaction is at the contact points, and where nothing turns or nothing squeezes.
+        """
+        e = self.column("finger_position") - self.column("contact_position")
+        shares = []
+        for rows, rule, fingers, samples in self.grasps():
+            if rule.reaction == "contact" or not any(rule.rotations):
+                continue
+            f = internal[rows, fingers]
+            moment = np.cross(_in_space(e[rows, fingers]), _in_space(f)).sum(axis=1)[:, np.array(rule.rotations)]
+            arm = samples.contact - samples.contact.mean(axis=1, keepdims=True)
+            whole = np.sqrt((f**2).sum(axis=(1, 2)) * (arm**2).sum(axis=(1, 2)) / len(fingers))
+            if whole.max(initial=0.0) > 0.0:
+                shares.append(float(np.sqrt((moment**2).sum(axis=1).max()) / whole.max()))
+        return max(shares, default=None)
+
+    def grasps(self) -> Iterator[GraspRows]:
+        """List the grasps, each with the rows in which its rule is the same."""
+        ends = [*(tick - self.start for tick, _ in self.splits[1:]), len(self.rows)]
+        first = 0
+        for (_, split), end in zip(self.splits, ends, strict=True):
+            last = min(max(first, end), len(self.rows))
+            if last > first:
+                yield from self._grasps_in(slice(first, last), split)
+            first = last
+
+    def _grasps_in(self, rows: slice, split: Split) -> Iterator[GraspRows]:
         for k, name in enumerate(self.layout.objects):
             fingers = [i for i, number in enumerate(self.layout.finger_objects) if number == k]
             if not fingers:
                 continue
-            rule = SplitRule.from_table(self.split[name])
-            contact = self.column("contact_position")[:, fingers]
+            rule = SplitRule.from_table(split[name])
+            contact = self.column("contact_position")[rows, fingers]
             if rule.is_local:
                 place = "centre" if k in self.layout.predicted else "position"
-                contact = contact - self.column(f"objects/{name}/{place}")[:, None]
-            gap = None if rule.fade is None else self.column("gap")[:, fingers]
-            normal = self.column("contact_normal")[:, fingers] if rule.soft else None
-            yield rule, fingers, Samples(contact, gap, normal)
+                contact = contact - self.column(f"objects/{name}/{place}")[rows, None]
+            gap = None if rule.fade is None else self.column("gap")[rows, fingers]
+            normal = self.column("contact_normal")[rows, fingers] if rule.soft else None
+            yield GraspRows(rows, rule, fingers, Samples(contact, gap, normal))
+
+
+def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, Split]]:
+    """List how a run's forces divide, each from a tick on.
+
+    Raises:
+        RecordingError: the recording does not say it.
+    """
+    if not header.split:
+        raise RecordingError(
+            "this recording does not say how its forces divide into external and internal ones, as an earlier GraspFX "
+            "made it: run its scene again"
+        )
+    return [(0, header.split), *((change.tick, change.value) for change in changes if change.key == SPLIT)]
 
 
 def work(force: FloatArray, tip: FloatArray, device_energy: FloatArray, faults: Sequence[RunFault]) -> FloatArray:
@@ -113,3 +172,8 @@ def work(force: FloatArray, tip: FloatArray, device_energy: FloatArray, faults: 
             steps[k, device_energy[k] == device_energy[k - 1]] = 0.0
         steps[k + 1 :] = 0.0
     return np.cumsum(steps, axis=0)
+
+
+def _in_space(vectors: FloatArray) -> FloatArray:
+    """Give vectors (..., d) in space."""
+    return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 3 - vectors.shape[-1]))], axis=-1)

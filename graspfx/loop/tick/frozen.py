@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from graspfx.loop.tick.script import Script
 
-Bits = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
@@ -22,15 +22,16 @@ class FrozenEntries:
         entries: dict[str, list[int]] = {}
         for name, k in script.frozen:
             entries.setdefault(name, []).append(k)
-        self._watched: list[tuple[str, Bits, Index, Bits]] = []
+        self._watched: list[tuple[str, FloatArray, Index, bytes]] = []
         for name, places in entries.items():
             index = np.array(sorted(places), dtype=np.intp)
             values = np.array([script.frozen[name, int(k)] for k in index])
-            self._watched.append((name, script.arrays[name].view(np.int64), index, values.view(np.int64)))
+            self._watched.append((name, script.arrays[name], index, values.tobytes()))
 
     def intrusion(self) -> tuple[str, int] | None:
         """Find an entry that no longer holds its value, bit by bit: its array's name and its number; None if all do."""
-        for name, bits, index, values in self._watched:
-            if not (bits[index] == values).all():
-                return name, int(index[np.flatnonzero(bits[index] != values)[0]])
+        for name, array, index, values in self._watched:
+            if array[index].tobytes() != values:
+                same = array[index].view(np.int64) == np.frombuffer(values, np.int64)
+                return name, int(index[np.flatnonzero(~same)[0]])
         return None

@@ -98,6 +98,10 @@ class FloorBody(NativeBody):
         """Number of samples without a solution of Coulomb's law: the associated law stands, and slipping lifts."""
         return self._floor.associated
 
+    def adopt(self, other: FloorBody) -> None:
+        """Take over the damper that goes with the mass of another body on the same planes."""
+        self._floor.damping = other._floor.damping
+
     def step(self, T: float) -> None:
         """Advance by T [s] under the wrench in the block and the planes' forces, all held.
 

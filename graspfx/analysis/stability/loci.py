@@ -1,0 +1,169 @@
+"""Frequency response of the opened loop: characteristic loci, for Bode and Nyquist diagrams and margins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx import plugins
+from graspfx.analysis.arguments import numbers
+from graspfx.analysis.linearisation import Subject
+from graspfx.analysis.stability.fullloop import OpenLoop, open_loop
+from graspfx.card import Card, Carded
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+COUNT = 2000  # frequencies
+LOWEST = 1e-3  # of the Nyquist frequency
+SILENT = 1e-9  # of the largest magnitude: a locus that is none
+REFINED = 60  # bisections of a crossing
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Loci(Carded):
+    """Characteristic loci of a loop: the eigenvalues of its return ratio L(e^(jwT)), by frequency.
+
+    Attributes:
+        frequency: (F,) [Hz], up to half the sampling rate.
+        response: (F, k), each column a locus, continuous in frequency; loci without any gain are left out.
+        gain_margin: the least factor above 1 of all the coupling's forces, and so of its gains together unless it
+            predicts ("implicit"), at which a locus meets -1; inf for none.
+        gain_frequency: where it does [Hz]; nan for none.
+        phase_margin: the least angle at which a locus crosses the unit circle before -1 [degrees]; inf for none.
+        phase_frequency: where it does [Hz]; nan for none.
+    """
+
+    frequency: FloatArray
+    response: ComplexArray
+    gain_margin: float
+    gain_frequency: float
+    phase_margin: float
+    phase_frequency: float
+
+    @property
+    def magnitude(self) -> FloatArray:
+        """|L| of each locus, (F, k)."""
+        return np.abs(self.response)
+
+    @property
+    def phase(self) -> FloatArray:
+        """Phase of each locus [degrees], (F, k), unwrapped from where it begins in (-360, 0]."""
+        phase = np.unwrap(np.angle(self.response), axis=0)
+        return np.asarray(np.degrees(phase - 2 * math.pi * np.ceil(phase[:1] / (2 * math.pi) - 1e-9)))
+
+    def bode(self, *, width: str = "screen") -> Any:
+        """Draw magnitude and phase over frequency; the figure is shown by a notebook, `.save(path)` writes it."""
+        return plugins.upward("Loci.bode")(self, width=width)
+
+    def nyquist(self, *, width: str = "screen") -> Any:
+        """Draw the loci about -1; the figure is shown by a notebook, `.save(path)` writes it."""
+        return plugins.upward("Loci.nyquist")(self, width=width)
+
+    def _card(self) -> Card:
+        rows = [
+            ("frequency", f"{self.frequency[0]:.3g} to {self.frequency[-1]:.4g} Hz, {len(self.frequency)} of them"),
+            ("loci", str(self.response.shape[1])),
+            ("gain margin", _margin(self.gain_margin, "", self.gain_frequency)),
+            ("phase margin", _margin(self.phase_margin, " degrees", self.phase_frequency)),
+        ]
+        return Card("Characteristic loci of a loop", rows, ".bode(), .nyquist(), .magnitude, .phase [degrees]")
+
+
+def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
+    """Compute the loci of L(z) = -C (z I - A)^-1 B, the return ratio of the loop opened at the coupling's forces.
+
+    The closed loop is stable where they encircle -1, against the clock, as often as A (`open_loop`) has eigenvalues
+    outside the unit circle (MacFarlane and Postlethwaite 1977).
+
+    Args:
+        subject: a `Linearisation`, a scene, or the name or path of one.
+        frequency: rising [Hz], up to half the sampling rate; 2000 of three decades if None.
+
+    Raises:
+        InputError: frequencies that do not rise, or that sampling does not tell apart; others as `Scene.linearise`.
+    """
+    loop = open_loop(subject)
+    half = 0.5 / loop.period
+    values = np.geomspace(LOWEST * half, half, COUNT) if frequency is None else numbers("frequency", frequency, "Hz")
+    if values.ndim != 1 or len(values) < 2 or (np.diff(values) <= 0.0).any() or not 0.0 < values[0] or values[-1] > half:
+        raise InputError("frequency", frequency, f"two or more rising numbers above zero and up to {half:g} Hz")
+    response = _joined(np.array([_eigenvalues(loop, f) for f in values]))
+    size = np.abs(response).max(axis=0)
+    response = response[:, size > SILENT * size.max(initial=0.0)]
+    return Loci(values, response, *_gain_margin(loop, values, response), *_phase_margin(loop, values, response))
+
+
+def _eigenvalues(loop: OpenLoop, frequency: float) -> ComplexArray:
+    z = np.exp(2j * math.pi * frequency * loop.period)
+    ratio = -loop.C @ np.linalg.solve(z * np.eye(len(loop.A)) - loop.A, loop.B.astype(complex))
+    return np.asarray(np.linalg.eigvals(ratio))
+
+
+def _joined(values: ComplexArray) -> ComplexArray:
+    """Order eigenvalues so that each column goes on from the one before: the nearest pairs first."""
+    joined = values.copy()
+    for k in range(1, len(values)):
+        before, after = joined[k - 1], values[k]
+        distance = np.abs(before[:, None] - after)
+        order = np.empty(len(after), dtype=int)
+        for _ in range(len(after)):
+            i, j = np.unravel_index(np.argmin(distance), distance.shape)
+            order[i] = j
+            distance[i], distance[:, j] = np.inf, np.inf
+        joined[k] = after[order]
+    return joined
+
+
+def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
+    """Find the least 1/|L| above 1 where a locus crosses the negative real axis, or ends on it."""
+    best = math.inf, math.nan
+    for locus in range(response.shape[1]):
+        column = response[:, locus]
+        crossing = (np.signbit(column.imag[:-1]) != np.signbit(column.imag[1:])) & (column.real[:-1] < 0.0)
+        for k in np.flatnonzero(crossing).tolist():
+            f, value = _refined(loop, frequency[k : k + 2], column[k : k + 2], lambda z: z.imag)
+            best = _lesser(best, -1.0 / value.real if value.real < 0.0 else math.inf, f)
+        if abs(column[-1].imag) < 1e-9 * abs(column[-1]) and column[-1].real < 0.0:
+            best = _lesser(best, -1.0 / float(column[-1].real), float(frequency[-1]))
+    return best
+
+
+def _lesser(best: tuple[float, float], margin: float, frequency: float) -> tuple[float, float]:
+    return (margin, frequency) if 1.0 < margin < best[0] else best
+
+
+def _phase_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
+    """Find the least angle between a locus on the unit circle and -1."""
+    best = math.inf, math.nan
+    for locus in range(response.shape[1]):
+        column = response[:, locus]
+        inside = np.abs(column) < 1.0
+        for k in np.flatnonzero(inside[:-1] != inside[1:]).tolist():
+            f, value = _refined(loop, frequency[k : k + 2], column[k : k + 2], lambda z: abs(z) - 1.0)
+            angle = abs(math.degrees(math.remainder(np.angle(value) - math.pi, 2 * math.pi)))
+            best = (angle, f) if angle < best[0] else best
+    return best
+
+
+def _refined(loop: OpenLoop, ends: FloatArray, values: ComplexArray, of: Any) -> tuple[float, complex]:
+    """Bisect to where a function of a locus changes its sign; the locus is the eigenvalue nearest to both ends."""
+    (low, high), (at_low, at_high) = map(float, ends), map(complex, values)
+    for _ in range(REFINED):
+        middle = 0.5 * (low + high)
+        each = _eigenvalues(loop, middle)
+        value = complex(each[np.argmin(np.abs(each - at_low) + np.abs(each - at_high))])
+        if (of(value) < 0.0) == (of(at_low) < 0.0):
+            low, at_low = middle, value
+        else:
+            high, at_high = middle, value
+    return 0.5 * (low + high), 0.5 * (at_low + at_high)
+
+
+def _margin(value: float, unit: str, frequency: float) -> str:
+    return "none" if math.isinf(value) else f"{value:.4g}{unit} at {frequency:.4g} Hz"

@@ -1,0 +1,67 @@
+"""Columns of the quantities that a batch measures: those of a row, and behind it those of the two forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.batch.variants import Group
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.two_forces import SplitRule
+from graspfx.errors import UnknownNameError
+from graspfx.loop.recording.layout import Column, Layout
+from graspfx.loop.recording.two_parts import RowSplit
+
+FloatArray = NDArray[np.float64]
+
+OF_OBJECT = {  # of the first object, named as a `Recording` does
+    "object_position": "position",
+    "object_velocity": "velocity",
+    "object_orientation": "orientation",
+    "wrench": "wrench",
+}
+
+
+def columns_of(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
+    """Find the columns of quantities; those of the two forces stand behind a row, and are listed too."""
+    forces = {column.name: column for column in layout.forces}
+    columns: dict[str, Column] = {}
+    divided: list[str] = []
+    end = layout.width
+    for quantity in quantities:
+        name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
+        if name in layout.columns:
+            columns[quantity] = layout.columns[name]
+        elif name in forces:
+            start, end = end, end + prod(forces[name].shape)
+            columns[quantity] = replace(forces[name], where=slice(start, end))
+            divided.append(name)
+        else:
+            raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT, *forces])
+    return columns, divided
+
+
+def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
+    """Read from a variant's buffers how the forces of each object divide."""
+    program, rules = group.program, {}
+    for name, array in program.tick.script.arrays.items():
+        for part in program.servo.objects:
+            if array is part.grasped.block:
+                rules[part.name] = SplitRule.of(GraspState(arena[program.places[name]])).table()
+    return rules
+
+
+def divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Make what computes parts of forces from rows of a variant that begins with these buffers."""
+    splits, layout = [(0, split_of(group, arena))], group.program.servo.layout
+
+    def divide(rows: FloatArray) -> FloatArray:
+        parts = RowSplit(rows, layout, splits).forces()
+        return np.concatenate([parts[name].reshape(len(rows), -1) for name in names], axis=1)
+
+    return divide
