@@ -106,7 +106,8 @@ def test_the_two_forces_are_measured_as_single_runs_have_them(name, values):
     both = gx.run_batch(scene, values, 0.4, keep="recordings")
     for index in np.ndindex(batch.shape):
         run = single(scene, batch, index, 0.4)
-        assert require(both.recordings)[index].header.split == run.header.split
+        recorded: gx.Recording = require(both.recordings)[index]  # type: ignore[assignment] # an array of objects
+        assert recorded.header.split == run.header.split
         for quantity in quantities:
             with np.errstate(invalid="ignore", divide="ignore"):  # growth of what is zero
                 expected = numbers_of(getattr(run, quantity), len(run) // 2)
