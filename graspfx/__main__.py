@@ -14,6 +14,7 @@ from typing import NoReturn
 
 from graspfx import __version__
 from graspfx.commands.arguments import separate
+from graspfx.commands.loudness import add_loudness, is_quiet, loudness
 from graspfx.commands.output import CODES, INTERRUPTED, WRONG
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = parse(words)
-        with _plain_warnings(), granted(getattr(options, "trust", False)):
+        with loudness(options), _plain_warnings(), granted(getattr(options, "trust", False)):
             code: int = options.command(options)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither
@@ -81,6 +82,7 @@ def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
         if name in words:
             module = import_module(f"graspfx.commands.{name}")
             module.add_arguments(command)
+            add_loudness(command)
             command.epilog = f"example:\n{module.EXAMPLE}\n\n{CODES}"
             command.set_defaults(command=module.execute, options=tuple(command._option_string_actions))
     return top
@@ -108,7 +110,7 @@ def _plain_warnings() -> Iterator[None]:
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
         text = " ".join(str(message).split())
-        if text not in texts:
+        if text not in texts and not is_quiet():
             texts.add(text)
             print(f"warning: {text}", file=sys.stderr)
 
