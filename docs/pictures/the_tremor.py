@@ -1,4 +1,4 @@
-"""Looks for the tremor of Fig. 12: `python docs/pictures/the_tremor.py [RUNS]` prints the table."""
+"""Looks for the tremor of Fig. 12: `python docs/pictures/the_tremor.py [RUNS]` prints the table of its page."""
 
 from __future__ import annotations
 

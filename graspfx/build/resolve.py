@@ -17,6 +17,7 @@ from graspfx.build.hand_parts import HandPart, make_hand
 from graspfx.build.holdings import holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.object_parts import ObjectPart, make_objects
+from graspfx.build.placement import start_of
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
 from graspfx.loop.device import SimulatedDevice
@@ -61,7 +62,7 @@ class Parts:
     @cached_property
     def start(self) -> FloatArray:
         """Where the fingers start, (n, d) [m]."""
-        return np.array([finger.start for finger in self.scene.finger], dtype=float)
+        return np.array([start_of(self.scene, i, self.stock) for i in range(len(self.scene.finger))], dtype=float)
 
     @cached_property
     def objects(self) -> tuple[ObjectPart, ...]:

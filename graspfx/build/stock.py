@@ -29,6 +29,7 @@ class Stock:
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
         self.devices: dict[Location, Device] = {}
+        self.starts: dict[int, tuple[float, ...] | None] = {}  # of fingers that come in along a direction
         self.parts: Any = None  # of `graspfx.build.resolve`, once they are asked for
         self._solids: dict[Location, Solid] = {}
         self._paths: dict[str, motion.Path] = {}

@@ -15,7 +15,7 @@ from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
 from graspfx.coupling import block as at
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
-from graspfx.scene.tables.part_tables import Device, Object
+from graspfx.scene.tables.part_tables import Device, Object, Placement
 from graspfx.scene.tables.reading import listed
 from graspfx.scene.tables.shapes import MeshShape
 
@@ -35,7 +35,7 @@ class PlanRow:
 
 
 def plan(scene: Scene) -> list[PlanRow]:
-    """List the steps of one sample in their order, then the packages that the run imports."""
+    """List where fingers start, the steps of one sample in their order, then the packages that the run imports."""
     return [PlanRow(step, runs, why, _kernel(scene, step)) for step, runs, why in _rows(resolve(scene))]
 
 
@@ -63,6 +63,7 @@ def _kernel(scene: Scene, step: str) -> str:
 
 def _rows(parts: Parts) -> Iterator[Row]:
     scene = parts.scene
+    yield from _starts(parts)
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:
@@ -104,6 +105,16 @@ def packages(scene: Scene) -> list[str]:
     if any(thing.dynamics == "bullet" for thing in scene.object):
         names.append("pybullet (dynamics)")
     return names
+
+
+def _starts(parts: Parts) -> Iterator[Row]:
+    """Say in numbers where fingers start that come in along a direction."""
+    for finger, name, place in zip(parts.scene.finger, parts.scene.finger_names, parts.start.tolist(), strict=True):
+        if isinstance(finger.start, Placement):
+            ball = f", a ball of {1e3 * finger.radius:g} mm" if finger.radius else ""
+            where = ", ".join(f"{round(x, 12) + 0.0:.6g}" for x in place)  # without rounding's 1e-19, and minus zero
+            why = f"at {where} m, {1e3 * finger.start.gap:g} mm from the surface{ball}"
+            yield f"start {name}", True, why
 
 
 def _drivers(scene: Scene) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -22,7 +23,7 @@ from graspfx.objects.body_state import BodyState
 FloatArray = NDArray[np.float64]
 
 ROWS = 2048  # divided at once: what they take in memory stays small
-FEW = 500  # rows x fingers x (1 + rotations) that Python divides in some ten milliseconds
+FEW, MORE = 500, 5000  # rows x fingers x (1 + rotations), some ten microseconds each where Python divides them
 PROGRAM = """
 def run(rows, dual):
     divide_rows(division, 0, samples, 0, rows, dual)
@@ -218,8 +219,9 @@ def warm() -> None:
 
 
 def _runner(work: int) -> Any:
-    """Choose who divides: by the work there is, never by a clock."""
-    if work > FEW and find_spec("llvmlite") is not None:
+    """Choose who divides, by the work there is and by whether LLVM would have to be loaded first; never by a clock."""
+    least = FEW if "llvmlite" in sys.modules else MORE
+    if work > least and find_spec("llvmlite") is not None:
         with suppress(GraspFXError):  # an LLVM that does not load: Python gives the same bits
             return _compiled()
     return _interpreted

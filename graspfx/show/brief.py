@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from graspfx.show.modes import Modes, mean
+from graspfx.show.modes import Modes
 from graspfx.show.panels import ALL, MM, Curve, Row, View, curve, pushes
 from graspfx.show.strokes import PUSHES, SQUEEZE, Stroke
 from graspfx.show.style import INK
@@ -30,12 +30,12 @@ def brief_rows(columns: Sequence[View]) -> list[Row]:
 
 
 def _depth(view: View) -> tuple[Curve, ...]:
-    """Plot how deep fingers stand in the surface while they touch it: their mean and range."""
+    """Plot how deep fingers stand in the surface, a free one not at all: their mean and range."""
     gap = view.recording.gap
     if gap is None or not view.fingers:
         return ()
-    depth = np.where(view.touching, -MM * gap[:, view.fingers], np.nan)
-    return (curve(ALL, mean(depth, view.touching), DEPTH, depth),)
+    depth = MM * np.where(view.touching, -gap[:, view.fingers], 0.0)
+    return (curve(ALL, depth.mean(axis=1), DEPTH, depth),)
 
 
 def _squeeze(view: View, forces: Modes | None) -> tuple[Curve, ...]:

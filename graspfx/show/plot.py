@@ -81,8 +81,7 @@ def sheet(
     shown by their mean and range. Internal parts are drawn while two fingers touch or more, external ones while one
     does.
 
-    In brief, three rows: how deep fingers stand in the surface while they touch it, mean and range; the squeeze; and
-    the push.
+    In brief, three rows: how deep fingers stand in the surface, mean and range; the squeeze; and the push.
 
     Where positions would look straight, their change since the first tick is drawn, and names say from where. A
     recording of several objects gets a column for each that fingers touch.

@@ -7,6 +7,7 @@ import math
 import time
 import tracemalloc
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,6 +89,33 @@ def test_measures_are_those_of_single_runs(line, jobs, ticks):
                     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-17, err_msg=f"{quantity} {name}")
                 else:
                     np.testing.assert_array_equal(found, expected, err_msg=f"{quantity} {name}")
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("paper-waving", {KEP: [30.0, 70.0], KIP: [70.0, 80.0]}),  # equal gains among them
+        ("sphere-three-fingers", {"coupling.fade": [[0.002, 0.004], [0.007, 0.015]]}),
+        ("soft-pinch", {"finger.*.patch": [0.003, 0.006]}),
+    ],
+)
+def test_the_two_forces_are_measured_as_single_runs_have_them(name, values):
+    scene = gx.load(name)
+    quantities = ["internal_force", "finger_force", "external_force"]
+    quantities += ["internal_moment"] if name == "soft-pinch" else []
+    batch = gx.run_batch(scene, values, 0.4, measure=quantities)
+    both = gx.run_batch(scene, values, 0.4, keep="recordings")
+    recordings: Any = both.recordings
+    for index in np.ndindex(batch.shape):
+        run = single(scene, batch, index, 0.4)
+        assert recordings[index].header.split == run.header.split
+        for quantity in quantities:
+            with np.errstate(invalid="ignore", divide="ignore"):  # growth of what is zero
+                expected = numbers_of(getattr(run, quantity), len(run) // 2)
+            for statistic in ("last", "min", "max", "peak"):
+                np.testing.assert_array_equal(batch[quantity][statistic][index], expected[statistic])
+            np.testing.assert_allclose(batch[quantity]["mean"][index], expected["mean"], rtol=1e-12, atol=1e-16)
+            np.testing.assert_array_equal(both.stacked(quantity)[index], getattr(run, quantity))
 
 
 def test_lanes_give_what_runs_one_by_one_give(line, jobs, monkeypatch):

@@ -138,8 +138,10 @@ def test_interpreted_and_compiled_give_the_same_bits(seed: int, monkeypatch: pyt
     one, samples, whole, torsion = random_samples(seed, 60)
     for dual in (False, True):
         monkeypatch.setattr("graspfx.coupling.two_forces.FEW", 10**9)
+        monkeypatch.setattr("graspfx.coupling.two_forces.MORE", 10**9)
         interpreted = external_part(one, samples, whole, torsion, dual=dual)
         monkeypatch.setattr("graspfx.coupling.two_forces.FEW", 0)
+        monkeypatch.setattr("graspfx.coupling.two_forces.MORE", 0)
         monkeypatch.setattr("graspfx.coupling.two_forces.ROWS", 17)  # in pieces
         compiled = external_part(one, samples, whole, torsion, dual=dual)
         for a, b in zip(interpreted, compiled, strict=True):

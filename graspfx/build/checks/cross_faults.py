@@ -26,6 +26,7 @@ from graspfx.build.checks.touching import (
     soft_faults,
 )
 from graspfx.build.checks.viscosity import may_turn, viscosity_faults
+from graspfx.build.placement import placement_faults
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import wiring_faults
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
@@ -74,7 +75,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
     yield _unique(scene, "obstacle")
     yield meeting_faults(scene, stock, faults)
     for i, finger in enumerate(_items(scene, "finger")):
-        yield _length(scene, ("finger", i), finger, "start")
+        yield _start(scene, i, finger, stock)
         for field in NAME_KEYS:
             yield _reference(scene, ("finger", i, field), finger, field)
         yield own_hand_faults(scene, i, stock)
@@ -99,6 +100,14 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
         yield contact_axes_faults(scene, share)
     yield _fade(scene)
     yield _blend(scene)
+
+
+def _start(scene: SceneTable, i: int, finger: Any, stock: Stock) -> Iterator[Finding]:
+    if isinstance(finger.start, tuple):
+        yield from _length(scene, ("finger", i), finger, "start")
+        return
+    wrong = list(_length(scene, ("finger", i, "start"), finger.start, "toward"))
+    yield from wrong or placement_faults(scene, i, stock)
 
 
 def _items(scene: SceneTable, table: str) -> tuple[Any, ...]:

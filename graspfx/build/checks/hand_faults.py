@@ -13,6 +13,7 @@ from graspfx import plugins
 from graspfx.build.checks.lengths import Finding, Location, length_faults, numbers
 from graspfx.build.checks.settings import reason, signature_faults
 from graspfx.build.hand_parts import AUTOMATIC, plugin_hand
+from graspfx.build.placement import start_of
 from graspfx.build.stock import Stock
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate
 from graspfx.loop.motion import motion
@@ -54,7 +55,7 @@ def shared_hand_faults(scene: SceneTable, at: Location, hand: Any, stock: Stock)
     yield from _each(
         *(_half(scene, (*at, half), hand, half) for half in ("arm", "grip")),
         _moving(scene, at, hand, fingers, stock),
-        _closing(scene, at, hand, fingers),
+        _closing(scene, at, hand, fingers, stock),
         _normals(scene, at, hand, fingers),
         _share(at, hand, fingers),
     )
@@ -198,7 +199,9 @@ def _own_closing(scene: SceneTable, at: Location, hand: Any) -> Iterator[Finding
         yield from wrong or _zero((*at, "closing"), hand.closing)
 
 
-def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int]) -> Iterator[Finding]:
+def _closing(
+    scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequence[int], stock: Stock
+) -> Iterator[Finding]:
     closing = hand.closing
     if isinstance(closing, tuple):
         if fingers and len(closing) != len(fingers):
@@ -207,7 +210,7 @@ def _closing(scene: SceneTable, at: Location, hand: SharedHand, fingers: Sequenc
             if len(direction) != scene.dimensions:
                 yield (*at, "closing", i), f"expected {numbers(scene.dimensions)}; given {abbreviate(list(direction))}"
     elif closing == "centre":
-        start = np.array([scene.finger[i].start for i in fingers], dtype=float)
+        start = np.array(_starts(scene, fingers, stock), dtype=float)
         arms = np.linalg.norm(start - start.mean(axis=0), axis=1) if fingers else np.ones(1)
         if arms.min() <= NEAR * np.abs(start).max(initial=0.0):
             yield (*at, "closing"), "a finger starts in the fingers' mean, from where no direction leads to it"
@@ -239,7 +242,7 @@ def _plugin_faults(
     wrong = [((*at, key), "the scene gives it: leave it out") for key in clashes]
     wrong += signature_faults(at, kind, settings, parameters, AUTOMATIC)
     yield from wrong
-    starts = [scene.finger[i].start for i in fingers]
+    starts = _starts(scene, fingers, stock)
     centres = [thing.position or (0.0,) * scene.dimensions for thing in _touched(scene, fingers)]
     if wrong or not starts or any(len(vector) != scene.dimensions for vector in (*starts, *centres)):
         return
@@ -253,6 +256,20 @@ def _plugin_faults(
         yield ((*at, error.name), reason(error)) if error.name in settings else (at, str(error))
     except GraspFXError as error:
         yield at, f"{kind!r} cannot hold: {error}"
+
+
+def _starts(scene: SceneTable, fingers: Sequence[int], stock: Stock) -> list[tuple[float, ...]]:
+    """List where fingers start; NotValid if one has no place, which is a fault of its own."""
+    starts = []
+    for i in fingers:
+        try:
+            start = start_of(scene, i, stock)
+        except GraspFXError as error:  # of its object's shape
+            raise NotValid("start") from error
+        if start is None:
+            raise NotValid("start")
+        starts.append(start)
+    return starts
 
 
 def _touched(scene: SceneTable, fingers: Sequence[int]) -> list[Object]:

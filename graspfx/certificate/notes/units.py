@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from graspfx.build.holdings import holdings
+from graspfx.build.resolve import resolve
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import MadeHand, Reach, SharedMadeHand, Step, TurnReach
 from graspfx.scene.tables.reading import listed
@@ -23,9 +24,10 @@ def unit_notes(scene: Scene) -> list[str]:
 
 
 def _suspects(scene: Scene) -> Iterator[tuple[str, float, str]]:
+    start = resolve(scene).start
     for i, finger in enumerate(scene.finger):
         thing = scene.object[scene.finger_objects[i]]
-        away = np.subtract(finger.start, thing.position or 0.0)
+        away = start[i] - np.array(thing.position or 0.0)
         if np.linalg.norm(away) > FARTHEST:
             yield f"finger.{i}.start from its object", float(np.linalg.norm(away)), "m"
         if finger.radius > LARGEST:

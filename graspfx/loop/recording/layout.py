@@ -93,10 +93,10 @@ class Layout:
         return tuple(
             Column(
                 f"{part}_{name}", slice(0, 0), tuple(size for _, size in axes[name]), tuple(a for a, _ in axes[name]),
-                {"force": "N", "moment": "N m"}[name], f"part of the finger's {name} on the object {what}",
+                {"force": "N", "moment": "N m"}[name], f"part of the finger's {name} on the object {purpose}",
             )
             for name in names
-            for part, what in parts.items()
+            for part, purpose in parts.items()
         )  # fmt: skip
 
     def is_essential(self, name: str) -> bool:

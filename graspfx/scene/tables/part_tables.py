@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
@@ -184,6 +185,17 @@ class Pad(Table):
     stiffness: Positive = Field(description="k [N/m^1.5]; 4/3 E* sqrt(R) of a ball on a plane")
 
 
+class Placement(Table):
+    """A start on the way in to the object, along a direction from its centre, in the place of coordinates."""
+
+    toward: Vector = Field(description="from the object's centre of mass at first, world axes, of any length (d,)")
+    gap: NotNegative = Field(default=0.0, description="of the fingertip, its ball included, to the surface [m]")
+
+
+_by_place = Discriminator(lambda value: "<table>" if isinstance(value, Mapping | Table) else "<list>")
+PointOrPlacement = Annotated[Annotated[Vector, Tag("<list>")] | Annotated[Placement, Tag("<table>")], _by_place]
+
+
 class Finger(Table):
     """A fingertip: the device that moves it, the hand that holds it, the object that it touches."""
 
@@ -191,7 +203,9 @@ class Finger(Table):
     device: DeviceOrName = Field(description="a table, or the label of a [[device]]")
     channel: Count = Field(default=0, description="which finger of the device")
     hand: HandOrName | None = Field(default=None, description="a table, or the name of a [[hand]]")
-    start: Vector = Field(description="(d,) [m]")
+    start: PointOrPlacement = Field(
+        description="(d,) [m]; or a direction from the object's centre, along which it comes in to a gap"
+    )
     radius: NotNegative = Field(default=0.0, description="of the ball that the fingertip is; 0: a point [m]")
     object: Name | None = Field(default=None, description="the name of an [object]; the first if not given")
     model: Annotated[Literal["hard", "soft"], BeforeValidator(_model)] = Field(
