@@ -26,6 +26,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "export": "write a recording as comma-separated text or netCDF, for other programs",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
+    "completion": "print a script with which a shell completes commands, options, scenes and recordings",
     "list": "name the scenes, devices, hands and dynamics there are, a line about each",
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or two side by side",
@@ -84,7 +85,8 @@ def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
             module.add_arguments(command)
             add_loudness(command)
             command.epilog = f"example:\n{module.EXAMPLE}\n\n{CODES}"
-            command.set_defaults(command=module.execute, options=tuple(command._option_string_actions))
+            options = tuple(command._option_string_actions)
+            command.set_defaults(command=module.execute, options=options, commands=tuple(COMMANDS))
     return top
 
 

@@ -1,4 +1,4 @@
-"""What commands say beside their answers: -v and -vv on standard error, -q nothing but errors; and Python's logging."""
+"""Words of commands beside their answers: -v and -vv on standard error, -q errors alone; and Python's logging."""
 
 from __future__ import annotations
 
