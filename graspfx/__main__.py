@@ -14,6 +14,7 @@ from typing import NoReturn
 
 from graspfx import __version__
 from graspfx.commands.arguments import separate
+from graspfx.commands.loudness import add_loudness, is_quiet, loudness
 from graspfx.commands.output import CODES, INTERRUPTED, WRONG
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
@@ -25,6 +26,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "export": "write a recording as comma-separated text or netCDF, for other programs",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
+    "completion": "print a script with which a shell completes commands, options, scenes and recordings",
     "list": "name the scenes, devices, hands and dynamics there are, a line about each",
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or two side by side",
@@ -37,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = parse(words)
-        with _plain_warnings(), granted(getattr(options, "trust", False)):
+        with loudness(options), _plain_warnings(), granted(getattr(options, "trust", False)):
             code: int = options.command(options)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither
@@ -81,8 +83,10 @@ def parser(words: Collection[str] = tuple(COMMANDS)) -> ArgumentParser:
         if name in words:
             module = import_module(f"graspfx.commands.{name}")
             module.add_arguments(command)
+            add_loudness(command)
             command.epilog = f"example:\n{module.EXAMPLE}\n\n{CODES}"
-            command.set_defaults(command=module.execute, options=tuple(command._option_string_actions))
+            options = tuple(command._option_string_actions)
+            command.set_defaults(command=module.execute, options=options, commands=tuple(COMMANDS))
     return top
 
 
@@ -108,7 +112,7 @@ def _plain_warnings() -> Iterator[None]:
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
         text = " ".join(str(message).split())
-        if text not in texts:
+        if text not in texts and not is_quiet():
             texts.add(text)
             print(f"warning: {text}", file=sys.stderr)
 

@@ -13,7 +13,7 @@ from os import PathLike
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from graspfx import plugins
+from graspfx import log, plugins
 from graspfx.build.build import build, make_layout
 from graspfx.build.resolve import Parts, resolve
 from graspfx.compile.kernel import keep_lowerings
@@ -80,6 +80,7 @@ def run(
         to_path("out", out, "the path of a folder")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
     parts = resolve(scene_)
+    log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     warn_of_axes(parts)
     layout = make_layout(parts)
     size = 8 * layout.width  # bytes of a tick
@@ -107,6 +108,10 @@ def run(
                 took if complete else None, complete=complete, engine=servo.engine.name, **servo.coupling
             )
     finished = recording if out is None else Recording.load(file)
+    if out is not None:
+        log.info("wrote %s", file)
+    how = finished.outcome
+    log.info("%d ticks in %.3g s, %s; faults: %d", len(finished), took, how.engine, len(how.faults))
     finished.beside = plugins.upward("Recording.beside")(scene_)
     return finished
 

@@ -37,17 +37,18 @@ def beside(scene: Readable) -> Beside:
 
 def _certificates(scene: Readable) -> dict[str, Certificate] | str:
     from graspfx.certificate.certificates import certificates
-    from graspfx.scene.model import Scene
 
     try:
-        return {each.object: each for each in certificates(_whole(scene, Scene))}
+        return {each.object: each for each in certificates(whole_scene(scene))}
     except GraspFXError as error:
         return " ".join(str(error).split())
 
 
-def _whole(scene: Any, kind: type[Scene]) -> Scene:
+def whole_scene(scene: Any) -> Scene:
     """Give the scene itself; one from the cache is made again from its tables."""
-    return scene if isinstance(scene, kind) else kind(scene.source, **scene.to_dict())
+    from graspfx.scene.model import Scene
+
+    return scene if isinstance(scene, Scene) else Scene(scene.source, **scene.to_dict())
 
 
 def _answer(certificate: Certificate, mode: str) -> dict[str, Any]:

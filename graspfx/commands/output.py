@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from graspfx.commands.loudness import is_quiet
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import PART, is_part, part_of
 
@@ -34,7 +35,7 @@ def doubts(scene: Scene) -> list[str]:
 
 
 def note(notes: Iterable[str]) -> None:
-    for each in notes:
+    for each in () if is_quiet() else notes:
         print(f"note: {each}", file=sys.stderr)
 
 
@@ -46,7 +47,7 @@ def say_faults(recording: Recording) -> int:
 
 
 def name_files(paths: Sequence[Path]) -> None:
-    for path in paths:
+    for path in () if is_quiet() else paths:
         print(f"wrote {path}")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from graspfx.commands.arguments import add_style, picture_name
 from graspfx.commands.destination import add_destination, require_room
+from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import SUCCESS, draw, name_files, say_source
 
 EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf --width page"""
@@ -35,7 +36,8 @@ def execute(options: Namespace) -> int:
     make_folder(folder)
     labels = _labels(paths)
     draw(recordings, picture, brief=options.brief, width=options.width, labels=labels if len(paths) > 1 else None)
-    print_summary(recordings, labels, BRIEF if options.brief else ROWS)
+    if not is_quiet():
+        print_summary(recordings, labels, BRIEF if options.brief else ROWS)
     name_files([picture])
     return SUCCESS
 

@@ -7,8 +7,10 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from graspfx import log
 from graspfx.commands.arguments import add_scene, add_style, picture_name
 from graspfx.commands.destination import add_destination, destination, require_room, require_room_of
+from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import (
     INTERRUPTED,
     doubts,
@@ -23,6 +25,7 @@ from graspfx.loop.recording.places import NAME
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
+    from graspfx.scene.tables.reading import Readable
 
 
 PICTURE = "figure"
@@ -71,6 +74,8 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
     from graspfx.commands.interrupt import interruptible
     from graspfx.show.remarks import remarks
 
+    if log.is_heard():
+        _log_plan(scene)
     written, picture = [folder / NAME], folder / picture_name(PICTURE, options)
     with interruptible() as stop:
         recording = run(scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop)
@@ -83,13 +88,22 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         written.append(picture)
     if options.json:
         print_json(recording.summary())
-    else:
+    elif not is_quiet():
         from graspfx.show.summary_table import print_summary
 
         print_summary([recording])
         name_files(written)
     note(remarks(recording))
     return say_faults(recording), True
+
+
+def _log_plan(scene: Readable) -> None:
+    from graspfx.certificate.comparison import whole_scene
+    from graspfx.certificate.plan import plan
+
+    for row in plan(whole_scene(scene)):
+        if not row.runs:
+            log.info("skipped: %s: %s", row.step, row.why)
 
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:

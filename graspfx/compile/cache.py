@@ -9,6 +9,7 @@ import sys
 import warnings
 from pathlib import Path
 
+from graspfx import log
 from graspfx.compile.ownership import intrusion, make_own, read_own
 from graspfx.errors import InputError
 
@@ -59,7 +60,10 @@ def load(key: str) -> bytes | None:
         path = folder() / f"{key}{SUFFIX}"
         stranger = intrusion(path.parent)
         entry = None if stranger else read_own(path)
-    except OSError:
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        log.info("the cache cannot be read: %s", error.strerror or error)
         return None
     if entry is None:
         _warn(path.parent, stranger or f"{path.name} is no file of its user alone")
@@ -94,7 +98,9 @@ def store(key: str, content: bytes) -> str:
             raise
         _trim(here)
     except OSError as error:
+        log.info("nothing can be kept in %s: %s", here, error.strerror or error)
         return f"nothing can be kept in {here}: {error.strerror or error}"
+    log.debug("kept %s, %d bytes, in %s", key[:12], len(content), here)
     return ""
 
 

@@ -14,8 +14,10 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
+from graspfx import log
 from graspfx.compile import cache as disk
 from graspfx.compile.llvm.llvm import ENTRY, LlvmProgram, llvm_program
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
@@ -185,12 +187,15 @@ def compiled(
         entry = disk.load(key)
         if entry is not None:
             head, _, machine = entry.partition(b"\n")
+            log.info("program %s: %d kB of machine code from the cache", key[:12], len(machine) // 1000)
             return Native(json.loads(head), machine, cached=True)
     if not make:
         raise LookupError("not compiled yet")
+    began = perf_counter()
     program = llvm_program(source, floats, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
     machine = _emitted(program, effort, wide=wide)
+    log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
     note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from graspfx import log
 from graspfx.compile import cache as disk
 from graspfx.compile.kernel import keep_lowerings, written
 from graspfx.compile.own_sources import is_own, source_digest
@@ -47,11 +48,13 @@ def program_source(
         entry = json.loads(content)
         same = all(_digest(file) == digest for file, digest in entry["files"].items())
         if same and all(_number(module, name) == number for module, name, number in entry["numbers"]):
+            log.debug("program %s: specialised before", key[:12])
             return str(entry["source"])
     if not make:
         raise LookupError("not specialised yet")
     program = specialise(text, kernels, arrays, frozen, unroll=unroll)
     source = program.source()
+    log.debug("program %s: specialised, %d lines", key[:12], source.count("\n"))
     keep_lowerings()
     folders = {Path(file).parent for file in program.files if not is_own(file)}  # of kernels of others
     files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}

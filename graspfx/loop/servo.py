@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import log
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasped import fault_text
 from graspfx.errors import DeviceError, GraspFXError, InputError
@@ -170,6 +171,7 @@ class Servo:
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
             self._frozen = None if self._kind == Interpreted.name else FrozenEntries(self._tick.script)
             self._engine = ENGINES[self._kind](self._tick)
+            log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
     def _run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None) -> None:

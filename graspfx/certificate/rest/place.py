@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import log
 from graspfx.build.resolve import Parts
 from graspfx.build.still_hands import still_hands
 from graspfx.certificate.rest.cone_edge import grip_margins
@@ -96,6 +97,8 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
         result = settle(grip, load.course, load.hands, load.weight)
         if (result is None or not result.rest) and first is not None and first.rest:
             result, grip.grasped.block[:] = first, reached
+    if result is not None:
+        log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:
         return unforced(place, "on the way to rest the forces of a sample do not settle")
     if not result.rest:

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx import log
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.compile.records import start_of
 from graspfx.errors import InputError, MissingPackageError
@@ -288,6 +289,9 @@ class AutoEngine:
                 engine = Compiled(self._tick, make=saving > COMPILING, quick=saving < OPTIMISING)
                 engine.write_to(self._rows)
                 self._engine, self._after = engine, self._ran
+                log.info("a compiled program takes over after %d ticks", self._ran)
+                return
+        log.debug("ticks go on as they stand: a program would save %.2g s", saving)
 
 
 ENGINES: dict[str, Callable[[Tick], Engine]] = {"auto": AutoEngine, "compiled": Compiled, "interpreted": Interpreted}
