@@ -43,6 +43,7 @@ UPWARD = {
     "Loci.bode": "graspfx.show.loop_figures.bode",
     "Loci.nyquist": "graspfx.show.loop_figures.nyquist",
     "Recording.beside": "graspfx.certificate.comparison.beside",
+    "Recording.picture": "graspfx.show.drawing.picture",
     "Recording.plot": "graspfx.show.drawing.plot",
     "Recording.to_csv": "graspfx.show.tabular.write_csv",
     "Recording.to_frame": "graspfx.show.tabular.recording_frame",

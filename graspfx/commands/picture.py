@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from graspfx.commands.arguments import add_overrides
+from graspfx.commands.arguments import add_overrides, add_style, picture_name
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import name_files, note, placing, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
 
 
-PICTURE = "picture.png"
+PICTURE = "picture"
 EXAMPLE = """  graspfx picture pick-and-place --time 1.7 --view -60 25"""
 
 
@@ -32,6 +32,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs=2,
         help="azimuth and elevation of the viewer (where fingers are seen)",
     )
+    parts = "internal and external force of each finger (two), or its total force"
+    parser.add_argument("--forces", choices=("two", "total"), default="two", help=parts)
+    add_style(parser)
     meaning = "the picture (picture.png beside the recording, or in out/SCENE, out/SCENE-2, ...)"
     add_destination(parser, "FILE", meaning)
 
@@ -46,7 +49,7 @@ def execute(options: Namespace) -> int:
         _require_room(options.out, options)
         return _draw_scene(options.out, options)
     with destination(options, subject.stem) as home:
-        return _draw_scene(home / PICTURE, options)
+        return _draw_scene(home / picture_name(PICTURE, options), options)
 
 
 def _draw_recording(source: Path, options: Namespace) -> int:
@@ -57,7 +60,7 @@ def _draw_recording(source: Path, options: Namespace) -> int:
     if options.preset:
         raise InputError("--preset", options.preset, "a scene that has it", f"{source} has been run")
     file = recording_file(source if source.suffix == ".h5" or is_part(source) or source.is_dir() else source / NAME)
-    path: Path = options.out or file.parent / PICTURE
+    path: Path = options.out or file.parent / picture_name(PICTURE, options)
     _require_room(path, options)
     recording = Recording.load(file)
     say_source(source, file, recording)
@@ -83,7 +86,16 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
 
     make_folder(path.parent)
     with placing(path) as file:
-        notes = picture(recording, file, options.time, view=options.view, folder=meshes)
+        notes = picture(
+            recording,
+            file,
+            options.time,
+            view=options.view,
+            folder=meshes,
+            forces=options.forces,
+            width=options.width,
+            form=options.format or "",
+        )
     note(notes)
     name_files([path])
     return say_faults(recording)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from graspfx.loop.recording.record import Recording
+    from graspfx.show.picture.arrows import Forces
     from graspfx.show.sheet import Sheet
 
 INLINE = 110  # pixels in an inch, in a notebook
@@ -48,6 +49,20 @@ class Drawing:
 
     def _repr_png_(self) -> bytes:
         return style.pixels(self.figure, INLINE)
+
+
+def picture(
+    recording: Recording,
+    time: float | None = None,
+    *,
+    view: tuple[float, float] | None = None,
+    forces: Forces = "two",
+    width: str = "screen",
+) -> Drawing:
+    """Draw one instant of a recording; see `graspfx.show.picture.portrait.picture`."""
+    from graspfx.show.picture.portrait import portrait
+
+    return Drawing(*portrait(recording, time, view=view, forces=forces, width=width))
 
 
 def plot(

@@ -48,7 +48,6 @@ class Sheet:
         share_y: bool,
         widths: Sequence[float] | None,
         bar: bool,
-        foot: float,
     ) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -60,7 +59,6 @@ class Sheet:
         self.heights = [width.share * height for height in heights]
         self._shares = np.array(widths or [1.0] * columns) / sum(widths or [1.0] * columns)
         self._share = share_x, share_y
-        self._foot = foot
         self._title = ""
         self._titles = [""] * columns
         self._letters = [""] * len(heights)
@@ -126,7 +124,7 @@ class Sheet:
                 right -= BAR + 2.0 * GAP + self._overhang(self.bar)[2] - max(row[-1][2] for row in boxes)
             between = max([GAP, *(GAP + row[c][0] + row[c - 1][2] for row in boxes for c in range(1, len(row)))])
             below = [GAP + max(box[1] for box in row) for row in boxes]
-            below[-1] = EDGE + self._foot + max(box[1] for box in boxes[-1])
+            below[-1] = EDGE + max(box[1] for box in boxes[-1])
             titled = [max(box[3] for box in row) for row in boxes]
             wide = [share * (right - left - between * (len(self._shares) - 1)) for share in self._shares]
         start = left if left < WIDE or any(self._letters) else EDGE  # beside long names of lines there is room for more

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,7 +77,7 @@ def figure(
     share_y: bool = True,
     widths: list[float] | None = None,
     bar: bool = False,
-    foot: float = 0.0,
+    inches: float = 0.0,
 ) -> Sheet:
     """Make a figure of rows and columns of panels, of which only the panels' heights are asked for.
 
@@ -88,14 +89,14 @@ def figure(
         share_y: the panels of a row have the same ordinate, which is numbered on the left.
         widths: shares of the columns; equal ones if None.
         bar: whether there is room for a colour bar on the right, `sheet.bar`.
-        foot: room below all panels [inches].
+        inches: of the paper, where the width's own do not suit.
 
     Raises:
         InputError: a width of another name.
     """
-    return Sheet(
-        heights, columns, width_of(width, columns), share_x=share_x, share_y=share_y, widths=widths, bar=bar, foot=foot
-    )
+    paper = width_of(width, columns)
+    paper = replace(paper, inches=inches) if inches else paper
+    return Sheet(heights, columns, paper, share_x=share_x, share_y=share_y, widths=widths, bar=bar)
 
 
 def panel(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:

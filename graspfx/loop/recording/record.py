@@ -17,7 +17,13 @@ if TYPE_CHECKING:
 
 
 class Drawing(Protocol):
-    """A figure of a recording: shown by a notebook, written by `save`."""
+    """A figure of a recording: shown by a notebook, written by `save`.
+
+    Attributes:
+        notes: what could not be drawn, and why.
+    """
+
+    notes: tuple[str, ...]
 
     @property
     def figure(self) -> Any:
@@ -106,6 +112,31 @@ class Recording(Carded, History):
             InputError: a recording without a tick, another number of titles, or no such width.
         """
         drawing: Drawing = plugins.upward("Recording.plot")(self, *others, titles=titles, width=width)
+        return drawing
+
+    def picture(
+        self,
+        time: float | None = None,
+        *,
+        view: tuple[float, float] | None = None,
+        forces: Literal["two", "total"] = "two",
+        width: Literal["screen", "page", "column"] = "screen",
+    ) -> Drawing:
+        """Draw one instant of the run, to scale, with its forces as arrows; a notebook shows it as it is.
+
+        Args:
+            time: [s]; by default where most fingers touch and their forces are largest, or the end.
+            view: azimuth and elevation of the viewer [degrees], in space; by default where the fingers are seen best.
+            forces: of each finger its internal and its external part, or their total.
+            width: for a screen, or 7.2 ("page") or 3.5 ("column") inches of a journal.
+
+        Returns:
+            `.save(path)` writes it, `.figure` is matplotlib's own, `.notes` says what could not be drawn.
+
+        Raises:
+            InputError: a recording without a tick, a time outside it, or no such width.
+        """
+        drawing: Drawing = plugins.upward("Recording.picture")(self, time, view=view, forces=forces, width=width)
         return drawing
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import GraspFXError, InputError, abbreviate
+from graspfx.errors import GraspFXError, InputError, RecordingError, abbreviate
 from graspfx.show.picture.surfaces import Surface, surface
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class Instant:
         radii: (n,) of the balls that they are, zero for points [m].
         contacts: (n, d) where forces act [m].
         forces: (n, d) on the object [N].
+        parts: their internal and external parts (n, d) [N], zero for a free finger; None if the recording does not say.
         touching: (n,).
         paths: of the fingertips so far (k, n, d) [m].
         title: of the scene.
@@ -77,6 +78,7 @@ class Instant:
     radii: FloatArray
     contacts: FloatArray
     forces: FloatArray
+    parts: tuple[FloatArray, FloatArray] | None
     touching: NDArray[np.bool_]
     paths: FloatArray
     title: str
@@ -143,10 +145,21 @@ def instant(recording: Recording, time: float | None = None, folder: Path | None
         extent=extent, middle=middle, things=[*endless, *bounded],
         names=[name for name, one in zip(recording.layout.fingers, finite, strict=True) if one],
         tips=tips[k][finite], radii=radii[finite], contacts=contacts[finite],
-        forces=np.nan_to_num(forces[finite], posinf=0.0, neginf=0.0), touching=recording.touching[k][finite],
+        forces=np.nan_to_num(forces[finite], posinf=0.0, neginf=0.0), parts=_parts(recording, k, d, finite),
+        touching=recording.touching[k][finite],
         paths=tips[: k + 1][:, finite],
         title=recording.header.title or Path(recording.header.scene).stem, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _parts(recording: Recording, k: int, d: int, finite: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray] | None:
+    try:
+        parts = recording.internal_force, recording.external_force
+    except RecordingError:  # of an earlier format
+        return None
+    shown = recording.touching[k, :, None] & np.isfinite(recording.finger_force[k])
+    internal, external = (_lifted(np.where(shown, part[k], 0.0), d)[finite] for part in parts)
+    return internal, external
 
 
 def _tick(recording: Recording, time: float | None) -> int:

@@ -1,29 +1,31 @@
-"""Triangles and lines in space drawn from far to near, shaded, on flat axes: a parallel projection."""
+"""Solids and lines in space on flat axes, a parallel projection: solids as pixels, lines as lines, cut where hidden."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import cos, radians, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.show.picture.surfaces import Surface, finer
+from graspfx.show.picture.surfaces import Surface
+from graspfx.show.picture.zbuffer import CREASE, Layer, corner_normals, halved, weld
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
-CELL = 1.0 / 36.0  # longest side of what is sorted by its middle, as a share of the picture
-NEARER = 0.012  # by which lines on a surface come before it, as a share of the picture
-CREASE = 30.0  # [degrees] between triangles, from which on their edge is drawn
-AMBIENT, DIFFUSE, GLOSS = 0.52, 0.48, 0.16
-SHARPNESS = 24.0
-SEAM = 0.3  # [points]: the stroke that closes the hairlines between neighbours
+PIXELS = 1560  # along the longer side, four of which become one
+REACH = 2  # pixels about a point, all of which must be nearer for it to be hidden
+NEARER = 0.004  # by which lines on a surface come before it, as a share of the extent
+SHORTEST = 0.006  # pieces of a line, visible or hidden, that are none, as a share of the extent
 OUTLINE = 0.8  # [points]
-LIGHT = (-0.45, 0.65, 0.75)  # to the right, up, towards the viewer
+BEFORE = 0.02  # room about the surfaces, as a share of the extent
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Camera:
 
 @dataclass
 class Painter:
-    """Collects what is to be seen, then draws all of it in one go, so that everything hides what is behind it.
+    """Collects solids, then paints them and tells what they hide.
 
     Args:
         camera: from where it is seen.
@@ -66,125 +68,126 @@ class Painter:
 
     camera: Camera
     extent: float
-    _corners: list[FloatArray] = field(default_factory=list)  # (k, 3, 3) as seen
-    _depths: list[FloatArray] = field(default_factory=list)
-    _faces: list[FloatArray] = field(default_factory=list)  # colours, with alpha zero for lines
-    _edges: list[FloatArray] = field(default_factory=list)
-    _widths: list[FloatArray] = field(default_factory=list)
-    _hiding: list[FloatArray] = field(default_factory=list)
+    _solids: list[tuple[Surface, str, str, bool, bool]] = field(default_factory=list)
+    _layer: Layer | None = None
+    _clear: FloatArray | None = None
 
-    def add(self, solid: Surface, colour: str, *, outline: str = "", both_sides: bool = False) -> None:
+    def add(
+        self, solid: Surface, colour: str, *, outline: str = "", both_sides: bool = False, hides: bool = True
+    ) -> None:
         """Add a surface of this colour; with an outline, its creases and its rim against what is behind.
 
         Args:
             both_sides: it is open, and seen from behind too.
+            hides: lines behind it are hidden; not so behind a fingertip, which would hide its own arrow.
         """
-        corners = self.camera.project(finer(solid, CELL * self.extent).vertices.reshape(-1, 3, 3))
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        lengths = np.linalg.norm(normals, axis=1)
-        whole = lengths > 0.0
-        corners, normals = corners[whole], normals[whole] / lengths[whole, None]
-        if both_sides:
-            normals[normals[:, 2] < 0.0] *= -1.0
-        front = normals[:, 2] > 0.0
-        corners, colours = corners[front], _shaded(normals[front], colour)
-        self._put(corners, colours, colours, SEAM)
-        self._hiding.append(corners)
-        if outline:
-            self.segments(_edges(solid, self.camera), outline, OUTLINE)
-
-    def line(self, points: FloatArray, colour: str, width: float) -> None:
-        """Add a line through points (k, 3), hidden where something is before it."""
-        self.segments(np.stack([points[:-1], points[1:]], axis=1), colour, width)
-
-    def segments(self, ends: FloatArray, colour: str, width: float) -> None:
-        """Add straight pieces (k, 2, 3), each hidden where something is before it."""
-        from matplotlib.colors import to_rgba
-
-        if not len(ends):
-            return
-        longest = CELL * self.extent
-        parts = []
-        for a, b in ends:
-            steps = 1 + int(np.linalg.norm(b - a) / longest)
-            cuts = a + np.linspace(0.0, 1.0, steps + 1)[:, None] * (b - a)
-            parts.append(np.stack([cuts[:-1], cuts[1:], cuts[1:]], axis=1))
-        corners = self.camera.project(np.concatenate(parts))
-        edges = np.tile(to_rgba(colour), (len(corners), 1))
-        self._put(corners, np.zeros((len(corners), 4)), edges, width, NEARER * self.extent)
-
-    def hidden(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Tell which of points (n, 3) are behind a surface that was added so far."""
-        projected = self.camera.project(points)
-        mask = np.zeros(len(projected), dtype=bool)
-        if not self._hiding:
-            return mask
-        a, b, c = np.moveaxis(np.concatenate(self._hiding), 1, 0)
-        doubled = _cross(b - a, c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for i, p in enumerate(projected):
-                u, v = _cross(p - a, c - a) / doubled, _cross(b - a, p - a) / doubled
-                inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
-                nearness = a[:, 2] + u * (b - a)[:, 2] + v * (c - a)[:, 2]
-                mask[i] = bool((nearness[inside] > p[2] + 2.0 * NEARER * self.extent).any())
-        return mask
+        self._solids.append((solid, colour, outline, both_sides, hides))
+        self._layer = self._clear = None
 
     def bounds(self) -> FloatArray:
-        """Lower and upper corner (2, 2) of all surfaces that were added, to the right and up; lines may leave them."""
-        flat = np.concatenate(self._hiding)[..., :2].reshape(-1, 2)
+        """Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may leave them."""
+        flat = np.concatenate([self.camera.project(solid.vertices)[:, :2] for solid, *_ in self._solids])
         return np.array([flat.min(axis=0), flat.max(axis=0)])
 
     def draw(self, axes: Axes) -> None:
-        """Draw everything, from far to near."""
-        from matplotlib.collections import PolyCollection
+        """Paint the solids, and draw their outlines where nothing hides them."""
+        from matplotlib.collections import LineCollection
 
-        order = np.argsort(np.concatenate(self._depths), kind="stable")
-        corners = np.concatenate(self._corners)[order, :, :2]
-        drawn = PolyCollection(
-            corners,  # type: ignore[arg-type]
-            facecolors=np.concatenate(self._faces)[order],
-            edgecolors=np.concatenate(self._edges)[order],
-            linewidths=np.concatenate(self._widths)[order],
-            joinstyle="round", capstyle="round", zorder=1,
-        )  # fmt: skip
-        axes.add_collection(drawn, autolim=False)
+        layer = self._things()[0].copy()
+        rims = [(solid, outline) for solid, _, outline, _, _ in self._solids if outline]
+        for solid, colour, _, both_sides, hides in self._solids:
+            if not hides:
+                self._paint(layer, solid, colour, both_sides)
+        rgba = halved(layer.shaded())
+        height, width = rgba.shape[:2]
+        (x0, y0), size = layer.low, 2.0 * layer.cell
+        extent = (x0, x0 + width * size, y0, y0 + height * size)
+        axes.imshow(rgba, extent=extent, origin="lower", interpolation="antialiased", zorder=1.0, aspect="equal")
+        clear = layer.clear_depth(REACH)
+        for solid, outline in rims:
+            cuts = (self._cut(ends, layer, clear, 0.0) for ends in _edges(solid, self.camera))
+            pieces = [piece[[0, -1], :2] for each in cuts for piece, visible in each if visible]
+            axes.add_collection(
+                LineCollection(pieces, colors=outline, linewidths=OUTLINE, capstyle="round", zorder=1.2), autolim=False
+            )
 
-    def _put(
-        self, corners: FloatArray, faces: FloatArray, edges: FloatArray, width: float, nearer: float = 0.0
-    ) -> None:
-        self._corners.append(corners)
-        self._depths.append(corners[:, :, 2].mean(axis=1) + nearer)
-        self._faces.append(faces)
-        self._edges.append(edges)
-        self._widths.append(np.full(len(corners), width))
+    def pieces(self, points: FloatArray) -> Iterator[tuple[FloatArray, bool]]:
+        """Cut a line through points (k, 3) into pieces as seen (j, 3), with whether each is visible."""
+        layer, clear = self._things()
+        return self._cut(points, layer, clear, SHORTEST * self.extent)
+
+    def hidden(self, points: FloatArray) -> BoolArray:
+        """Tell which of points (n, 3) are behind a surface."""
+        layer, clear = self._things()
+        return ~_visible(self.camera.project(points), layer, clear, NEARER * self.extent)
+
+    def _things(self) -> tuple[Layer, FloatArray]:
+        """Depths of all that hides."""
+        if self._layer is None or self._clear is None:
+            low, high = self.bounds()
+            room = BEFORE * self.extent
+            self._layer = Layer(low - room, high + room, PIXELS)
+            for solid, colour, _, both_sides, hides in self._solids:
+                if hides:
+                    self._paint(self._layer, solid, colour, both_sides)
+            self._clear = self._layer.clear_depth(REACH)
+        return self._layer, self._clear
+
+    def _paint(self, layer: Layer, solid: Surface, colour: str, both_sides: bool) -> None:
+        from matplotlib.colors import to_rgb
+
+        corners = self.camera.project(solid.vertices)[solid.faces]
+        normals = self.camera.project(corner_normals(solid.vertices, solid.faces))
+        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
+        if both_sides:
+            normals = normals * np.where(facing < 0.0, -1.0, 1.0)[:, None, None]
+            facing = np.abs(facing)
+        front = facing > 0.0
+        layer.add(corners[front], normals[front], to_rgb(colour))
+
+    def _cut(
+        self, points: FloatArray, layer: Layer, clear: FloatArray, shortest: float
+    ) -> Iterator[tuple[FloatArray, bool]]:
+        seen = self.camera.project(points)
+        pairs = list(pairwise(seen))
+        steps = [1 + int(np.linalg.norm(b[:2] - a[:2]) / (2.0 * layer.cell)) for a, b in pairs]
+        cuts = [
+            a + np.linspace(0.0, 1.0, n, endpoint=False)[:, None] * (b - a)
+            for (a, b), n in zip(pairs, steps, strict=True)
+        ]
+        line = np.concatenate([*cuts, seen[-1:]])
+        visible = _visible(line, layer, clear, NEARER * self.extent)
+        least = int(shortest / (2.0 * layer.cell))
+        runs = _runs(visible, least)
+        for begin, end in runs:
+            yield line[begin : min(end + 1, len(line))], bool(visible[(begin + end) // 2])
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+def _visible(seen: FloatArray, layer: Layer, clear: FloatArray, nearer: float) -> BoolArray:
+    inside = ((seen[:, :2] >= layer.low) & (seen[:, :2] <= layer.high)).all(axis=1)
+    row, column = layer.pixel(seen[:, :2]).T
+    return np.asarray(~inside | (seen[:, 2] + nearer >= clear[row, column]))
 
 
-def _shaded(normals: FloatArray, colour: str) -> FloatArray:
-    """Shade by Blinn and Phong: ambient, diffuse and gloss, for normals as seen (f, 3)."""
-    from matplotlib.colors import to_rgb
+def _runs(visible: BoolArray, least: int) -> list[tuple[int, int]]:
+    """List runs of equal values; one that is too short joins the run before it."""
+    ends = [0, *(np.flatnonzero(np.diff(visible)) + 1).tolist(), len(visible)]
+    runs: list[tuple[int, int]] = []
+    for begin, end in pairwise(ends):
+        if runs and (end - begin <= least or visible[begin] == visible[runs[-1][0]]):
+            runs[-1] = (runs[-1][0], end)
+        else:
+            runs.append((begin, end))
+    return runs
 
-    light = np.array(LIGHT) / np.linalg.norm(LIGHT)
-    half = light + np.array([0.0, 0.0, 1.0])
-    half /= np.linalg.norm(half)
-    matt = AMBIENT + DIFFUSE * np.clip(normals @ light, 0.0, None)
-    gloss = GLOSS * np.clip(normals @ half, 0.0, None) ** SHARPNESS
-    rgb = np.clip(np.array(to_rgb(colour)) * matt[:, None] + gloss[:, None], 0.0, 1.0)
-    return np.column_stack([rgb, np.ones(len(rgb))])
 
-
-def _edges(solid: Surface, camera: Camera) -> FloatArray:
-    """List edges (k, 2, 3) at creases that are seen, at the rim, and where a surface ends."""
-    extent = float(np.ptp(solid.vertices, axis=0).max())
-    _, label = np.unique(np.round(solid.vertices / (1e-7 * extent)), axis=0, return_inverse=True)
-    f = label.reshape(-1)[solid.faces]
+def _edges(solid: Surface, camera: Camera) -> Sequence[FloatArray]:
+    """List edges (2, 3) at creases that are seen, at the rim, and where a surface ends."""
+    f = weld(solid.vertices, solid.faces)
     corners = solid.vertices[solid.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
-    whole = lengths > 1e-14 * extent**2
+    whole = lengths > 1e-14 * float(np.ptp(solid.vertices, axis=0).max()) ** 2
     f, corners, normals = f[whole], corners[whole], normals[whole] / lengths[whole, None]
     front = camera.project(normals)[:, 2] > 0.0
     ends = np.stack([corners, corners[:, [1, 2, 0]]], axis=2).reshape(-1, 2, 3)
@@ -196,4 +199,4 @@ def _edges(solid: Surface, camera: Camera) -> FloatArray:
     one, two = owner[first], owner[last]
     crease = (normals[one] * normals[two]).sum(axis=1) < cos(radians(CREASE))
     visible = (crease & (front[one] | front[two])) | (front[one] != front[two]) | (count == 1)
-    return np.asarray(ends[first[visible]])
+    return list(ends[first[visible]])

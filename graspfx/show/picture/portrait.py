@@ -3,46 +3,57 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import floor, log10
 from os import PathLike, fspath
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.show import style
+from graspfx.show.picture.arrows import (
+    LONGEST,
+    Arrow,
+    Forces,
+    arrows,
+    draw,
+    finger_colours,
+    outward,
+    points,
+    radius,
+    shown_forces,
+)
 from graspfx.show.picture.instant import Instant, instant
 from graspfx.show.picture.painter import Camera, Painter
-from graspfx.show.picture.surfaces import Surface, arrow, ball
-from graspfx.show.style import FINGERS as COLOURS
+from graspfx.show.picture.surfaces import Surface, ball
+from graspfx.show.style import EXTERNAL, INK, INTERNAL, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from graspfx.loop.recording.record import Recording
+    from graspfx.show.sheet import Sheet
 
 FloatArray = NDArray[np.float64]
 
 THINGS = ("#c3d2e0", "#e3d3b4", "#cfdcc4", "#dccbdc")  # objects in turn
-FIXED, EDGE, INK, PATH = "#c9c6c0", "#4a4f55", "#222222", "#9aa0a6"
-LONGEST_ARROW = 0.34  # as a share of the extent
-SHAFT = 0.009
-TIP = 0.016  # radius at which a fingertip that is a point is drawn
-SHORTEST_ARROW = 0.02  # as a share of the longest: below this a force is no arrow
+FIXED, EDGE = "#d5d2cc", "#4a4f55"
 MOST_POINTS = 400  # of a path
+SHORT = 0.04  # a path of this share of the extent is none
 MOST_NAMES = 8  # with more fingers, numbers
-WIDTH = 5.2  # [inches]
-LETTER = 0.6  # its width, as a share of the size of the text
-RINGS = (1.0, 1.8, 2.6)  # distances of a name from its arrow, in half its height
+SCREEN = 5.2  # [inches]
+LOW, HIGH = 0.25, 1.3  # least and greatest height of the picture, in its width
+LETTER = 0.62  # its width, as a share of the size of the text
+RINGS = (1.0, 1.8, 2.6, 3.6)  # distances of a name from its arrow, in half its height
 TURNS = (0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6, 2.3, -2.3, 3.1)  # [rad] from the direction of the arrow
 BELOW = -0.02  # where the scales are, as a share of the picture's height
-TEXT = 9.0  # [points]
 ELEVATIONS = (22.0, 35.0, 50.0)
 FRONT = -60.0  # [degrees], the azimuth that is taken if none is better
 ALONG_AN_AXIS = (45, 60, 75)  # [degrees] from there, where a box shows one of its faces edge on, or nearly
+PATH = 0.7  # [points]
 
 
 def picture(
@@ -52,11 +63,15 @@ def picture(
     *,
     view: tuple[float, float] | None = None,
     folder: Path | None = None,
+    forces: Forces = "two",
+    width: str = "screen",
+    form: str = "",
 ) -> tuple[str, ...]:
-    """Draw one instant of a recording, in space or in the plane, to scale.
+    """Draw one instant of a recording, in space or in the plane, to scale, and write the picture.
 
-    Forces are those of the fingers on the object; an arrow ends at its fingertip. What a finger behind an object does
-    is drawn dashed.
+    Forces are those of the fingers on the object, each as its internal and its external part, or as their total. An
+    arrow stands outside of the object: it ends where it pushes in and begins where it pulls out. A part of it behind
+    an object is dashed.
 
     Args:
         recording: of a run.
@@ -64,76 +79,87 @@ def picture(
         time: [s]; by default where most fingers touch and their forces are largest, or the end.
         view: azimuth and elevation of the viewer [degrees], in space; by default from where the fingers are seen best.
         folder: where relative paths of meshes start; that of the scene if None.
+        forces: "two" or "total".
+        width: "screen", "page" (7.2 inches) or "column" (3.5 inches).
+        form: "png", "svg" or "pdf", whatever the ending.
 
     Returns:
         What could not be drawn and why, a sentence each.
 
     Raises:
-        InputError: a recording without a tick, a time outside it, or an ending that no format has.
+        InputError: a recording without a tick, a time outside it, no such width, or an ending that no format has.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    style.require_form(form or Path(fspath(path)).suffix[1:].lower(), path)
+    drawing, notes = portrait(recording, time, view=view, folder=folder, forces=forces, width=width)
+    style.save(drawing, path, form)
+    return notes
 
-    figure = Figure(layout="constrained")
-    formats = FigureCanvasAgg(figure).get_supported_filetypes()
-    if Path(path).suffix[1:].lower() not in formats:
-        raise InputError("path", fspath(path), f"a file that ends in .{', .'.join(sorted(formats))}")
+
+def portrait(
+    recording: Recording,
+    time: float | None = None,
+    *,
+    view: tuple[float, float] | None = None,
+    folder: Path | None = None,
+    forces: Forces = "two",
+    width: str = "screen",
+) -> tuple[Sheet, tuple[str, ...]]:
+    """Draw what `picture` writes; return it with what could not be drawn."""
+    if forces not in ("two", "total"):
+        raise InputError("forces", forces, "two or total")
     now = instant(recording, time, folder)
-    axes = figure.add_subplot()
-    longest = float(np.linalg.norm(now.forces, axis=1).max(initial=0.0))
-    scale = LONGEST_ARROW * now.extent / longest if longest > 0.0 else 0.0  # m per N
-    if now.dimensions == 3:
-        _in_space(axes, now, scale, view)
-    else:
-        _in_plane(axes, now, scale)
-    _frame(figure, axes, now, scale, longest)
-    figure.savefig(fspath(path), dpi=200)
-    return now.notes
+    longest = max(float(np.linalg.norm(values, axis=1).max(initial=0.0)) for values, _ in shown_forces(now, forces))
+    scale = LONGEST * now.extent / longest if longest > 0.0 else 0.0  # m per N
+    with style.look(width):
+        drawing = style.figure([1.0], width=width, inches=SCREEN if width == "screen" else 0.0)
+        axes: Axes = drawing.panels[0, 0]
+        axes.grid(visible=False)
+        axes.set_axis_off()
+        if now.dimensions == 3:
+            placed = _in_space(axes, now, scale, view, forces, drawing.width.text)
+        else:
+            placed = _in_plane(axes, now, scale, forces, drawing.width.text)
+        _frame(drawing, axes, now, scale, longest)
+        _explain(drawing, placed)
+    return drawing, now.notes
 
 
 # In space ------------------------------------------------------------------------------------------------------------
 
 
-def _in_space(axes: Axes, now: Instant, scale: float, view: tuple[float, float] | None) -> None:
+def _in_space(
+    axes: Axes, now: Instant, scale: float, view: tuple[float, float] | None, forces: Forces, text: float
+) -> list[Arrow]:
     camera = Camera(*(view or _best_view(now)))
     painter = Painter(camera, now.extent)
-    colours = _thing_colours(now)
-    for thing, colour in zip(now.things, colours, strict=True):
+    for thing, colour in zip(now.things, _thing_colours(now), strict=True):
         painter.add(thing.surface, colour, outline=EDGE, both_sides=thing.endless)
-    behind = painter.hidden(_outward(now))
-    for i, colour in enumerate(_finger_colours(now)):
-        at = ball(_radius(now, i))
-        painter.add(Surface(at.vertices + now.tips[i], at.faces), colour, outline=EDGE)
-        ends = _arrow_ends(now, i, scale)
-        if ends is not None:
-            painter.add(arrow(*ends, SHAFT * now.extent), colour)
-        painter.line(_thinned(now.paths[:, i]), colour, 0.7)
-    for thing in now.things:
-        painter.line(_thinned(thing.path), INK, 0.7)
+    for i, colour in enumerate(finger_colours(now)):
+        at = ball(radius(now, i))
+        painter.add(Surface(at.vertices + now.tips[i], at.faces), colour, outline=EDGE, hides=False)
+    behind = painter.hidden(outward(now))
     painter.draw(axes)
     low, high = painter.bounds()
-    _fit(axes, now, low, high)
+    for path, colour in _paths(now):
+        for piece, visible in painter.pieces(path):
+            if visible and np.ptp(piece[:, :2], axis=0).max() > SHORT * now.extent:
+                axes.plot(piece[:, 0], piece[:, 1], color=colour, lw=PATH, zorder=1.5)
+    placed = arrows(now, scale, forces, camera.axes[:2])
+    for arrow in placed:
+        draw(axes, arrow, now.extent, painter)
+    ends = np.array([end for arrow in placed for end in (arrow.tail, arrow.tip)]).reshape(-1, 3)
+    flat = camera.project(ends)[:, :2]
+    _fit(axes, now, np.min([low, *flat], axis=0), np.max([high, *flat], axis=0), text)
     _dots(axes, now, camera.project(now.contacts)[:, :2], ~behind)
-    for i, colour in enumerate(_finger_colours(now)):
-        ends = _arrow_ends(now, i, scale)
-        if behind[i] and ends is not None:
-            (x0, y0), (x1, y1) = (camera.project(end)[:2] for end in ends)
-            ghost = {"arrowstyle": "-|>", "linestyle": (0, (2.5, 2)), "color": colour, "shrinkA": 0, "shrinkB": 0}
-            axes.annotate("", (x1, y1), (x0, y0), arrowprops={**ghost, "linewidth": 0.9}, zorder=2)
-    tails = _tails(now, scale)
-    _label(
-        axes,
-        now,
-        camera.project(tails)[:, :2],
-        camera.project(tails - now.middle)[:, :2],
-        camera.project(now.tips)[:, :2],
-    )
-    _triad(axes, camera)
+    seen = [replace(a, tail=camera.project(a.tail)[:2], tip=camera.project(a.tip)[:2]) for a in placed]
+    _label(axes, now, seen, camera.project(now.tips)[:, :2], camera.project(now.middle)[:2], text)
+    _triad(axes, camera, text)
+    return placed
 
 
 def _best_view(now: Instant) -> tuple[float, float]:
     """Find a view with most contacts on the near side and apart from each other; the usual corner if none is better."""
-    out = _outward(now) - now.contacts
+    out = outward(now) - now.contacts
     lengths = np.linalg.norm(out, axis=1)
     out = out[lengths > 0.0] / lengths[lengths > 0.0, None]
     best, angles = -np.inf, (FRONT, ELEVATIONS[0])
@@ -155,16 +181,7 @@ def _best_view(now: Instant) -> tuple[float, float]:
     return angles
 
 
-def _outward(now: Instant) -> FloatArray:
-    """Place a point a little outside of each contact: against its force, or away from the middle."""
-    away = -now.forces
-    idle = ~now.touching | (np.linalg.norm(away, axis=1) == 0.0)
-    away[idle] = (now.contacts - now.middle)[idle]
-    lengths = np.linalg.norm(away, axis=1, keepdims=True)
-    return np.asarray(now.contacts + 0.02 * now.extent * away / np.where(lengths > 0.0, lengths, 1.0))
-
-
-def _triad(axes: Axes, camera: Camera) -> None:
+def _triad(axes: Axes, camera: Camera, text: float) -> None:
     """Draw the world's axes in the lower left corner."""
     from matplotlib.offsetbox import AnchoredOffsetbox, DrawingArea
     from matplotlib.patches import FancyArrowPatch
@@ -184,7 +201,7 @@ def _triad(axes: Axes, camera: Camera) -> None:
         area.add_artist(
             Text(
                 size / 2 + x * (1 + 5 / norm), size / 2 + y * (1 + 5 / norm), "xyz"[k],
-                ha="center", va="center", fontsize=TEXT - 1, color=INK,
+                ha="center", va="center", fontsize=text - 1, color=INK,
             )
         )  # fmt: skip
     axes.add_artist(
@@ -196,7 +213,7 @@ def _triad(axes: Axes, camera: Camera) -> None:
 # In the plane --------------------------------------------------------------------------------------------------------
 
 
-def _in_plane(axes: Axes, now: Instant, scale: float) -> None:
+def _in_plane(axes: Axes, now: Instant, scale: float, forces: Forces, text: float) -> list[Arrow]:
     from matplotlib.patches import Circle, Polygon
 
     low = high = now.middle
@@ -204,34 +221,22 @@ def _in_plane(axes: Axes, now: Instant, scale: float) -> None:
         v = thing.surface.vertices
         hatch = "////" if thing.endless or thing.fixed else None
         axes.add_patch(Polygon(v, facecolor=colour, edgecolor=EDGE, linewidth=1.0, hatch=hatch, zorder=1))
-        if not now.on_a_line:
-            path = _thinned(thing.path)
-            axes.plot(path[:, 0], path[:, 1], color=INK, linewidth=0.7, zorder=1.5)
         low, high = np.minimum(low, v.min(axis=0)), np.maximum(high, v.max(axis=0))
-    tails = _tails(now, scale)
-    for i, colour in enumerate(_finger_colours(now)):
-        radius = _radius(now, i)
-        axes.add_patch(Circle(now.tips[i], radius, facecolor=colour, edgecolor=INK, linewidth=0.6, zorder=3))
-        if not now.on_a_line:
-            path = _thinned(now.paths[:, i])
-            axes.plot(path[:, 0], path[:, 1], color=colour, linewidth=0.7, zorder=1.5)
-        ends = _arrow_ends(now, i, scale)
-        if ends is not None:
-            axes.add_patch(Polygon(_flat_arrow(*ends, SHAFT * now.extent), facecolor=colour, linewidth=0.0, zorder=4))
-        for point in (tails[i], now.tips[i] + radius, now.tips[i] - radius):
+    for path, colour in _paths(now):
+        axes.plot(path[:, 0], path[:, 1], color=colour, linewidth=PATH, zorder=1.5)
+    placed = arrows(now, scale, forces, np.eye(2))
+    for i, colour in enumerate(finger_colours(now)):
+        size = radius(now, i)
+        axes.add_patch(Circle(now.tips[i], size, facecolor=colour, edgecolor=INK, linewidth=0.6, zorder=3))
+        low, high = np.minimum(low, now.tips[i] - size), np.maximum(high, now.tips[i] + size)
+    for arrow in placed:
+        draw(axes, arrow, now.extent)
+        for point in (arrow.tail, arrow.tip):
             low, high = np.minimum(low, point), np.maximum(high, point)
-    _fit(axes, now, low, high)
+    _fit(axes, now, low, high, text)
     _dots(axes, now, now.contacts, np.ones(len(now.tips), dtype=bool))
-    _label(axes, now, tails, tails - now.middle, now.tips)
-
-
-def _flat_arrow(tail: FloatArray, tip: FloatArray, radius: float) -> FloatArray:
-    along = tip - tail
-    length = float(np.linalg.norm(along))
-    u = along / length
-    w = radius * np.array([-u[1], u[0]])
-    neck = tip - min(6.0 * radius, 0.5 * length) * u
-    return np.array([tail + w, neck + w, neck + 2.4 * w, tip, neck - 2.4 * w, neck - w, tail - w])
+    _label(axes, now, placed, now.tips, now.middle, text)
+    return placed
 
 
 # Both ----------------------------------------------------------------------------------------------------------------
@@ -242,48 +247,25 @@ def _thing_colours(now: Instant) -> list[str]:
     return [THINGS[movable.index(thing.name) % len(THINGS)] if thing.name in movable else FIXED for thing in now.things]
 
 
-def _finger_colours(now: Instant) -> list[str]:
-    return [COLOURS[i % len(COLOURS)] for i in range(len(now.names))]
+def _paths(now: Instant) -> list[tuple[FloatArray, str]]:
+    """List the ways that fingertips and objects have come, of those that have come some way; none on a line."""
+    if now.on_a_line:
+        return []
+    ways = [(now.paths[:, i], colour) for i, colour in enumerate(finger_colours(now))]
+    ways += [(thing.path, INK) for thing in now.things]
+    ways = [(path[np.isfinite(path).all(axis=1)], colour) for path, colour in ways]
+    thin = [(path[:: max(1, len(path) // MOST_POINTS)], colour) for path, colour in ways if len(path) > 1]
+    return [each for each in thin if np.ptp(each[0], axis=0).max() > SHORT * now.extent]
 
 
-def _radius(now: Instant, i: int) -> float:
-    return float(now.radii[i]) or TIP * now.extent
-
-
-def _arrow_ends(now: Instant, i: int, scale: float) -> tuple[FloatArray, FloatArray] | None:
-    """Give tail and tip of a force's arrow; None for one too short to be seen.
-
-    It ends at the near side of a ball, and of a point at the contact, so that it stands outside the object.
-    """
-    f = now.forces[i]
-    size = float(np.linalg.norm(f))
-    if size * scale < SHORTEST_ARROW * LONGEST_ARROW * now.extent or size == 0.0:
-        return None
-    tip = now.tips[i] - now.radii[i] * f / size if now.radii[i] > 0.0 else now.contacts[i]
-    return tip - scale * f, tip
-
-
-def _tails(now: Instant, scale: float) -> FloatArray:
-    """Give where names go: (n, d), the tails of arrows, else the fingertips."""
-    ends = [_arrow_ends(now, i, scale) for i in range(len(now.tips))]
-    tails = [now.tips[i] if each is None else each[0] for i, each in enumerate(ends)]
-    return np.array(tails).reshape(-1, now.dimensions)
-
-
-def _thinned(path: FloatArray) -> FloatArray:
-    path = path[np.isfinite(path).all(axis=1)]
-    return path[:: max(1, len(path) // MOST_POINTS)]
-
-
-def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray) -> None:
+def _fit(axes: Axes, now: Instant, low: FloatArray, high: FloatArray, text: float) -> None:
     """Fit equal axes about the drawing, with room for names."""
     size = float(np.max(high - low))
-    room = 0.07 * size
-    widest = max((len(text) for text in _texts(now)), default=0) * LETTER * TEXT / (72.0 * WIDTH)
-    margin = max(room, min(1.3 * widest, 0.3) * size)
+    room = 0.06 * size
+    widest = max((len(name) for name in _names(now)), default=0) * LETTER * text / (72.0 * SCREEN)
+    margin = max(room, min(1.2 * widest, 0.25) * size)
     axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - room, high[1] + room)
-    axes.set_aspect("equal")
 
 
 def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]) -> None:
@@ -292,28 +274,30 @@ def _dots(axes: Axes, now: Instant, flat: FloatArray, visible: NDArray[np.bool_]
     axes.scatter(flat[dots, 0], flat[dots, 1], s=9.0, color="white", edgecolors=INK, linewidths=0.7, zorder=5)
 
 
-def _label(axes: Axes, now: Instant, tails: FloatArray, away: FloatArray, tips: FloatArray) -> None:
-    """Write names beside the tails of the arrows, away from the object, clear of arrows and of each other."""
+def _label(
+    axes: Axes, now: Instant, placed: Sequence[Arrow], tips: FloatArray, middle: FloatArray, text: float
+) -> None:
+    """Write names beyond the outer ends of arrows, clear of arrows and of each other."""
     from matplotlib.patheffects import withStroke
 
-    size = float(np.ptp(axes.get_xlim()))
-    points = size / (72.0 * WIDTH)  # data units per point
-    height = (TEXT + 8.0) * points
+    unit = float(np.ptp(axes.get_xlim())) / (72.0 * SCREEN)  # of data in a point
+    height = (text + 8.0) * unit
     occupied: list[FloatArray] = []  # centres and sizes
-    along = np.linspace(0.0, 1.0, 12)[:, None, None]
-    busy = (tails + along * (tips - tails)).reshape(-1, 2)  # arrows
-    for i, (text, colour) in enumerate(zip(_texts(now), _finger_colours(now), strict=True)):
-        box = np.array([LETTER * TEXT * points * len(text), height])
-        direction = away[i] if np.linalg.norm(away[i]) > 0.0 else np.array([0.0, 1.0])
-        x, y = _free_place(tails[i], float(np.arctan2(direction[1], direction[0])), box, occupied, busy)
+    busy = np.array([*points(list(placed)), *tips]).reshape(-1, 2)
+    for i, (name, colour) in enumerate(zip(_names(now), finger_colours(now), strict=True)):
+        ends = [end for arrow in placed if arrow.finger == i for end in (arrow.tail, arrow.tip)]
+        mark = max([tips[i], *ends], key=lambda end: float(np.linalg.norm(end - middle)))
+        away = mark - middle if np.linalg.norm(mark - middle) > 0.0 else np.array([0.0, 1.0])
+        box = np.array([LETTER * text * unit * len(name), height])
+        x, y = _free_place(mark, float(np.arctan2(away[1], away[0])), box, occupied, busy)
         occupied.append(np.array([x, y, *box]))
         axes.text(
-            x, y, text.replace("$", r"\$"), color=colour, fontsize=TEXT, ha="center", va="center", zorder=6,
+            x, y, plain(name), color=colour, fontsize=text, ha="center", va="center", zorder=6,
             path_effects=[withStroke(linewidth=2.5, foreground="white")],
         )  # fmt: skip
 
 
-def _texts(now: Instant) -> list[str]:
+def _names(now: Instant) -> list[str]:
     """Name the fingers: by their names, or, where there are many, by their numbers."""
     return list(map(str, range(len(now.names)))) if len(now.names) > MOST_NAMES else list(now.names)
 
@@ -327,41 +311,53 @@ def _free_place(
         for turn in TURNS:
             u = np.array([np.cos(first + turn), np.sin(first + turn)])
             places.append(mark + (0.5 * np.abs(u) @ box + 0.45 * ring * box[1]) * u)
-    for place in places:
-        free = all((np.abs(place - other[:2]) > 0.5 * (box + other[2:])).any() for other in occupied)
-        if free and (np.abs(busy - place) > 0.5 * box).any(axis=1).all():
-            return np.asarray(place)
-    return np.asarray(places[0])
+    apart = [p for p in places if all((np.abs(p - each[:2]) > 0.5 * (box + each[2:])).any() for each in occupied)]
+    free = [p for p in apart if (np.abs(busy - p) > 0.5 * box).any(axis=1).all()]
+    return np.asarray([*free, *apart, *places][0])
 
 
-def _frame(figure: Figure, axes: Axes, now: Instant, scale: float, longest: float) -> None:
-    """Add title, scales, and the figure's size."""
+def _frame(drawing: Sheet, axes: Axes, now: Instant, scale: float, longest: float) -> None:
+    """Add title and scales, and give the panel the height that the drawing asks for."""
     width, height = (float(np.ptp(each)) for each in (axes.get_xlim(), axes.get_ylim()))
-    figure.set_size_inches(WIDTH, 0.75 + min(max(WIDTH * height / width, 1.2), 1.4 * WIDTH))
-    title = fill(now.title.replace("$", r"\$"), 60)
-    axes.set_title(f"{title}\nt = {now.time:.3f} s".lstrip(), fontsize=TEXT + 1, loc="left")
-    axes.set_axis_off()
-    length = _nice(0.3 * now.extent)
-    _bar(axes, 0.98, length / width, f"{1e3 * length:g} mm", "|-|,widthA=0.25,widthB=0.25")
+    axes.set_aspect("equal")
+    drawing.heights[0] = drawing.width.inches * min(max(height / width, LOW), HIGH)
+    time = f"t = {now.time:.3f} s".replace(" ", "\N{NO-BREAK SPACE}")
+    drawing.title(", ".join(filter(None, (plain(now.title), time))))
+    share = min(1.0, HIGH * width / height)  # of the panel's width that the drawing has
+    length = nice(0.3 * now.extent)
+    _bar(axes, 0.98, length / width * share, f"{1e3 * length:g} mm", "|-|,widthA=0.25,widthB=0.25", drawing.width.text)
     if longest > 0.0:
-        force = _nice(longest)
-        _bar(axes, 0.98 - length / width - 0.1, force * scale / width, f"{force:g} N", "-|>")
+        force = nice(longest)
+        right = 0.98 - length / width * share - 0.1
+        _bar(axes, right, force * scale / width * share, f"{force:g} N", "-|>", drawing.width.text)
 
 
-def _bar(axes: Axes, right: float, length: float, text: str, style: str) -> None:
+def _bar(axes: Axes, right: float, length: float, words: str, arrow: str, text: float) -> None:
     """Draw a scale under the picture, from its right end; lengths are shares of the picture's width."""
     axes.annotate(
         "", (right, BELOW), (right - length, BELOW), xycoords="axes fraction", textcoords="axes fraction",
-        arrowprops={"arrowstyle": style, "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},
+        arrowprops={"arrowstyle": arrow, "color": INK, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0},
         annotation_clip=False,
     )  # fmt: skip
     axes.annotate(
-        text, (right - 0.5 * length, BELOW), xytext=(0, -4), textcoords="offset points", xycoords="axes fraction",
-        ha="center", va="top", fontsize=TEXT, color=INK, annotation_clip=False,
+        words, (right - 0.5 * length, BELOW), xytext=(0, -4), textcoords="offset points", xycoords="axes fraction",
+        ha="center", va="top", fontsize=text, color=INK, annotation_clip=False,
     )  # fmt: skip
 
 
-def _nice(value: float) -> float:
+def _explain(drawing: Sheet, placed: Sequence[Arrow]) -> None:
+    """Name the two forces in the strip above the picture."""
+    from matplotlib.lines import Line2D
+
+    names = {INTERNAL: "internal force", EXTERNAL: "external force"}
+    drawn = {arrow.colour for arrow in placed}
+    drawing.legend(0, [
+        Line2D([], [], color=colour, lw=3.0, marker=">", markevery=[1], markersize=7.0, label=name)
+        for colour, name in names.items() if colour in drawn
+    ])  # fmt: skip
+
+
+def nice(value: float) -> float:
     """Find the largest of 1, 2 and 5 times a power of ten that is not above."""
     power = 10.0 ** floor(log10(value))
     share = value / power

@@ -20,7 +20,6 @@ POLE = 1e-12  # of a radius: what is nearer to the axis is a point
 TURN = 96  # facets of a full circle
 GRID = 14  # cells along the edge of a box: small ones, so that a painter sorts them rightly
 LINE = 0.3  # half the height at which what lies on a line is drawn, as a share of its width
-HALVINGS = 12
 BAND = 0.08  # depth of the ground that is drawn under a half-space, as a share of the picture
 
 
@@ -86,37 +85,6 @@ def surface(shape: Mapping[str, Any], dimensions: int, extent: float, folder: Pa
 def ball(radius: float, turn: int = 24) -> Surface:
     """Build a sphere about the origin."""
     return _revolved(*_arc(radius, 0.0, pi, turn // 2), turn)
-
-
-def arrow(tail: FloatArray, tip: FloatArray, radius: float) -> Surface:
-    """Build a round arrow: a shaft of this radius, and a head that is at most half of it."""
-    along = tip - tail
-    length = float(np.linalg.norm(along))
-    head = min(6.0 * radius, 0.5 * length)
-    steps = max(2, int((length - head) / (2.0 * radius)))
-    z = np.concatenate([[0.0], np.linspace(0.0, length - head, steps), np.linspace(length - head, length, 4)])
-    r = np.concatenate([[0.0], np.full(steps, radius), 2.4 * radius * np.linspace(1.0, 0.0, 4)])
-    solid = _revolved(r[::-1], z[::-1], 12)
-    w = along / length
-    u = np.cross(w, np.eye(3)[np.abs(w).argmin()])
-    u /= np.linalg.norm(u)
-    return Surface(solid.vertices @ np.array([u, np.cross(w, u), w]) + tail, solid.faces)
-
-
-def finer(solid: Surface, longest: float) -> Surface:
-    """Halve the surface's triangles across their longest sides until those are short enough."""
-    corners = solid.vertices[solid.faces]  # (f, 3, 3)
-    for _ in range(HALVINGS):
-        sides = np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2)
-        large = sides.max(axis=1) > longest
-        if not large.any():
-            break
-        k, f = sides[large].argmax(axis=1), np.arange(int(large.sum()))
-        a, b, c = (corners[large][f, (k + i) % 3] for i in range(3))
-        middle = 0.5 * (a + b)
-        halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
-        corners = np.concatenate([corners[~large], *halves])
-    return Surface(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
 # In space ------------------------------------------------------------------------------------------------------------
