@@ -20,6 +20,7 @@ from graspfx.loop.recording.growth.evidence import coherent_pole
 from graspfx.loop.recording.growth.growth import Growth, growths
 from graspfx.loop.recording.growth.mode import mode_name
 from graspfx.loop.recording.growth.octaves import BLOCK, amplitudes, octaves, poles, rises
+from graspfx.loop.recording.growth.ringing import ringing
 from graspfx.loop.recording.record import Recording
 from graspfx.plugins import names
 from tests.support.random_scenes import boundary, random_case, scaled
@@ -309,3 +310,23 @@ def test_the_drive_of_a_scene_is_read_from_its_table() -> None:
     plug_in = scene.to_dict()
     plug_in["finger"][0]["hand"] = {"kind": "push"}
     assert not drive(plug_in, [0, 1], "", np.zeros((2, 2)), np.zeros(2)).complete
+
+
+@pytest.mark.parametrize(
+    ("rows", "cycles"), [(3900, 12), (3900, 13), (3900, 40), (3900, 300), (3900, 900), (30000, 300), (30000, 6000)]
+)
+def test_contacts_that_ring_slowly_have_their_frequency(rows: int, cycles: int) -> None:
+    """12 cycles in 4096 rows made the smoother's equations singular: an error in the summary of a calm long run."""
+    turn = cycles / rows
+    swing = 1e-3 * np.sin(2.0 * np.pi * turn * np.arange(rows))[:, None] * [1.0, -0.5]
+    ring = ringing(swing, 100, cycles, 1e-6)
+    assert ring is not None
+    assert ring.turn == pytest.approx(turn, abs=1.0 / (ring.stop - ring.first))
+    assert abs(ring.swing[0]) == pytest.approx(1e-3, rel=0.2)
+    assert ring.stop == 100 + rows
+
+
+def test_a_finger_that_touches_now_and_then_rings_not() -> None:
+    """12 touches in 30000 ticks are a hand's own, of which 4096 rows have no two cycles."""
+    x = 1e-3 * np.sin(2.0 * np.pi * 12 / 30000 * np.arange(30000))[:, None]
+    assert ringing(x, 0, 12, 1e-6) is None

@@ -145,8 +145,8 @@ def _rung(grasp: GraspView) -> Growth | None:
     layout = grasp.recording.layout
     period = grasp.recording.period
     hands: Drive | None = None
-    for first, stop in touches(grasp.recording.touching[: grasp.rows, grasp.fingers]):
-        ring = ringing(grasp.displacement(first, stop), first, grasp.noise(first, stop))
+    for first, stop, count in touches(grasp.recording.touching[: grasp.rows, grasp.fingers]):
+        ring = ringing(grasp.displacement(first, stop), first, count, grasp.noise(first, stop))
         if ring is None:
             continue
         hands = hands or grasp.drive()
