@@ -91,7 +91,13 @@ def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
     loop = open_loop(subject)
     half = 0.5 / loop.period
     values = np.geomspace(LOWEST * half, half, COUNT) if frequency is None else numbers("frequency", frequency, "Hz")
-    if values.ndim != 1 or len(values) < 2 or (np.diff(values) <= 0.0).any() or not 0.0 < values[0] or values[-1] > half:
+    if (
+        values.ndim != 1
+        or len(values) < 2
+        or (np.diff(values) <= 0.0).any()
+        or not values[0] > 0.0
+        or values[-1] > half
+    ):
         raise InputError("frequency", frequency, f"two or more rising numbers above zero and up to {half:g} Hz")
     response = _joined(np.array([_eigenvalues(loop, f) for f in values]))
     size = np.abs(response).max(axis=0)
