@@ -152,7 +152,7 @@ class Linearisation(Carded):
             ("delay", late if self.delay.any() or self.object_delay else "none"),
             ("with", listed(name for name, part in extras if part is not None)),
         ]
-        calls = "gx.stability.spectral_radius(linear), gx.stability.loci(linear), .to_control(), .with_changes(stiffness=...)"
+        calls = "gx.stability.spectral_radius(linear), gx.stability.loci(linear), .to_control(), .with_changes()"
         return Card("Linearisation of a grasp at rest", rows, calls)
 
     @property

@@ -26,6 +26,7 @@ from graspfx.loop.recording.header import SPLIT, RunFault
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
+from graspfx.loop.recording.two_parts import RowSplit
 from graspfx.numeric import number
 from graspfx.scene.load import to_scene
 
@@ -228,6 +229,20 @@ class Session:
     def force(self) -> FloatArray:
         """Forces of the fingers on their objects, (n, d) [N]."""
         return self._of_fingers("finger_force")
+
+    @property
+    def internal_force(self) -> FloatArray:
+        """Parts of the fingers' forces that squeeze their objects, (n, d) [N]."""
+        return self.force - self.external_force
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Parts of the fingers' forces that move their objects, (n, d) [N]; computed in some hundred microseconds."""
+        layout = self.servo.layout
+        if not self.tick:
+            return np.zeros(layout.columns["finger_force"].shape)
+        external, _ = RowSplit(self.servo.row[None], layout, [(0, self._split)]).external_forces()
+        return np.asarray(external[0])
 
     @property
     def touching(self) -> BoolArray:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 
+PLOTS = ("bode", "nyquist", "z-width")
 EXAMPLE = """  graspfx stability paper-spring --sweep coupling.internal.stiffness=20:200:10"""
 
 
@@ -28,7 +29,17 @@ def add_arguments(parser: ArgumentParser) -> None:
         default=[],
         help="a range of one key; a second one makes a map",
     )
-    add_destination(parser, "DIR", "folder of stability.png, for a --sweep (out/SCENE, or out/SCENE-2, ...)")
+    parser.add_argument(
+        "--plot",
+        metavar="NAME",
+        choices=PLOTS,
+        action="append",
+        default=[],
+        help="draw bode, nyquist or z-width; may be given again for another",
+    )
+    add_destination(
+        parser, "DIR", "folder of the pictures, stability.png of a --sweep (out/SCENE, or out/SCENE-2, ...)"
+    )
     add_style(parser)
     parser.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
 
@@ -40,6 +51,9 @@ def execute(options: Namespace) -> int:
     sweeps = [Sweep.read(text) for text in options.sweep]
     scene = load(options.scene, dict(options.overrides), preset=options.preset)
     scene.require_reach()
+    if options.plot:
+        with destination(options, Path(options.scene).stem) as folder:
+            _draw_loops(folder, scene, options)
     if not sweeps:
         if options.json:
             print_json(limits_of_scene(scene).to_dict())
@@ -48,6 +62,35 @@ def execute(options: Namespace) -> int:
         return SUCCESS
     with destination(options, Path(options.scene).stem) as folder:
         return _draw_into(folder, scene, sweeps, options)
+
+
+def _draw_loops(folder: Path, scene: Scene, options: Namespace) -> None:
+    """Draw the diagrams that --plot names, of the scene's loop at rest; the Z-width is that of its first device."""
+    from graspfx.analysis.passivity.z_width import z_width
+    from graspfx.analysis.stability.loci import loci
+    from graspfx.loop.recording.places import make_folder
+    from graspfx.show import loop_figures
+    from graspfx.show.style import plain
+
+    pictures = {name: folder / picture_name(name, options) for name in dict.fromkeys(options.plot)}
+    for picture in pictures.values():
+        require_place(picture)
+    require_room(options, pictures.values())
+    linear = scene.linearise()
+    make_folder(folder)
+    response = loci(linear) if {"bode", "nyquist"} & pictures.keys() else None
+    for name, picture in pictures.items():
+        if response is not None and name != "z-width":
+            draw = loop_figures.bode if name == "bode" else loop_figures.nyquist
+            drawing = draw(response, options.width, plain(scene.title))
+        else:
+            mass, damping, delay = float(linear.mass[0]), float(linear.friction[0]), int(linear.delay[0])
+            region = z_width(damping, linear.period, mass=mass, delay=delay)
+            drawing = loop_figures.z_width(region, options.width, plain(scene.title))
+        with placing(picture) as file:
+            drawing.save(file, options.format)
+    if not options.json:
+        name_files([*pictures.values()])
 
 
 def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespace) -> int:

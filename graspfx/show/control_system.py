@@ -1,4 +1,4 @@
-"""A linearisation as a system of python-control: closed, from an operator's forces to motion; or opened at the coupling."""
+"""A linearisation as a system of python-control: closed, or opened where the coupling's forces act."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from graspfx.show.table import ASCII, RULES, Column, lines
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
 
-SHOWN = 8  # changes in mid-run
+MOST_CHANGES = 8  # in mid-run that are printed
 
 Row = tuple[str, str, str, float]  # what, key, unit, by what an SI value is multiplied
 
@@ -104,10 +104,12 @@ def print_summary(
         print(line)
     for name, summary, recording in zip(names, summaries, recordings, strict=True):
         of = f"{name}: " if len(summaries) > 1 else ""
-        for change in recording.changes[:SHOWN]:
+        for change in recording.changes[:MOST_CHANGES]:
             print(f"note: {of}from {change.tick * recording.period:g} s on {change.key} = {change.value}")
-        if len(recording.changes) > SHOWN:
-            print(f"note: {of}and {len(recording.changes) - SHOWN} changes more, all of them in Recording.changes")
+        if len(recording.changes) > MOST_CHANGES:
+            print(
+                f"note: {of}and {len(recording.changes) - MOST_CHANGES} changes more, all of them in Recording.changes"
+            )
         for growth in summary["growth"]:
             print(f"note: {of}{growth['text']}")
 

@@ -7,6 +7,7 @@ import math
 import time
 import tracemalloc
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,10 +105,10 @@ def test_the_two_forces_are_measured_as_single_runs_have_them(name, values):
     quantities += ["internal_moment"] if name == "soft-pinch" else []
     batch = gx.run_batch(scene, values, 0.4, measure=quantities)
     both = gx.run_batch(scene, values, 0.4, keep="recordings")
+    recordings: Any = both.recordings
     for index in np.ndindex(batch.shape):
         run = single(scene, batch, index, 0.4)
-        recorded: gx.Recording = require(both.recordings)[index]  # type: ignore[assignment] # an array of objects
-        assert recorded.header.split == run.header.split
+        assert recordings[index].header.split == run.header.split
         for quantity in quantities:
             with np.errstate(invalid="ignore", divide="ignore"):  # growth of what is zero
                 expected = numbers_of(getattr(run, quantity), len(run) // 2)

@@ -92,7 +92,7 @@ def both(name: str) -> tuple[Mesh, trimesh.Trimesh]:
 
 @pytest.mark.parametrize("name", ["ring", "two", "ball"])
 def test_against_the_last_hit_of_trimeshs_rays(name: str) -> None:
-    """At no distance it is the outermost intersection; a ray that misses has none."""
+    """Points at no distance are outermost intersections; a ray that misses has none."""
     mesh, other = both(name)
     u = directions(3, 60, 1)
     u /= np.linalg.norm(u, axis=1, keepdims=True)

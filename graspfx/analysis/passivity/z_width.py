@@ -68,7 +68,7 @@ def z_width(
         period: T [s].
         mass: m of the device [kg]; without it there is no `stable`.
         delay: whole samples until the force acts.
-        wall_damping: B, rising [N s/m]; from zero to where b or, with a mass, twice the largest stable one ends if None.
+        wall_damping: B, rising [N s/m]; if None up to where no stiffness is passive or, with a mass, stable.
 
     Raises:
         InputError: naming the argument that cannot be.
@@ -76,7 +76,8 @@ def z_width(
     b, T = number("damping", damping, "N s/m"), number("period", period, "s", zero=False)
     if wall_damping is None:
         top = b if mass is None else max(b, _largest_damping(number("mass", mass, "kg", zero=False), b, T, delay))
-        B = np.linspace(0.0, 1.02 * top if top > 0.0 else 1.0, COUNT)
+        top = 1.02 * top if top > 0.0 else 1.0
+        B = np.linspace(0.0, top, COUNT) if mass is None else np.geomspace(1e-2 * (min(b, top) or top), top, COUNT)
     else:
         B = numbers("wall_damping", wall_damping, "N s/m")
     if B.ndim != 1 or not len(B) or (np.diff(B) <= 0.0).any():

@@ -23,6 +23,8 @@ COUNT = 2000  # frequencies
 LOWEST = 1e-3  # of the Nyquist frequency
 SILENT = 1e-9  # of the largest magnitude: a locus that is none
 REFINED = 60  # bisections of a crossing
+NEAR = 1e-2  # relative: how far off a crossing may be that was taken for another
+GROWING = 1e-9  # beyond the unit circle: what is no rounding of a motion that stays where it is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,9 +55,9 @@ class Loci(Carded):
 
     @property
     def phase(self) -> FloatArray:
-        """Phase of each locus [degrees], (F, k), unwrapped from where it begins in (-360, 0]."""
+        """Phase of each locus [degrees], (F, k), unwrapped from where it begins in (-270, 90]."""
         phase = np.unwrap(np.angle(self.response), axis=0)
-        return np.asarray(np.degrees(phase - 2 * math.pi * np.ceil(phase[:1] / (2 * math.pi) - 1e-9)))
+        return np.asarray(np.degrees(phase - 2 * math.pi * np.ceil((phase[:1] - 0.5 * math.pi) / (2 * math.pi))))
 
     def bode(self, *, width: str = "screen") -> Any:
         """Draw magnitude and phase over frequency; the figure is shown by a notebook, `.save(path)` writes it."""
@@ -127,7 +129,11 @@ def _joined(values: ComplexArray) -> ComplexArray:
 
 
 def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) -> tuple[float, float]:
-    """Find the least 1/|L| above 1 where a locus crosses the negative real axis, or ends on it."""
+    """Find the least 1/|L| above 1 where a locus crosses the negative real axis, or ends on it.
+
+    Loci may lie so close together that their crossings are taken for one another: the first is found anew as the factor
+    at which an eigenvalue of the closed loop leaves the unit circle, or enters it.
+    """
     best = math.inf, math.nan
     for locus in range(response.shape[1]):
         column = response[:, locus]
@@ -137,7 +143,26 @@ def _gain_margin(loop: OpenLoop, frequency: FloatArray, response: ComplexArray) 
             best = _lesser(best, -1.0 / value.real if value.real < 0.0 else math.inf, f)
         if abs(column[-1].imag) < 1e-9 * abs(column[-1]) and column[-1].real < 0.0:
             best = _lesser(best, -1.0 / float(column[-1].real), float(frequency[-1]))
-    return best
+    return best if math.isinf(best[0]) else _edge(loop, *best)
+
+
+def _edge(loop: OpenLoop, factor: float, frequency: float) -> tuple[float, float]:
+    """Bisect for the factor of the forces nearest to a known one at which the number of growing motions changes."""
+
+    def growing(each: float) -> int:
+        return int((np.abs(np.linalg.eigvals(loop.A + each * loop.B @ loop.C)) > 1.0 + GROWING).sum())
+
+    low, high = max(1.0, (1.0 - NEAR) * factor), (1.0 + NEAR) * factor
+    before = growing(low)
+    if growing(high) == before:
+        return factor, frequency
+    for _ in range(REFINED):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if growing(middle) == before else (low, middle)
+    values = np.linalg.eigvals(loop.A + high * loop.B @ loop.C)
+    around = np.exp(2j * math.pi * frequency * loop.period)
+    there = values[np.argmin(np.abs(values - around))]
+    return high, abs(float(np.angle(there))) / (2.0 * math.pi * loop.period)
 
 
 def _lesser(best: tuple[float, float], margin: float, frequency: float) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from graspfx.loop.recording.places import NAME, part_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.recording.sink import FileSink
-from graspfx.show.summary_table import SHOWN, print_summary
+from graspfx.show.summary_table import MOST_CHANGES, print_summary
 from tests.support.recordings import header, layout, put, rows, waving
 
 CHANGES = [KeyChange(3, "coupling.internal.stiffness", 50.0), KeyChange(7, "coupling.fade", [0.002, 0.01])]
@@ -83,14 +83,14 @@ def test_a_recording_without_changes_has_none() -> None:
 
 
 def test_a_summary_shows_changes(capsys: pytest.CaptureFixture[str]) -> None:
-    some = [KeyChange(100 * k, "coupling.internal.stiffness", 50.0 + k) for k in range(SHOWN + 3)]
+    some = [KeyChange(100 * k, "coupling.internal.stiffness", 50.0 + k) for k in range(MOST_CHANGES + 3)]
     wave = waving(N=2000)
     rec = Recording(wave.rows, wave.layout, wave.header, Outcome(changes=tuple(some)))
-    assert rec.summary()["changes"] == SHOWN + 3
+    assert rec.summary()["changes"] == MOST_CHANGES + 3
     print_summary([rec])
     text = capsys.readouterr().out
     assert "values changed in mid-run" in text
     assert "note: from 0.5 s on coupling.internal.stiffness = 51.0\n" in text
-    assert "note: and 3 changes more" in text and text.count("note: from") == SHOWN
+    assert "note: and 3 changes more" in text and text.count("note: from") == MOST_CHANGES
     print_summary([wave])
     assert "in mid-run" not in capsys.readouterr().out

@@ -234,13 +234,18 @@ def test_what_is_displayed_is_divided_where_it_is_another_force() -> None:
 def test_a_steered_run_divides_by_the_rule_of_each_tick(tmp_path: Path) -> None:
     """The automatic fade follows a gain: from that tick on free fingers weigh otherwise."""
     with gx.open("unequal-devices", live=["coupling.external.stiffness"], out=tmp_path) as session:
-        session.step(40)
+        assert not session.external_force.any()
+        session.step(300)
         session.set("coupling.external.stiffness", 20.0)
-        session.step(40)
+        session.step(300)
+        now = session.internal_force, session.external_force
     rec = session.recording
+    assert np.array_equal(now[0], rec.internal_force[-1])
+    assert np.array_equal(now[1], rec.external_force[-1])
+    assert np.abs(now[1]).max() > 1e-4
     assert [change.key for change in rec.changes] == ["coupling.external.stiffness"]
     splits = splits_of(rec.header, rec.outcome.changes)
-    assert [tick for tick, _ in splits] == [0, 40]
+    assert [tick for tick, _ in splits] == [0, 300]
     assert splits[0][1]["puck"]["fade"] != splits[1][1]["puck"]["fade"]
     loaded = Recording.load(tmp_path)
     assert splits_of(loaded.header, loaded.outcome.changes) == splits
