@@ -39,8 +39,14 @@ demo: $(RUN_READY) ## wave a cube with one stiffness and with two: sinks in, sha
 	@$(WAVE) --out $(OUT)/proposed >/dev/null
 	@$(BIN)/graspfx plot $(OUT)/conventional/recording.h5 $(OUT)/proposed/recording.h5 --brief --out $(OUT) --overwrite
 
-pictures: demo ## draw the README's figure from the demo, and every scene of the shelf as docs/scenes.md says how
+pictures: demo ## draw every figure of the docs: of the demo, scenes, explanations and benchmarks
 	@cp $(OUT)/light-hand/comparison.png docs/pictures/demo.png
+	@$(INTERPRETER) docs/pictures/the_paper_answered.py
+	@$(INTERPRETER) docs/pictures/device_masses.py
+	@$(INTERPRETER) docs/pictures/your_own_scene.py
+	@$(BIN)/graspfx stability paper-spring --sweep object.viscosity=0.8:1.5:15 --out $(OUT)/fig-15 --overwrite >/dev/null
+	@cp $(OUT)/fig-15/stability.png docs/pictures/stability-paper-spring.png
+	@$(BIN)/graspfx bench --redraw --out docs --overwrite
 	@$(INTERPRETER) -c 'from graspfx import plugins; print(*(n for n, o in plugins.names("scenes").items() if o.startswith("GraspFX")))' \
 		| xargs -n 1 | while read -r name; do \
 			$(BIN)/graspfx picture "$$name" $$(sed -n "s/^    graspfx picture $$name //p" docs/scenes.md) \

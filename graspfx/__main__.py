@@ -29,7 +29,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "completion": "print a script with which a shell completes commands, options, scenes and recordings",
     "list": "name the scenes, devices, hands and dynamics there are, a line about each",
     "schema": "print the JSON schema of a scene",
-    "plot": "draw one recording, or two side by side",
+    "plot": "draw one recording, or several side by side",
     "picture": "draw one instant: objects, fingers, forces as arrows",
 }
 

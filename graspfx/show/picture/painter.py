@@ -71,6 +71,7 @@ class Painter:
     _solids: list[tuple[Surface, str, str, bool, bool]] = field(default_factory=list)
     _layer: Layer | None = None
     _clear: FloatArray | None = None
+    _all: tuple[Layer, FloatArray] | None = None
 
     def add(
         self, solid: Surface, colour: str, *, outline: str = "", both_sides: bool = False, hides: bool = True
@@ -82,7 +83,7 @@ class Painter:
             hides: lines behind it are hidden; not so behind a fingertip, which would hide its own arrow.
         """
         self._solids.append((solid, colour, outline, both_sides, hides))
-        self._layer = self._clear = None
+        self._layer = self._clear = self._all = None
 
     def bounds(self) -> FloatArray:
         """Lower and upper corner (2, 2) of all surfaces, to the right and up; lines may leave them."""
@@ -104,6 +105,7 @@ class Painter:
         extent = (x0, x0 + width * size, y0, y0 + height * size)
         axes.imshow(rgba, extent=extent, origin="lower", interpolation="antialiased", zorder=1.0, aspect="equal")
         clear = layer.clear_depth(REACH)
+        self._all = layer, clear
         for solid, outline in rims:
             cuts = (self._cut(ends, layer, clear, 0.0) for ends in _edges(solid, self.camera))
             pieces = [piece[[0, -1], :2] for each in cuts for piece, visible in each if visible]
@@ -111,9 +113,13 @@ class Painter:
                 LineCollection(pieces, colors=outline, linewidths=OUTLINE, capstyle="round", zorder=1.2), autolim=False
             )
 
-    def pieces(self, points: FloatArray) -> Iterator[tuple[FloatArray, bool]]:
-        """Cut a line through points (k, 3) into pieces as seen (j, 3), with whether each is visible."""
-        layer, clear = self._things()
+    def pieces(self, points: FloatArray, *, before_all: bool = False) -> Iterator[tuple[FloatArray, bool]]:
+        """Cut a line through points (k, 3) into pieces as seen (j, 3), with whether each is visible.
+
+        Args:
+            before_all: whether solids that hide nothing else hide it; they do once all is drawn.
+        """
+        layer, clear = self._all if before_all and self._all else self._things()
         return self._cut(points, layer, clear, SHORTEST * self.extent)
 
     def hidden(self, points: FloatArray) -> BoolArray:

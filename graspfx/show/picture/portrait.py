@@ -141,7 +141,7 @@ def _in_space(
     painter.draw(axes)
     low, high = painter.bounds()
     for path, colour in _paths(now):
-        for piece, visible in painter.pieces(path):
+        for piece, visible in painter.pieces(path, before_all=True):
             if visible and np.ptp(piece[:, :2], axis=0).max() > SHORT * now.extent:
                 axes.plot(piece[:, 0], piece[:, 1], color=colour, lw=PATH, zorder=1.5)
     placed = arrows(now, scale, forces, camera.axes[:2])
