@@ -64,7 +64,7 @@ def families() -> list[Family]:
             Family(f"{which}: arms, unequal fingers", UNEQUAL | ARMS | own, {}, turns),
             Family(f"{which}: arms, one sample late", arms, {"finger.*.device.delay": 1}, turns),
             Family(f"{which}: arms, two samples late", arms, {"finger.*.device.delay": 2}, turns),
-            Family(f"{which}: arms, mu", arms | SLIPPING, {"coupling.friction": 0.5}, turns),
+            Family(f"{which}: arms, fingers that slide", arms | SLIPPING, {"coupling.friction": 0.5}, turns),
             Family(f"{which}: points", OPERATOR | POINTS | own, points(0), turns),
             Family(f"{which}: points, one sample late", OPERATOR | POINTS | own, points(1), turns),
             Family(f"{which}: arms, object exact", arms, {"object.integrator": "exact"}, turns),
@@ -73,7 +73,7 @@ def families() -> list[Family]:
     stiff = OPERATOR | {"finger.*.hand.stiffness": (200.0, 300.0), "finger.*.hand.damping": (0.5, 3.0)}
     every.append(
         Family(
-            "free to turn, no viscosity of it: arms, operators of 200-300 N/m",
+            "free to turn without viscosity: arms, operators of 200-300 N/m",
             stiff,
             {"object.rotational_viscosity": 0.0},
             True,
@@ -156,7 +156,7 @@ def _span(some: Sequence[Shake]) -> str:
 
 if __name__ == "__main__":
     number = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    print("| grasps | runs | kp = 30 trembles | 30 and 70 | only kp = 30 | how | loses the cube: only kp = 30 |")
+    print("| cube, devices | grasps | trembles at 30 N/m | at 30 and 70 | only at 30 | how | lost only at 30 |")
     print("|---|---|---|---|---|---|---|")
     for each in families():
         print(row(each, number), flush=True)

@@ -56,7 +56,7 @@ def test_commands_print_what_the_readme_says(tmp_path: Path) -> None:
         else:
             assert done.returncode == 0, (command, said)
     assert {"recording.h5", "figure.png", "figure.svg"} <= {path.name for path in (tmp_path / "out/mine").iterdir()}
-    assert (tmp_path / "out/mug/picture.png").is_file()
+    assert (tmp_path / "out/sphere-three-fingers/picture.png").is_file()
 
 
 def test_make_demo_shows_what_the_readme_tells(tmp_path: Path) -> None:
