@@ -17,7 +17,7 @@ WAVE := $(BIN)/graspfx run paper-waving --overwrite
 WORK_READY := $(VENV)/.ready-to-work
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures map fast test durations coverage lint types contracts clean
+.PHONY: help demo pictures map face fast test durations coverage lint types contracts clean
 
 help: ## show what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 12
@@ -54,6 +54,9 @@ pictures: demo ## draw every figure of the docs: of the demo, scenes, explanatio
 
 map: $(WORK_READY) ## draw the map of rooms from the code
 	$(INTERPRETER) -m tests.support.rooms > docs/development/map.md
+
+face: $(WORK_READY) ## write the page of public Python names from the code
+	$(INTERPRETER) -m tests.support.face > docs/reference/python.md
 
 test: $(WORK_READY) ## the tests and every example in the documents
 	@$(INTERPRETER) -c 'import importlib.util as u; u.find_spec("pybullet") or print("PyBullet is not installed here: what names it is skipped.")'

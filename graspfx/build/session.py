@@ -19,6 +19,7 @@ from graspfx.build.live import numbered, value_of
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, split_rules, warn_of_axes
 from graspfx.build.steering import Steering
+from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
@@ -88,7 +89,7 @@ class ObjectView:
     wrench: FloatArray
 
 
-class Session:
+class Session(Carded):
     """A run that is stepped by its caller; `open` makes it, and the end of its `with` block closes it.
 
     Positions, velocities and forces are those of the last tick, as the recording has them; before the first tick they
@@ -128,6 +129,10 @@ class Session:
             self._split = header.split
             self._recorder = stack.enter_context(Recorder(self.servo.layout, header, sinks))
             self._stack = stack.pop_all()
+
+    def _card(self) -> Card:
+        rows = [("live", ", ".join(self.live)), ("fault", str(self.fault or ""))]
+        return Card(repr(self), rows, ".step(ticks), .set(key, value), .position, .force, .recording, .close()")
 
     def __repr__(self) -> str:
         name, state = self._recorder.header.scene or "a scene", "closed" if self._finished else "open"

@@ -80,10 +80,10 @@ def _choices(actions: Sequence[Action], before: Sequence[str], begun: str) -> It
     for each in actions:
         if not each.option_strings:
             yield from map(str, each.choices or ())
-            yield from _named(str(each.metavar))
+            yield from _subjects(str(each.metavar))
 
 
-def _named(kind: str) -> Iterator[str]:
+def _subjects(kind: str) -> Iterator[str]:
     """List scenes or recordings, by what an argument is called in a command's help."""
     if "SCENE" in kind:
         from graspfx import plugins

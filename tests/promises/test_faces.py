@@ -11,11 +11,11 @@ from types import ModuleType
 import pytest
 
 import graspfx as gx
+from tests.support.face import page
 from tests.support.rooms import ROOT
 
 FACES = ("graspfx", "graspfx.protocols", "graspfx.testing")  # that an import statement may name
 SHELF = "graspfx.devices"  # drivers, on which another's may be built
-PORTRAIT = "graspfx.show.picture.portrait"  # how a picture is drawn from Python, until recordings draw themselves
 IMPORT = re.compile(r"^\W*(?:import (graspfx[\w.]*)|from (graspfx[\w.]*) import (.+?))(?: as \w+)?\s*(?:#.*)?$")
 USE = re.compile(r"\bgx\.([a-z_A-Z]\w*)(?:\.([a-z_A-Z]\w*))?")
 FENCE = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -38,7 +38,7 @@ def trespasses(code: str) -> Iterator[str]:
         match = IMPORT.match(line)
         if match:
             module, names = match[1] or match[2], (match[3] or "").split(", ")
-            if module.startswith((SHELF, PORTRAIT)):
+            if module.startswith(SHELF):
                 continue
             public = import_module(module).__all__ if module in FACES else []
             if module not in FACES or any(name.partition(" ")[0] not in public for name in names if name):
@@ -80,3 +80,7 @@ def test_what_is_no_public_name_is_seen() -> None:
 def test_a_module_shows_its_public_names_alone(module: ModuleType) -> None:
     assert dir(module) == sorted(module.__all__) and len(set(module.__all__)) == len(module.__all__)
     assert all(getattr(module, name) is not None for name in module.__all__)
+
+
+def test_the_page_of_the_face_is_that_of_the_code() -> None:
+    assert (ROOT / "docs" / "reference" / "python.md").read_text("utf-8") == page(), "make face"

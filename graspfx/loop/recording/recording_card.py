@@ -11,7 +11,7 @@ from graspfx.card import Card, counted, listed
 
 MOST = 3  # faults, or changes
 CALLS = (
-    ".summary(), .plot(), .to_xarray(), .to_frame(), .to_csv(path), .save(path)\n"
+    ".summary(), .plot(), .picture(time), .to_xarray(), .to_frame(), .to_csv(path), .save(path)\n"
     ".time, .finger_position, .finger_force, .internal_force, .external_force, .touching, .objects[name], ..."
 )
 MEASURES = (
