@@ -106,7 +106,7 @@ CHECKS = {"annotated_types", "pydantic", "pydantic_core", "typing_extensions", "
         ("--help", set()),
         ("list", set()),
         ("schema", CHECKS | {"numpy"}),
-        ("run reference-1dof --no-figure", CHECKS | {"numpy", "h5py"}),
+        ("run reference-1dof --no-figure --duration 0.1", CHECKS | {"numpy", "h5py"}),
     ],
 )
 def test_what_each_command_may_load(arguments: str, allowed: set[str], tmp_path: Path) -> None:
