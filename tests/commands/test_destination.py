@@ -182,10 +182,11 @@ def make(tmp_path: Path) -> list[str]:
     venv = tmp_path / "environment"
     (venv / "bin").mkdir(parents=True)
     (tmp_path / "docs" / "pictures" / "scenes").mkdir(parents=True)
-    for name in ("Makefile", "pyproject.toml", "docs/scenes.md"):
+    for name in ("Makefile", "pyproject.toml", "docs/scenes.md", "docs/benchmarks.json"):
         shutil.copy(ROOT / name, tmp_path / name)
     python = f"#!/bin/sh\nexport PYTHONPATH={ROOT}\n"
-    quick = f'{python}case "$1" in run) shift; set -- run "$@" --duration 0.1 --no-figure;; esac\n'
+    run, bench = 'run) shift; set -- run "$@" --duration 0.1 --no-figure;;', 'bench) shift; set -- bench maps "$@";;'
+    quick = f'{python}case "$1" in {run} {bench} esac\n'
     (venv / "bin" / "graspfx").write_text(f'{quick}exec {sys.executable} -m graspfx "$@"\n')
     (venv / "bin" / "python").write_text("#!/bin/sh\necho reference-1dof\n")  # which asks for the shelf
     for program in (venv / "bin").iterdir():
@@ -212,4 +213,6 @@ def test_the_demo_works_a_second_time(make: list[str]) -> None:
 
 
 def test_pictures_of_the_shelf_are_drawn_a_second_time(make: list[str]) -> None:
-    assert "wrote docs/" in again(make, "pictures", ["docs/pictures/scenes/reference-1dof.png"])
+    assert "wrote docs/" in again(
+        make, "pictures", ["docs/pictures/scenes/reference-1dof.png", "docs/pictures/bench/maps.png"]
+    )

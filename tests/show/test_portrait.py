@@ -172,9 +172,9 @@ def test_two_arrows_stand_outside_and_beside_one_another() -> None:
     assert [each[2:] for each in ends] == [
         pytest.approx(pair) for pair in ((-0.035, -0.025), (-0.03, -0.025), (0.035, 0.025), (0.025, 0.03))
     ]
-    sides = [np.sign(each.aside * (each.tip - each.tail)[0]) for each in placed]  # above or below the line
+    sides = [np.sign(each.offset * (each.tip - each.tail)[0]) for each in placed]  # above or below the line
     assert sides[0] == -sides[1] != 0.0 and sides[2] == -sides[3] != 0.0
-    assert [each.aside for each in arrows(now, 0.01, "total", np.eye(2))] == [0.0, 0.0]
+    assert [each.offset for each in arrows(now, 0.01, "total", np.eye(2))] == [0.0, 0.0]
 
 
 def test_a_surface_turns_as_its_quaternion_says() -> None:

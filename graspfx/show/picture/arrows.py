@@ -38,14 +38,14 @@ class Arrow:
         finger: its number.
         tail, tip: (d,) [m].
         colour: of the part, or of the finger.
-        aside: how far it stands beside its line, to the left of its way if positive, in halves of a shaft's width.
+        offset: how far it stands beside its line, to the left of its way if positive, in halves of a shaft's width.
     """
 
     finger: int
     tail: FloatArray
     tip: FloatArray
     colour: str
-    aside: float = 0.0
+    offset: float = 0.0
 
 
 def finger_colours(now: Instant) -> list[str]:
@@ -124,7 +124,7 @@ def draw(axes: Axes, arrow: Arrow, extent: float, painter: Painter | None = None
         np.array([arrow.tail, arrow.tip])
     ))  # fmt: skip
     ends = np.array([pieces[0][0][0, :2], pieces[-1][0][-1, :2]])
-    shift = arrow.aside * half * _left(ends[1] - ends[0])
+    shift = arrow.offset * half * _left(ends[1] - ends[0])
     neck = ends[1] - _head(ends, half) * _unit(ends[1] - ends[0])
     for piece, visible in pieces:
         begin, end = piece[0, :2], piece[-1, :2]

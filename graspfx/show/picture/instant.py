@@ -157,8 +157,8 @@ def _parts(recording: Recording, k: int, d: int, finite: NDArray[np.bool_]) -> t
         parts = recording.internal_force, recording.external_force
     except RecordingError:  # of an earlier format
         return None
-    shown = recording.touching[k, :, None] & np.isfinite(recording.finger_force[k])
-    internal, external = (_lifted(np.where(shown, part[k], 0.0), d)[finite] for part in parts)
+    seen = recording.touching[k, :, None] & np.isfinite(recording.finger_force[k])
+    internal, external = (_lifted(np.where(seen, part[k], 0.0), d)[finite] for part in parts)
     return internal, external
 
 
