@@ -41,6 +41,13 @@ from graspfx.loop.device import Features
 class Device:
     features = Features(fingers=1, dimensions=1)
     effort = plant = ()
+    def open(self, period): pass
+    def read(self): pass
+    def write(self, forces): pass
+    def stop(self): pass
+    def close(self): pass
+    def __enter__(self): return self
+    def __exit__(self, *exc): pass
 def connect(mass=1.0):
     return Device()
 """
