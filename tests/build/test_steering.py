@@ -351,3 +351,17 @@ def test_live_entries_are_not_folded() -> None:
     with build(scene, live=[KIP, KID]) as servo, build(scene) as plain:
         live, folded = (set(each.objects[0].grasped.structure.tolist()) for each in (servo, plain))
     assert not live & {entry(name) for name in names} and {entry(name) for name in names[:5]} <= folded
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("hand.right.arm.stiffness", 150.0), ("object.knob.viscosity", 3.0), ("hand.arm.damping", 2.0)]
+)
+def test_a_live_key_by_the_name_of_a_lone_table(key: str, value: float) -> None:
+    scene = gx.load("knob", {"engine": "interpreted"})
+    with gx.open(scene, live=[key]) as session:
+        session.set(key, value)
+        assert session.get(key) == value
+        session.step(8)
+    built = scene.replace({key: value})
+    assert built != scene
+    assert session.recording.rows.tobytes() == gx.run(built, duration=8 * scene.period).rows.tobytes()
