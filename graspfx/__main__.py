@@ -95,7 +95,8 @@ def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoRet
     option = next((word.partition("=")[0] for word in words if word.startswith("-")), None)
     if option is not None:
         raise UnknownNameError("option", option, options, f"`graspfx {command} --help` says what each does")
-    raise InputError(command, " ".join(words), "no further argument", "a value of --set is of the form KEY=VALUE")
+    remedy = "a value of --set is of the form KEY=VALUE" if "--set" in options else ""
+    raise InputError(command, " ".join(words), "no further argument", remedy)
 
 
 def program() -> int:

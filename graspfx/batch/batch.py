@@ -16,8 +16,8 @@ from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
 from graspfx.batch.many import Ended, Job
-from graspfx.batch.measured_columns import columns_of, divider, split_of
-from graspfx.batch.statistics import STATISTICS, statistic
+from graspfx.batch.measured_columns import columns_of, divider, is_quantity, split_of
+from graspfx.batch.statistics import STATISTICS, Statistics, statistic
 from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
@@ -88,10 +88,16 @@ class Batch(Carded):
             ("time", f"{self.build_time:.3g} s to build, {self.run_time:.3g} s to run"),
             ("notes", "\n".join(self.notes)),
         ]
-        calls = "[quantity][statistic], .growth(quantity), .fault_tick, .to_xarray(), .to_frame(), .to_dict()"
+        calls = f"{self._results()}, .fault_tick, .to_xarray(), .to_frame(), .to_dict()"
         zipped = ", their values taken together" if together else ""
         title = f"Batch of {self.scene or 'a scene'}: {counted(len(self), 'variant')}{grid}{zipped}"
         return Card(title, rows, calls)
+
+    def _results(self) -> str:
+        """Name the calls that lead to what was kept."""
+        if self.recordings is not None:
+            return ".recordings, .stacked(quantity)"
+        return "[quantity][statistic], .growth(quantity)" if self.summaries is None else ".summaries"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -103,10 +109,23 @@ class Batch(Carded):
         return self.fault_tick.size
 
     def __getitem__(self, quantity: str) -> dict[str, FloatArray]:
-        """Look up the statistics of a quantity, by name."""
-        if quantity not in self.measures:
-            raise UnknownNameError("measure", quantity, self.measures)
-        return self.measures[quantity]
+        """Look up the statistics of a quantity, by name.
+
+        Raises:
+            UnknownNameError: the quantity was not measured, or something else was kept.
+        """
+        if quantity in self.measures:
+            return self.measures[quantity]
+        name = str(quantity)
+        if not self.measures:
+            kept = "summaries" if self.recordings is None else "recordings"
+            remedy = f"batch.{kept} has one of each run; for statistics run the batch with keep='measures'"
+            raise UnknownNameError("measure", name, (), f"this batch kept {kept}: {remedy}")
+        if self.layout is not None and is_quantity(self.layout, name):
+            raise UnknownNameError(
+                "measure", name, (), f"not measured: pass measure=[{name!r}] (measured: {', '.join(self.measures)})"
+            )
+        raise UnknownNameError("measure", name, self.measures)
 
     def growth(self, quantity: str = "finger_position") -> FloatArray:
         """Find the largest growth of a quantity's entries in each variant, of the grid's shape: above 1 it grows."""
@@ -119,7 +138,8 @@ class Batch(Carded):
     def stacked(self, quantity: str) -> FloatArray:
         """Stack a quantity over time, (*grid, N, *quantity), where recordings were asked for and are alike."""
         if self.recordings is None:
-            raise InputError("keep", "measures", "recordings", "run the batch with keep='recordings'")
+            keep = "measures" if self.summaries is None else "summary"
+            raise InputError("keep", keep, "recordings", "run the batch with keep='recordings'")
         stack = np.array([each.array(quantity) for each in self.recordings.ravel()])
         return stack.reshape(*self.shape, *stack.shape[1:])
 
@@ -202,9 +222,9 @@ def run_batch(
         zip: take the keys' first values together, then their second ones, ..., instead of all combinations.
         keep: "measures", of the quantities in `measure`; "recordings", whole ones, a `Recording` of each; or
             "summary", `Recording.summary()` of each, which costs a millisecond apiece.
-        measure: quantities: columns of a recording's layout, `internal_force` and `external_force` (with these
-            variants run one by one), or `object_position`, `object_velocity`, `object_orientation` and `wrench` of the
-            first object.
+        measure: quantities: columns of a recording's layout; `internal_force`, `external_force`,
+            `internal_displacement`, `external_displacement` and `displayed_force` (with these variants run one by
+            one); or `object_position`, `object_velocity`, `object_orientation` and `wrench` of the first object.
         statistics: of each number of these: first, last, mean, rms, min, max, peak (the largest magnitude) and growth
             (the peak of the second half of the run over that of the first).
         threads: as many as there are processors if not given; the result is the same.
@@ -235,7 +255,7 @@ def run_batch(
         measures = runs.measured(groups, measure, statistics)
         results: dict[str, Any] = {
             "measures": {
-                quantity: {name: each.reshape(*shape, *each.shape[1:]) for name, each in by_name.items()}
+                quantity: Statistics({name: each.reshape(*shape, *each.shape[1:]) for name, each in by_name.items()})
                 for quantity, by_name in measures.items()
             }
         }
@@ -269,10 +289,10 @@ class Runs:
         measures: dict[str, dict[str, FloatArray]] = {}
         for group in groups:
             layout = group.program.servo.layout
-            columns, divided = columns_of(layout, measure)
+            columns, behind = columns_of(layout, measure)
             where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
             job = self._job(group, where, statistics)
-            job.more = partial(divider, group, divided) if divided else None
+            job.more = partial(divider, group, behind) if behind else None
             raw, faults = job.measured(self.threads)
             self.run_time += job.spent
             self.faults[group.members] = faults

@@ -1,4 +1,4 @@
-"""Columns of the quantities that a batch measures: those of a row, and behind it those of the two forces."""
+"""Columns of the quantities that a batch measures: those of a row, and behind it what follows from a row."""
 
 from __future__ import annotations
 
@@ -28,22 +28,31 @@ OF_OBJECT = {  # of the first object, named as a `Recording` does
 
 
 def columns_of(layout: Layout, quantities: Sequence[str]) -> tuple[dict[str, Column], list[str]]:
-    """Find the columns of quantities; those of the two forces stand behind a row, and are listed too."""
-    forces = {column.name: column for column in layout.forces}
+    """Find the columns of quantities; those that follow from a row stand behind it, and are listed too."""
+    derived = {column.name: column for column in layout.derived}
     columns: dict[str, Column] = {}
-    divided: list[str] = []
+    behind: list[str] = []
     end = layout.width
     for quantity in quantities:
         name = f"objects/{layout.objects[0]}/{OF_OBJECT[quantity]}" if quantity in OF_OBJECT else quantity
         if name in layout.columns:
             columns[quantity] = layout.columns[name]
-        elif name in forces:
-            start, end = end, end + prod(forces[name].shape)
-            columns[quantity] = replace(forces[name], where=slice(start, end))
-            divided.append(name)
+        elif name in derived:
+            start, end = end, end + prod(derived[name].shape)
+            columns[quantity] = replace(derived[name], where=slice(start, end))
+            behind.append(name)
         else:
-            raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT, *forces])
-    return columns, divided
+            raise UnknownNameError("measure", quantity, [*layout.columns, *OF_OBJECT, *derived])
+    return columns, behind
+
+
+def is_quantity(layout: Layout, name: str) -> bool:
+    """Tell whether a batch of runs with this layout can measure a quantity."""
+    try:
+        columns_of(layout, [name])
+    except UnknownNameError:
+        return False
+    return True
 
 
 def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
@@ -57,11 +66,11 @@ def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
 
 
 def divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make what computes parts of forces from rows of a variant that begins with these buffers."""
+    """Make what computes variables that follow from rows of a variant that begins with these buffers."""
     splits, layout = [(0, split_of(group, arena))], group.program.servo.layout
 
     def divide(rows: FloatArray) -> FloatArray:
-        parts = RowSplit(rows, layout, splits).forces()
+        parts = RowSplit(rows, layout, splits).derived(names)
         return np.concatenate([parts[name].reshape(len(rows), -1) for name in names], axis=1)
 
     return divide

@@ -8,10 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.lanes import FIRST, HIGH, LAST, LATE_HIGH, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
+from graspfx.errors import UnknownNameError
 
 FloatArray = NDArray[np.float64]
 
 STATISTICS = tuple(NEEDS)
+
+
+class Statistics(dict[str, FloatArray]):
+    """Statistics of a quantity by name; one that there is not is answered with the nearest."""
+
+    def __missing__(self, name: str) -> FloatArray:
+        raise UnknownNameError("statistic", str(name), self)
 
 
 def take(rows: Any, columns: Any, measures: Any, count: int, width: int, numbers: int, low: int) -> None:

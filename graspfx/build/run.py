@@ -112,7 +112,7 @@ def run(
         log.info("wrote %s", file)
     how = finished.outcome
     log.info("%d ticks in %.3g s, %s; faults: %d", len(finished), took, how.engine, len(how.faults))
-    finished.beside = plugins.upward("Recording.beside")(scene_)
+    finished._beside = plugins.upward("Recording.beside")(scene_)
     return finished
 
 

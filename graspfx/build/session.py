@@ -168,7 +168,7 @@ class Session(Carded):
         } | self.servo.coupling
 
     def _with_notes(self, recording: Recording) -> Recording:
-        recording.beside = plugins.upward("Recording.beside")(self.scene)
+        recording._beside = plugins.upward("Recording.beside")(self.scene)
         return recording
 
     # Stepping -----------------------------------------------------------------------------------------------------

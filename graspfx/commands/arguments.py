@@ -51,6 +51,17 @@ def scene(text: str) -> str:
     return text
 
 
+def recording(text: str) -> Path:
+    """Take the path of a recording or of its folder, and say of a scene what makes a recording of it."""
+    from graspfx.plugins import is_file_name, names
+
+    path = Path(text)
+    if is_file_name(text) or (not path.exists() and path.name == text and text in names("scenes")):
+        calls = f"`graspfx run {text}` records it, `graspfx picture {text}` runs it and draws one instant"
+        raise ArgumentTypeError(f"{text} is a scene, not a recording: run it first; {calls}")
+    return path
+
+
 def separate(words: Sequence[str]) -> Iterator[str]:
     """Put a --set before each value of a command: the first word without `=` after a value ends the list."""
     last, in_list = "", False

@@ -10,7 +10,10 @@ from pathlib import Path
 from graspfx.commands.loudness import add_loudness
 from graspfx.commands.output import SUCCESS
 
-EXAMPLE = """  echo 'eval "$(graspfx completion bash)"' >> ~/.bashrc"""
+EXAMPLE = """  graspfx completion fish > ~/.config/fish/completions/graspfx.fish
+for bash and zsh this line in ~/.bashrc or ~/.zshrc, with the name of the shell:
+  eval "$(graspfx completion bash)"
+"""
 SCRIPTS = {
     "bash": """_graspfx() {
     local IFS=$'\\n'

@@ -17,10 +17,23 @@ OUT = Path("out")
 REMEDY = "choose another --out, or write over it with --overwrite"
 
 
-def add_destination(parser: ArgumentParser, metavar: str, meaning: str) -> None:
-    """Add --out and --overwrite."""
-    parser.add_argument("--out", metavar=metavar, type=Path, help=meaning)
+def add_destination(parser: ArgumentParser, metavar: str, meaning: str, kind: type[Path] | type[str] = Path) -> None:
+    """Add --out, as a path or as it was typed, and --overwrite."""
+    parser.add_argument("--out", metavar=metavar, type=kind, help=meaning)
     parser.add_argument("--overwrite", action="store_true", help="write over files that are there")
+
+
+def add_file(parser: ArgumentParser, meaning: str) -> None:
+    """Add --out of a command that writes one file, for `file_in`, and --overwrite."""
+    add_destination(parser, "FILE", meaning, str)
+
+
+def file_in(options: Namespace, home: Path, name: str) -> Path:
+    """Choose the file that --out names, or one of this name: in the folder of --out, or without it at home."""
+    if options.out is None:
+        return home / name
+    path = Path(options.out)
+    return path / name if options.out.endswith(("/", os.sep)) or path.is_dir() else path
 
 
 def require_room(options: Namespace, files: Iterable[Path]) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from graspfx.commands.destination import add_destination, require_room
+from graspfx.commands.arguments import recording as recording_argument
+from graspfx.commands.destination import add_file, file_in, require_room
 from graspfx.commands.output import SUCCESS, name_files, placing, require_place, say_source
 from graspfx.errors import UnknownNameError
 
@@ -14,10 +15,10 @@ EXAMPLE = """  graspfx export out/latest --format nc --out waving.nc"""
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING", type=Path, help="a recording, or its folder")
+    parser.add_argument("recording", metavar="RECORDING", type=recording_argument, help="a recording, or its folder")
     formats = "csv: a row per tick, a column per component (the default); nc: netCDF, which xarray and others open"
     parser.add_argument("--format", metavar="FORMAT", help=f"{formats}; else by the ending of FILE")
-    add_destination(parser, "FILE", "the file (recording.csv or recording.nc beside the recording)")
+    add_file(parser, "the file, or its folder (recording.csv or recording.nc beside the recording)")
 
 
 def execute(options: Namespace) -> int:
@@ -26,7 +27,7 @@ def execute(options: Namespace) -> int:
 
     source = recording_file(options.recording)
     kind = _format(options)
-    path: Path = options.out or source.parent / f"recording{ENDINGS[kind]}"
+    path = file_in(options, source.parent, f"recording{ENDINGS[kind]}")
     require_place(path)
     require_room(options, [path])
     recording = Recording.load(source)
@@ -44,7 +45,7 @@ def execute(options: Namespace) -> int:
 
 def _format(options: Namespace) -> str:
     """Choose the format: the one that is named, or that of the file's ending, or text."""
-    ending = options.out.suffix[1:] if options.out is not None else ""
+    ending = Path(options.out or "").suffix[1:]
     kind: str = options.format or (ending if ending in ENDINGS else "csv")
     if kind not in ENDINGS:
         raise UnknownNameError("format", kind, ENDINGS)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_overrides, add_style, picture_name
-from graspfx.commands.destination import add_destination, destination, require_room
+from graspfx.commands.destination import add_file, destination, file_in, require_room
 from graspfx.commands.output import name_files, note, placing, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
 from graspfx.loop.recording.places import NAME, is_part, make_folder, recording_file
@@ -35,8 +35,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parts = "internal and external force of each finger (two), or its total force"
     parser.add_argument("--forces", choices=("two", "total"), default="two", help=parts)
     add_style(parser)
-    meaning = "the picture (picture.png beside the recording, or in out/SCENE, out/SCENE-2, ...)"
-    add_destination(parser, "FILE", meaning)
+    meaning = "the picture, or its folder (picture.png beside the recording, or in out/SCENE, out/SCENE-2, ...)"
+    add_file(parser, meaning)
 
 
 def execute(options: Namespace) -> int:
@@ -46,8 +46,9 @@ def execute(options: Namespace) -> int:
         if subject.suffix == ".h5" or is_part(subject) or recording_file(subject).is_file() or folder:
             return _draw_recording(subject, options)
     if options.out is not None:
-        _require_room(options.out, options)
-        return _draw_scene(options.out, options)
+        path = file_in(options, Path(), picture_name(PICTURE, options))
+        _require_room(path, options)
+        return _draw_scene(path, options)
     with destination(options, subject.stem) as home:
         return _draw_scene(home / picture_name(PICTURE, options), options)
 
@@ -60,7 +61,7 @@ def _draw_recording(source: Path, options: Namespace) -> int:
     if options.preset:
         raise InputError("--preset", options.preset, "a scene that has it", f"{source} has been run")
     file = recording_file(source if source.suffix == ".h5" or is_part(source) or source.is_dir() else source / NAME)
-    path: Path = options.out or file.parent / picture_name(PICTURE, options)
+    path = file_in(options, file.parent, picture_name(PICTURE, options))
     _require_room(path, options)
     recording = Recording.load(file)
     say_source(source, file, recording)
@@ -72,11 +73,19 @@ def _draw_scene(path: Path, options: Namespace) -> int:
     from graspfx.scene.load import load
 
     scene = load(options.recording, dict(options.overrides), preset=options.preset)
-    duration = None if options.time is None else max(options.time, 0.0) + scene.period
+    if options.time is not None and not 0.0 <= options.time <= scene.duration:
+        remedy = "--set duration=... runs it longer"
+        raise InputError(
+            "--time", options.time, f"a time from 0 to {scene.duration:g} s, which the scene takes", remedy
+        )
+    duration = None if options.time is None else options.time + scene.period
     return _draw(run(scene, duration=duration), path, scene.source.folder, options)
 
 
 def _require_room(path: Path, options: Namespace) -> None:
+    from graspfx.show.style import require_form
+
+    require_form(options.format or path.suffix[1:].lower(), path)
     require_place(path)
     require_room(options, [path])
 

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from graspfx.commands.arguments import add_style, picture_name
+from graspfx.commands.arguments import add_style, picture_name, recording
 from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import SUCCESS, draw, name_files, say_source
@@ -15,7 +15,9 @@ EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("recordings", metavar="RECORDING", nargs="+", type=Path, help="one or more, or their folders")
+    parser.add_argument(
+        "recordings", metavar="RECORDING", nargs="+", type=recording, help="one or more, or their folders"
+    )
     parser.add_argument("--brief", action="store_true", help="depth, squeeze and push alone, in figure and table")
     add_style(parser)
     add_destination(parser, "DIR", "folder of the picture (that of the first recording)")
@@ -31,8 +33,8 @@ def execute(options: Namespace) -> int:
     picture = folder / picture_name("figure" if len(paths) == 1 else "comparison", options)
     require_room(options, [picture])
     recordings = [Recording.load(path) for path in paths]
-    for request, path, recording in zip(options.recordings, paths, recordings, strict=True):
-        say_source(request, path, recording)
+    for request, path, each in zip(options.recordings, paths, recordings, strict=True):
+        say_source(request, path, each)
     make_folder(folder)
     labels = _labels(paths)
     draw(recordings, picture, brief=options.brief, width=options.width, labels=labels if len(paths) > 1 else None)

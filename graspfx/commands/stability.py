@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ from graspfx.commands.arguments import add_scene, add_style, picture_name
 from graspfx.commands.certificate import certify
 from graspfx.commands.destination import add_destination, destination, require_room
 from graspfx.commands.output import SUCCESS, name_files, placing, print_json, require_place
+from graspfx.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from graspfx.certificate.limit_sweep import Sweep
@@ -32,8 +33,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--plot",
         metavar="NAME",
+        type=diagram,
         choices=PLOTS,
         action="append",
+        nargs="?",
+        const="",
         default=[],
         help="draw bode, nyquist or z-width; may be given again for another",
     )
@@ -42,6 +46,20 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     add_style(parser)
     parser.add_argument("--json", action="store_true", help="print the limits as JSON, and nothing else")
+
+
+def diagram(text: str) -> str:
+    """Take the name of a diagram, or say which there are.
+
+    Raises:
+        UnknownNameError: another name.
+        ArgumentTypeError: none.
+    """
+    if not text:
+        raise ArgumentTypeError(f"which one? {', '.join(PLOTS[:-1])} or {PLOTS[-1]}")
+    if text not in PLOTS:
+        raise UnknownNameError("diagram", text, PLOTS)
+    return text
 
 
 def execute(options: Namespace) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import InputError
+from graspfx.loop.recording.history import History
 from graspfx.show import style
 from graspfx.show.brief import brief_rows
 from graspfx.show.panels import Curve, Row, View, rows, views
@@ -97,6 +98,9 @@ def sheet(
         InputError: no recordings, one without a tick, another number of titles or labels, or no such width; in brief,
             recordings of earlier formats, which do not say how forces divide.
     """
+    for each in recordings:
+        if not isinstance(each, History):
+            raise InputError("recordings", each, "a recording", "plot draws whole recordings: rec.plot(other, ...)")
     if not recordings or not all(len(recording) for recording in recordings):
         raise InputError("recordings", len(recordings), "one or more recordings with at least one tick each")
     for name, texts in (("titles", titles), ("labels", labels)):

@@ -14,29 +14,10 @@ from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.scales import LOGICAL, scales_of, stored_type
 
-FINGER, AXIS, TURN = "finger", "axis", "turn"
-ON_OBJECT = "of the finger on the object"
-DERIVED = (  # attributes of a recording that are no columns of it, or not always
-    ("displayed_force", (FINGER, AXIS), "N", "on the operator, after every limit, before output delay"),
-    ("internal_force", (FINGER, AXIS), "N", f"{ON_OBJECT}: what squeezes it, f - P f"),
-    ("external_force", (FINGER, AXIS), "N", f"{ON_OBJECT}: what moves it, P f"),
-    ("internal_moment", (FINGER, TURN), "N m", f"{ON_OBJECT}: what squeezes it"),
-    ("external_moment", (FINGER, TURN), "N m", f"{ON_OBJECT}: what moves it"),
-    ("internal_displacement", (FINGER, AXIS), "m", "by which the fingers squeeze, e - P'e"),
-    ("external_displacement", (FINGER, AXIS), "m", "the rigid motion of the contacts in e, P'e"),
-    (
-        "internal_energy",
-        (FINGER,),
-        "J",
-        "work done so far on the fingertip by the displayed force's internal part",
-    ),
-    (
-        "external_energy",
-        (FINGER,),
-        "J",
-        "work done so far on the fingertip by the displayed force's external part",
-    ),
-)
+ENERGIES = {  # attributes of a recording by finger that are no columns of it
+    "internal_energy": "work done so far on the fingertip by the displayed force's internal part",
+    "external_energy": "work done so far on the fingertip by the displayed force's external part",
+}
 
 
 class Quantity(NamedTuple):
@@ -59,9 +40,12 @@ def quantities(recording: Recording) -> Iterator[Quantity]:
     for column in layout.columns.values():
         if "/" not in column.name:
             yield Quantity(column.name, _stored(recording, column), column.dimensions, column.unit, column.meaning)
-    for name, dimensions, unit, meaning in DERIVED:
-        if name not in layout.columns and (values := _derived(recording, name)) is not None:
-            yield Quantity(name, values, dimensions, unit, meaning)
+    for column in layout.derived:
+        if (values := _derived(recording, column.name)) is not None:
+            yield Quantity(column.name, values, column.dimensions, column.unit, column.meaning)
+    for name, meaning in ENERGIES.items():
+        if (values := _derived(recording, name)) is not None:
+            yield Quantity(name, values, ("finger",), "J", meaning)
     for part, column in parts_of_objects(layout).items():
         values = np.stack([_of_object(recording, name, part, column) for name in layout.objects], axis=1)
         yield Quantity(object_name(part), values, ("object", *column.dimensions), column.unit, column.meaning)

@@ -101,7 +101,8 @@ def test_measures_are_those_of_single_runs(line, jobs, ticks):
 )
 def test_the_two_forces_are_measured_as_single_runs_have_them(name, values):
     scene = gx.load(name)
-    quantities = ["internal_force", "finger_force", "external_force"]
+    quantities = ["internal_force", "finger_force", "external_force", "displayed_force"]
+    quantities += ["external_displacement", "internal_displacement"]
     quantities += ["internal_moment"] if name == "soft-pinch" else []
     batch = gx.run_batch(scene, values, 0.4, measure=quantities)
     both = gx.run_batch(scene, values, 0.4, keep="recordings")
@@ -116,6 +117,36 @@ def test_the_two_forces_are_measured_as_single_runs_have_them(name, values):
                 np.testing.assert_array_equal(batch[quantity][statistic][index], expected[statistic])
             np.testing.assert_allclose(batch[quantity]["mean"][index], expected["mean"], rtol=1e-12, atol=1e-16)
             np.testing.assert_array_equal(both.stacked(quantity)[index], getattr(run, quantity))
+
+
+def test_what_was_not_measured_is_told_from_what_there_is_not(line):
+    batch = gx.run_batch(line, {BV: [0.5, 0.6]}, 0.1, measure=["finger_force"])
+    with pytest.raises(
+        UnknownNameError, match=r"'internal_force'; not measured: pass measure=\['internal_force'\]"
+    ) as error:
+        batch["internal_force"]
+    assert "did you mean" not in str(error.value)
+    with pytest.raises(UnknownNameError, match=r"pass measure=\['finger_position'\] \(measured: finger_force\)"):
+        batch.growth()
+    with pytest.raises(UnknownNameError, match=r"unknown measure 'finger_fore'; did you mean 'finger_force'"):
+        batch["finger_fore"]
+    with pytest.raises(UnknownNameError, match=r"unknown statistic 'maxi'; did you mean 'max'"):
+        batch["finger_force"]["maxi"]
+    assert "maxi" not in batch["finger_force"] and "max" in batch["finger_force"]
+
+
+@pytest.mark.parametrize(("keep", "kept"), [("summary", "summaries"), ("recordings", "recordings")])
+def test_a_batch_without_measures_says_what_it_kept(line, keep, kept):
+    batch = gx.run_batch(line, {BV: [0.5, 0.6]}, 0.1, keep=keep)
+    for ask in (lambda: batch["finger_force"], batch.growth):
+        with pytest.raises(UnknownNameError, match=rf"this batch kept {kept}: batch\.{kept} has .*keep='measures'"):
+            ask()
+    card = repr(batch)
+    assert f".{kept}" in card and ".growth" not in card and "[statistic]" not in card
+    assert (".stacked" in card) == (keep == "recordings")
+    if keep == "summary":
+        with pytest.raises(InputError, match="given 'summary', expected recordings"):
+            batch.stacked("finger_force")
 
 
 def test_lanes_give_what_runs_one_by_one_give(line, jobs, monkeypatch):

@@ -14,6 +14,7 @@ from graspfx.__main__ import COMMANDS, main, parse
 from graspfx.commands.arguments import separate
 from graspfx.commands.list import GROUPS, line_about
 from graspfx.commands.output import CODES
+from graspfx.errors import RecordingError
 
 ROOT = Path(__file__).parents[2]
 
@@ -96,6 +97,35 @@ def test_a_recording_in_a_scenes_place_says_what_to_use(
     err = capsys.readouterr().err
     assert f"{given} is a recording, or the folder of one, not a scene: `graspfx plot {given}` draws it" in err
     assert f"`graspfx picture {given}` one instant" in err
+
+
+@pytest.mark.parametrize("command", ["plot", "export"])
+@pytest.mark.parametrize("given", ["mug", "block.toml"])
+def test_a_scene_in_a_recordings_place_is_told_what_makes_one(
+    command: str, given: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("block.toml").write_text("dimensions = 1\n")
+    with pytest.raises(SystemExit, match="2"):
+        main([command, given])
+    err = capsys.readouterr().err
+    assert f"{given} is a scene, not a recording: run it first; `graspfx run {given}` records it" in err
+    with pytest.raises(RecordingError, match=r"block\.toml: is a scene, not a recording: run it first"):
+        gx.Recording.load("block.toml")
+
+
+def test_a_diagram_that_is_not_named_or_misspelt(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["stability", "reference-1dof", "--plot"])
+    assert "argument --plot: which one? bode, nyquist or z-width" in capsys.readouterr().err
+    assert main(["stability", "reference-1dof", "--plot", "z-wdth"]) == 2
+    assert "unknown diagram 'z-wdth'; did you mean 'z-width'?" in capsys.readouterr().err
+
+
+def test_a_word_too_many_hears_of_set_where_there_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "scenes"]) == main(["run", "knob", "mug"]) == 2
+    listing, running, _ = capsys.readouterr().err.split("\n")
+    assert listing == "list: given 'scenes', expected no further argument"
+    assert running.endswith("expected no further argument; a value of --set is of the form KEY=VALUE")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -150,6 +150,35 @@ def test_the_same_commands_write_over_a_file_when_they_are_told_to(capsys: pytes
     assert not [name for name in files() if Path(name).name.startswith(".")]
 
 
+@pytest.mark.parametrize("out", ["here/", "here", "here/r.csv"])
+def test_a_folder_in_a_files_place_gets_the_file(out: str, capsys: pytest.CaptureFixture[str]) -> None:
+    gx.run("reference-1dof", duration=0.02, out="a")
+    if out == "here":
+        Path(out).mkdir()
+    path = "here/r.csv" if out.endswith(".csv") else "here/recording.csv"
+    assert main(["export", "a", "--out", out]) == 0
+    assert capsys.readouterr().out == f"wrote {path}\n" and Path(path).is_file()
+    if path != out:
+        assert main(["picture", "a", "--out", out]) == 0
+        assert capsys.readouterr().out == "wrote here/picture.png\n"
+
+
+@pytest.mark.parametrize("subject", ["a", "reference-1dof"])
+def test_a_pictures_ending_is_refused_by_the_path_that_was_typed(
+    subject: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gx.run("reference-1dof", duration=0.02, out="a")
+    assert main(["picture", subject, "--out", "x.xyz"]) == 2
+    assert capsys.readouterr().err.startswith("path: given 'x.xyz', expected a file that ends in ")
+
+
+@pytest.mark.parametrize("time", ["100", "-1"])
+def test_a_picture_of_a_scene_is_of_a_time_that_it_takes(time: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["picture", "mug", "--time", time]) == 2
+    assert "a time from 0 to 2.5 s, which the scene takes; --set duration" in capsys.readouterr().err
+    assert not Path("out").exists()
+
+
 def test_pictures_of_scenes_have_folders_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["picture", "reference-1dof", "--time", "0.1"]) == 0
     assert main(["picture", "reference-1dof", "--time", "0.2"]) == 0

@@ -327,10 +327,13 @@ def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | No
 
 
 def test_more_ticks_than_the_disk_has_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=108_799))  # 136 bytes twice, 400 ticks
+    row, forces = 17 * 8, 2 * 2 * 8  # 17 columns; internal and external force of two fingers on a line
+    each = 2 * row + forces  # the part, and the recording with the two forces beside its columns
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=400 * each - 1))
     scene = graspfx.load("reference-1dof")
-    assert len(graspfx.run(scene)) == 400
-    with pytest.raises(graspfx.errors.InputError, match=r"duration: given 400, .*each takes 272 bytes .*disk of here"):
+    rec = graspfx.run(scene)
+    assert len(rec) == 400 and rec.rows.nbytes == 400 * row
+    with pytest.raises(graspfx.errors.InputError, match=rf"given 400, .*each takes {each} bytes .*disk of here"):
         graspfx.run(scene, out="here")
 
 

@@ -55,6 +55,13 @@ def divided(rec: Recording) -> Recording:
     return Recording(rec.rows, rec.layout, type(rec.header)(**{**vars(rec.header), "split": split}))
 
 
+@pytest.mark.parametrize("other", ["finger_force", None, 3])
+def test_what_is_no_recording_is_not_drawn(other: Any) -> None:
+    rec = recording({"touching": np.zeros((3, 2))}, layout())
+    with pytest.raises(InputError, match=rf"recordings: given {other!r}, expected a recording"):
+        rec.plot(other)
+
+
 def lines(axes: Any) -> dict[str, Any]:
     return {line.get_label(): line for line in axes.get_lines() if line.get_label() != "_zero"}
 

@@ -41,6 +41,8 @@ def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome
     place = recording_file(path)
     if not place.is_file():
         raise RecordingError(f"{place}: there is no such file")
+    if place.suffix == ".toml":
+        raise RecordingError(f"{place}: is a scene, not a recording: run it first")
     try:
         return read_journal(place) if is_journal(place) else _read_hdf5(place)
     except UNREADABLE as error:

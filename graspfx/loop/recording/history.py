@@ -70,23 +70,23 @@ class History:
         self.rows = rows
         self.rows.flags.writeable = False
         self.layout, self.header, self.outcome = layout, header, outcome or Outcome()
-        self.beside: Beside | None = None  # what a certificate says of a growing mode, where the scene is at hand
+        self._beside: Beside | None = None  # what a certificate says of a growing mode, where the scene is at hand
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def array(self, column: str) -> FloatArray:
-        """View a column of the layout, or give one of the two forces or moments by its name, (N, ...).
+        """View a column of the layout, or give what follows from columns by its name in `Layout.derived`, (N, ...).
 
         Raises:
             UnknownNameError: the recording has no such column.
         """
         entry = self.layout.columns.get(str(column))
         if entry is None:
-            forces = [each.name for each in self.layout.forces]
-            if column in forces:
+            derived = [each.name for each in self.layout.derived]
+            if column in derived:
                 return np.asarray(getattr(self, column))
-            raise UnknownNameError("column", str(column), [*self.layout.columns, *forces])
+            raise UnknownNameError("column", str(column), [*self.layout.columns, *derived])
         return self.rows[:, entry.where].reshape(len(self.rows), *entry.shape)
 
     def optional(self, column: str) -> FloatArray | None:

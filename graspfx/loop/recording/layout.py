@@ -12,6 +12,7 @@ WIDTHS = {1: 1, 2: 3, 3: 6}  # w
 # what a recording of every format has, of fingers and, by the name's last part, of objects
 ESSENTIAL = ("finger_position", "finger_velocity", "contact_position", "finger_force", "touching", "device_energy")
 ESSENTIAL_OF_OBJECTS = ("position", "velocity", "wrench")
+DISPLAYED = "on the operator, after every limit, before output delay"
 WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
 
 
@@ -99,6 +100,18 @@ class Layout:
             for part, purpose in parts.items()
         )  # fmt: skip
 
+    @property
+    def derived(self) -> tuple[Column, ...]:
+        """Variables that follow from a row: the displayed force where it is no column, `forces`, and displacements."""
+        shape, names = (len(self.fingers), self.dimensions), ("finger", "axis")
+        displayed = Column("displayed_force", slice(0, 0), shape, names, "N", DISPLAYED)
+        meanings = {
+            "internal_displacement": "by which the fingers squeeze, e - P'e",
+            "external_displacement": "the rigid motion of the contacts in e, P'e",
+        }
+        parts = (Column(name, slice(0, 0), shape, names, "m", meaning) for name, meaning in meanings.items())
+        return (*(() if self.limits else (displayed,)), *self.forces, *parts)
+
     def is_essential(self, name: str) -> bool:
         """Tell whether no recording can lack a column."""
         folder, _, last = name.rpartition("/")
@@ -120,7 +133,7 @@ class Layout:
         if self.torsion_axes:
             yield "torsion_axis", (n, turn), "1", "along which a soft finger's torsion acts on the object"
         if self.limits:
-            yield "displayed_force", (n, axis), "N", "on the operator, after every limit, before output delay"
+            yield "displayed_force", (n, axis), "N", DISPLAYED
             yield "law_force", (n, axis), "N", "of the finger on the object by eq. (4), before limits"
         yield "touching", (n,), "1", "whether the finger exerts a force"
         if self.limits:

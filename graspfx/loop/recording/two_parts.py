@@ -5,7 +5,7 @@ All follow from the rows and from what the recording says of each grasp's split;
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -85,6 +85,19 @@ class RowSplit:
         variables = {"internal_force": self.column("finger_force") - external, "external_force": external}
         if moment is not None:
             variables |= {"internal_moment": self.column("finger_moment") - moment, "external_moment": moment}
+        return variables
+
+    def derived(self, names: Collection[str]) -> dict[str, FloatArray]:
+        """Compute variables that follow from the rows, by their names in `Layout.derived`."""
+        variables: dict[str, FloatArray] = {}
+        if "displayed_force" in names:
+            variables["displayed_force"] = -self.column("finger_force")
+        if any(column.name in names for column in self.layout.forces):
+            variables |= self.forces()
+        if "internal_displacement" in names or "external_displacement" in names:
+            external = self.external_displacements()
+            internal = self.column("finger_position") - self.column("contact_position") - external
+            variables |= {"internal_displacement": internal, "external_displacement": external}
         return variables
 
     def moment_share(self, internal: FloatArray) -> float | None:

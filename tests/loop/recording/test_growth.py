@@ -94,7 +94,8 @@ def test_nothing_is_certified_unless_something_grows(monkeypatch: pytest.MonkeyP
         asked.append(name)
         return {}
 
-    rec.beside = beside
+    rec._beside = beside
+    assert "beside" not in dir(rec) and not hasattr(rec, "beside")
     assert rec.summary()["growth"] == [] and not asked
 
 

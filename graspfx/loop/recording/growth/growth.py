@@ -88,7 +88,7 @@ def losses(recording: History) -> list[dict[str, Any]]:
     """
     tables = []
     for each in growths(recording):
-        certificate = None if recording.beside is None else recording.beside(each.object, each.mode)
+        certificate = None if recording._beside is None else recording._beside(each.object, each.mode)
         text = str(each) if certificate is None else f"{each}; {certificate['text']}"
         tables.append(each.to_dict() | {"certificate": certificate, "text": text})
     return tables
