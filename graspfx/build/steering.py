@@ -85,12 +85,16 @@ class Steering:
 
         Args:
             scene: the servo's own with these values.
-            values: by live key.
+            values: by live key, with numbers for names of tables.
 
         Raises:
-            InputError: values that would change more than numbers: the form of a gain, a switch, a layout.
+            InputError: values that would change more than numbers: the form of a gain, a switch, a layout; a key that
+                reaches no number of a run.
             SceneError, DeviceError: as of `build`.
         """
+        for key, value in values.items():
+            if not reach(key):  # it would be recorded, and change nothing
+                raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
         with build(scene, hardware=False, engine="interpreted", live=self.keys) as other:
             entries: list[Numbers] = []

@@ -10,6 +10,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.build import build
+from graspfx.build.steering import Steering
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError, SceneError, UnknownNameError
@@ -211,6 +212,47 @@ def test_values_are_those_of_the_scene_and_of_what_was_set() -> None:
         ]  # fmt: skip
         session.set({})
     assert session.recording.header.scene_table["coupling"]["internal"]["stiffness"] == 70.0
+
+
+NAMES: dict[str, tuple[str, str, str, float, int]] = {  # scene, a key with a number, with a name, value, ticks
+    "device": ("pick-and-place", "finger.0.device.mass", "finger.thumb.device.mass", 0.4, 150),
+    "friction": ("carry-bar", "finger.0.friction", "finger.left-thumb.friction", 0.05, 300),
+    "hand": ("two-objects", "hand.0.squeeze", "hand.left.squeeze", 0.03, 10),
+    "object": ("mug", "object.0.viscosity", "object.object.viscosity", 3.0, 150),
+}
+
+
+@pytest.mark.parametrize("case", NAMES)
+def test_a_name_stands_for_the_number_of_its_table(case: str) -> None:
+    name, number, written, value, ticks = NAMES[case]
+    runs = []
+    for live, key in ((number, number), (number, written), (written, written), (number, None)):
+        with gx.open(name, live=[live]) as session:
+            session.step(ticks)
+            if key is not None:
+                session.set(key, value)
+                assert session.get(written) == session.get(number) == value
+            session.step(150)
+        runs.append(session.recording)
+    assert len({rec.rows.tobytes() for rec in runs[:3]}) == 1 and runs[0].rows.tobytes() != runs[3].rows.tobytes()
+    assert [tuple(rec.changes[0]) for rec in runs[:3]] == [(ticks, number, value)] * 3
+
+
+def test_a_table_has_one_value_by_its_name_and_its_number() -> None:
+    with gx.open("pick-and-place", live=["finger.*.device.mass"]) as session:
+        with pytest.raises(InputError, match=r"finger.thumb.device.mass: given 0.5, expected one value for finger.0"):
+            session.set({"finger.0.device.mass": 0.4, "finger.thumb.device.mass": 0.5})
+        assert not session.recording.changes
+
+
+def test_an_update_that_would_change_nothing_is_refused() -> None:
+    scene = gx.load("pick-and-place")
+    key = "finger.0.device.mass"
+    with build(scene, live=[key]) as servo:
+        steering = Steering(servo, scene, [key])
+        assert steering.update(scene.replace({key: 0.4}), {key: 0.4}).parts
+        with pytest.raises(InputError, match="a key that reaches a number of the run"):
+            steering.update(scene.replace({key: 0.4}), {"finger.thumb.device.mass": 0.4})
 
 
 def test_what_is_not_live_cannot_be_set() -> None:
