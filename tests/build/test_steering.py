@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
+from tests.support import foreign_parts
 from tests.support.scenes import random_table
 from tests.support.small_scenes import attached, line
 
@@ -43,6 +45,13 @@ CASES: dict[str, tuple[str, Mapping[str, Any], Mapping[str, Any]]] = {  # a scen
     "pads": ("soft-pads", {}, {KEP: 700.0, "coupling.damping_depth": 0.002}),
     "implicit": ("paper-spring", {"object.integrator": "implicit", KID: 0.2}, {KEP: 60.0, "object.mass": 0.2}),
     "implicit, equal to apart": ("paper-waving", {"object.integrator": "implicit", KIP: 30.0}, {KIP: 70.0, KID: 0.1}),
+    "implicit, viscosity at the start": (
+        "sphere-three-fingers", {"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]},
+        {"object.viscosity": 30.0},
+    ),
+    "implicit, weight at the start": (
+        "sphere-three-fingers", {"object.integrator": "implicit"}, {"gravity": [0.0, 0.0, -50.0], "object.mass": 0.2},
+    ),
     "matrices": (
         "paper-waving",
         {KEP: [[60.0, 0.0], [0.0, 20.0]], KIP: [[60.0, 0.0], [0.0, 20.0]], "coupling.form": "symmetric"},
@@ -329,6 +338,23 @@ def test_keys_that_cannot_be_live(name: str, overrides: Mapping[str, Any], key: 
     with pytest.raises(InputError, match=why) as error:
         gx.open(name, overrides, live=[key])
     assert f"given '{key}'" in str(error.value)
+
+
+def test_a_hand_of_a_plug_in_that_has_its_directions_refuses_others(tmp_path: Path) -> None:
+    """The implicit integrator meets fingers where viscosity takes the object: their normals are the hand's."""
+    key = "object.viscosity"
+    hand = {"name": "right", "kind": foreign_parts.write(tmp_path)["hands"], "called": True}
+    scene = gx.load("sphere-three-fingers").replace({"hand": [hand]})
+    moving = scene.replace({"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]})
+    with gx.open(moving, live=[key]) as session:
+        with pytest.raises(InputError, match="a hand or a motion of a plug-in has them already"):
+            session.set(key, 30.0)
+        assert not session.recording.changes
+        session.step(2)
+        session.set(key, 30.0)
+    assert steered(scene, {0: {key: 30.0}}, 9).rows.tobytes() == (
+        gx.run(scene.replace({key: 30.0}), duration=9 * scene.period).rows.tobytes()
+    )
 
 
 def test_keys_that_are_none() -> None:
