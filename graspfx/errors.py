@@ -41,7 +41,7 @@ class InputError(GraspFXError, ValueError):
         super().__init__(f"{text}; {do}" if do else text)
 
 
-class UnknownNameError(GraspFXError, LookupError):
+class UnknownNameError(GraspFXError, KeyError):
     """A name that nothing answers to, with the names that come close."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], do: str = "") -> None:
@@ -53,6 +53,9 @@ class UnknownNameError(GraspFXError, LookupError):
         if self.known:
             text += f" (known: {', '.join(self.known)})"
         super().__init__(f"{text}; {do}" if do else text)
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # a KeyError shows its `repr`
 
 
 class MissingPackageError(GraspFXError, ImportError):

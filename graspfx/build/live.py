@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from graspfx.build.numbers import general, reaches
 from graspfx.build.reach import reach
 from graspfx.errors import InputError, UnknownNameError, closest
-from graspfx.scene.keys import LISTS, number_of
+from graspfx.scene.keys import LISTS, NAMES, number_of
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -101,8 +101,22 @@ def numbered(scene: Scene, key: str) -> str:
 
 
 def value_of(scene: Scene, key: str) -> Any:
-    """Give the value of a key now; of `*` the one value of all, or a tuple of them."""
-    values = list(_values(scene, _indexed(key)))
+    """Give the value of a key now; of `*` the one value of all, or a tuple of them.
+
+    Raises:
+        UnknownNameError: no scene has such a key, or this one no table of that name or number.
+        InputError: a setting that is left to its driver, or a table that stands elsewhere.
+    """
+    path, (first, *rest) = _indexed(key), key.split(".")
+    tables = getattr(scene, first) if rest and first in LISTS else ()
+    if len(tables) > 1 and rest[0] not in type(tables[0]).model_fields:
+        path = [first, *rest]  # a number, or a name that none of them has
+    values = list(_values(scene, path))
+    if not values:
+        raise InputError(
+            "key", key, "a key of a table that the scene has",
+            "where a name stands for a table, ask for that one, as in hand.NAME.stiffness",
+        )  # fmt: skip
     return values[0] if all(each == values[0] for each in values) else tuple(values)
 
 
@@ -114,17 +128,39 @@ def _indexed(key: str) -> list[str]:
     return [first, *rest]
 
 
-def _values(part: Any, path: list[str]) -> Iterator[Any]:
+def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
+    """Follow a path into a part of the scene that stands at a key, and give what is there."""
     if not path:
         yield part
-        return
+    elif isinstance(part, tuple):
+        yield from _of_several(part, path, at)
+    elif isinstance(part, Mapping):
+        yield from _below(part, path, at)
+    elif hasattr(part, "model_fields_set"):
+        settings = getattr(part, "settings", {})
+        fields = {name: getattr(part, name) for name in type(part).model_fields}
+        if path[0] in ("*", "0") and path[1:]:
+            yield from _values(part, path[1:], at)  # a lone table as a list of one
+        elif hasattr(part, "settings") and path[0] not in fields | settings and not closest(path[0], fields | settings):
+            raise InputError("key", f"{at}.{path[0]}", "a setting that the scene gives", "its driver's own value holds")
+        else:
+            yield from _below(fields | settings, path, at)
+    elif part is not None and not isinstance(part, str):  # nothing, or a name that stands for a table elsewhere
+        raise InputError("key", f"{at}.{'.'.join(path)}", "a key of the scene", f"{at} is a value and has no parts")
+
+
+def _of_several(items: tuple[Any, ...], path: list[str], at: str) -> Iterator[Any]:
     name, *rest = path
-    if isinstance(part, tuple):
-        for each in part if name == "*" else part[int(name) : int(name) + 1]:
-            yield from _values(each, rest)
-        return
-    settings = getattr(part, "settings", {})
-    if name in settings:
-        yield from _values(settings[name], rest)
-    elif not isinstance(part, str):  # a name stands for a table elsewhere
-        yield from _values(getattr(part, name), rest)
+    if name != "*" and not (name.isdecimal() and int(name) < len(items)):
+        names = [getattr(each, key, None) for each in items for key in NAMES]
+        numbers = [str(i) for i in range(len(items))]
+        raise UnknownNameError(f"name or number of {at}", name, {*numbers, *(each for each in names if each)})
+    for i in range(len(items)) if name == "*" else [int(name)]:
+        yield from _values(items[i], rest, f"{at}.{i}")
+
+
+def _below(values: Mapping[str, Any], path: list[str], at: str) -> Iterator[Any]:
+    name, *rest = path
+    if name not in values:
+        raise UnknownNameError(f"key of {at}" if at else "key", name, values)
+    yield from _values(values[name], rest, f"{at}.{name}" if at else name)

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike
 from time import perf_counter
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -23,6 +23,7 @@ from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
+from graspfx.loop.recording.by_name import by_name
 from graspfx.loop.recording.header import SPLIT, RunFault
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
@@ -257,7 +258,7 @@ class Session(Carded):
     @property
     def objects(self) -> Mapping[str, ObjectView]:
         """Each object by its name."""
-        return MappingProxyType({part.name: self._object(i) for i, part in enumerate(self.servo.objects)})
+        return by_name("object", {part.name: self._object(i) for i, part in enumerate(self.servo.objects)})
 
     def _object(self, i: int) -> ObjectView:
         orientation, angular_velocity = self._column(i, "orientation"), self._column(i, "angular_velocity")
@@ -299,10 +300,15 @@ class Session(Carded):
     @property
     def values(self) -> Mapping[str, Any]:
         """Values of the live keys now."""
-        return MappingProxyType({key: value_of(self.scene, key) for key in self.live})
+        return by_name("live key", {key: value_of(self.scene, key) for key in self.live})
 
     def get(self, key: str) -> Any:
-        """Give the value of a key of the scene now; of `*` the one value of all, or a tuple of them."""
+        """Give the value of a key of the scene now; of `*` the one value of all, or a tuple of them.
+
+        Raises:
+            UnknownNameError: there is no such key, with one that comes close.
+            InputError: a setting that is left to its driver, or a table that stands elsewhere.
+        """
         return value_of(self.scene, numbered(self.scene, key))
 
     def set(self, key: str | Mapping[str, Any], value: Any = None) -> None:
@@ -317,6 +323,7 @@ class Session(Carded):
 
         Raises:
             InputError: a key that is not live, or a value that would change more than numbers.
+            UnknownNameError: there is no such key, with one that comes close.
             SceneError: a value that the scene does not allow; nothing has changed then.
         """
         changes = dict(key) if isinstance(key, Mapping) else {key: value}

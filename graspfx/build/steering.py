@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.build import build
-from graspfx.build.live import BODY, DEVICE, GAINS, INERTIA, covers, is_of_a_hand, require
+from graspfx.build.live import BODY, DEVICE, GAINS, INERTIA, covers, is_of_a_hand, require, value_of
 from graspfx.build.numbers import general
 from graspfx.build.reach import reach
 from graspfx.compile.entry_names import name_of
@@ -145,8 +146,11 @@ class Steering:
 
         Raises:
             InputError: it is not.
+            UnknownNameError: no scene has such a key.
         """
         if not any(covers(each, key) for each in self.keys):
+            with suppress(InputError):  # a setting or a table that is left out
+                value_of(self.scene, key)
             live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
             raise InputError(key, value, "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
 

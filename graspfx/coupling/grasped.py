@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,14 @@ from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+
+class _Fades(NamedTuple):
+    """Where the fade begins now, and what was short of the earlier ones of the run [m]."""
+
+    start: float
+    shortfall: float = 0.0
+    needed: float = 0.0
 
 
 class GraspedObject:
@@ -73,6 +81,7 @@ class GraspedObject:
         self.block = np.zeros(block_size(grip))
         fill_block(self.block, grip, period)
         self.state = GraspState(self.block)
+        self._fades = _Fades(self.state.fade_start)
         self._grasp = GraspState(memoryview(self.block))  # its items are Python floats, twice as fast as array items
         self.coordinates = self.state.coordinates
         self._shaped = shape is not None
@@ -111,6 +120,7 @@ class GraspedObject:
         """
         grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit, self.live)
         fill_block(self.block, grip, period)
+        self._fades = _Fades(self.state.fade_start)
         self.law, self.matrices, self.soft = law, grip.matrices, grip.soft
         self._walk_anew()
 
@@ -150,12 +160,12 @@ class GraspedObject:
     @property
     def shortfall(self) -> float:
         """Distance by which the fade began too near the surface, at most so far [m]; 0 if it never did."""
-        return self.state.shortfall
+        return max(self._fades.shortfall, self.state.shortfall)
 
     @property
     def fade_needed(self) -> float:
         """Where the fade would have had to begin for the forces so far [m]; 0 if it began there."""
-        return self.state.fade_start + self.shortfall if self.shortfall else 0.0
+        return max(self._fades.needed, _needed(self.state.fade_start, self.state.shortfall))
 
     def fade_asked(self) -> tuple[float, float] | None:
         """Give where the fade begins, and where the last sample's forces ask it to [m]; None where nothing fades."""
@@ -171,6 +181,10 @@ class GraspedObject:
 
     def set_fade(self, low: float, high: float) -> None:
         """Let a free finger leave the split between two gaps [m]."""
+        if low != self._fades.start:  # a shortfall is one of the fade that it was measured from
+            most = max(self._fades.needed, _needed(self._fades.start, self.state.shortfall))
+            self._fades = _Fades(low, self.shortfall, most)
+            self.state.shortfall = 0.0
         self.state.fade_start, self.state.fade_end = low, high
         if self._walks is not None:
             self._walks.array(MeshFinger.reach)[:] = high + self.array(FingerState.radius)
@@ -251,6 +265,10 @@ class GraspedObject:
     def let_go(self) -> None:
         """Set force and wrench to zero."""
         let_go(self._grasp)
+
+
+def _needed(start: float, shortfall: float) -> float:
+    return start + shortfall if shortfall else 0.0
 
 
 def _grip(

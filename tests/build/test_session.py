@@ -153,3 +153,19 @@ def test_a_fault_is_told_and_the_session_goes_on() -> None:
         assert not session.force.any()
     assert session.recording.faults == (session.fault,)
     assert session.recording.rows.tobytes() == gx.run(scene, duration=1.0).rows.tobytes()
+
+
+def test_an_object_that_is_none_is_told_with_those_that_are() -> None:
+    with gx.open("two-objects", {"engine": "interpreted"}) as session:
+        session.step()
+        for objects in (session.objects, session.recording.objects):
+            with pytest.raises(
+                UnknownNameError, match=r"^unknown object 'blok'; did you mean 'block'\? \(known: base, bl"
+            ):
+                objects["blok"]
+            with pytest.raises(KeyError):
+                objects["cube"]
+            assert "cube" not in objects and objects.get("cube") is None
+            assert list(objects) == ["base", "block"]
+            with pytest.raises(TypeError):
+                objects["cube"] = objects["base"]  # type: ignore[index]

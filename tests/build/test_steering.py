@@ -433,3 +433,43 @@ def test_a_live_key_by_the_name_of_a_lone_table(key: str, value: float) -> None:
     built = scene.replace({key: value})
     assert built != scene
     assert session.recording.rows.tobytes() == gx.run(built, duration=8 * scene.period).rows.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ("x", r"unknown key 'x' \(known: coupling, device, dimensions, "),
+        ("perod", "unknown key 'perod'; did you mean 'period'"),
+        ("replace", "unknown key 'replace'"),
+        ("coupling.internal.stifness", "unknown key of coupling.internal 'stifness'; did you mean 'stiffness'"),
+        ("object.mss", "unknown key of object.0 'mss'; did you mean 'mass'"),
+        ("finger.nobody.friction", r"unknown name or number of finger 'nobody' \(known: 0, 1, 2, 3, .*thumb"),
+        ("finger.9.friction", "unknown name or number of finger '9'"),
+        ("finger.0.device.mas", "unknown key of finger.0.device 'mas'; did you mean 'mass'"),
+    ],
+)
+def test_a_key_that_is_none_is_told_with_one_that_comes_close(key: str, says: str) -> None:
+    with gx.open("knob", {"engine": "interpreted"}, live=[KIP]) as session:
+        with pytest.raises(UnknownNameError, match=says):
+            session.get(key)
+        with pytest.raises(UnknownNameError, match=says):
+            session.set(key, 1.0)
+        assert not session.recording.changes
+
+
+def test_keys_without_a_value_here() -> None:
+    with gx.open("knob", {"engine": "interpreted"}, live=[KIP]) as session:
+        for key, says in (
+            ("finger.0.device.resolution", "a setting that the scene gives; its driver's own value holds"),
+            ("finger.0.hand.stiffness", "where a name stands for a table"),
+            ("finger.*.hand.stiffness", "where a name stands for a table"),
+            ("period.x", "period is a value and has no parts"),
+        ):
+            with pytest.raises(InputError, match=says):
+                session.get(key)
+            with pytest.raises(InputError, match="a live key"):
+                session.set(key, 1.0)
+        assert session.get("hand.motion.0.duration") == session.get("hand.right.motion.duration") == 0.2
+        assert session.get("finger.thumb.start.0") == session.get("finger.0.start")[0] == -0.041
+        with pytest.raises(UnknownNameError, match=r"unknown live key 'x' \(known: coupling.internal.stiffness\)"):
+            session.values["x"]

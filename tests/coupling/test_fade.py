@@ -23,11 +23,18 @@ from tests.support.grasps import grasped, law
 DISC = np.array([[math.cos(a), math.sin(a)] for a in 2.0 * np.pi * np.arange(3) / 3])
 
 
-def held(radius: float = 0.025, kep: Any = 60.0, kip: Any = 150.0, squeeze: float = 0.006, **coupling: Any) -> gx.Scene:
+def held(
+    radius: float = 0.025,
+    kep: Any = 60.0,
+    kip: Any = 150.0,
+    squeeze: float = 0.006,
+    engine: str = "auto",
+    **coupling: Any,
+) -> gx.Scene:
     """Three hands of 50 N/m on a disc."""
     return gx.Scene.model_validate(
         {
-            "dimensions": 2, "period": 0.001, "duration": 0.5,
+            "dimensions": 2, "period": 0.001, "duration": 0.5, "engine": engine,
             "object": {
                 "mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 1e-4, "inertia": 4e-5,
                 "shape": {"kind": "sphere", "radius": radius},
@@ -73,6 +80,24 @@ def test_the_note_of_a_run_says_which_gaps_would_do() -> None:
     given = [float(number) for number in note.partition("[")[2].rstrip("]").split(", ")]
     assert given[1] - given[0] == pytest.approx(0.008)
     assert gx.run(scene.replace({"coupling.fade": given})).summary()["fade_shortfall"] is None
+
+
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
+def test_a_shortfall_is_one_of_the_fade_that_it_was_measured_from(engine: str) -> None:
+    """The fade is set to 20 mm, where nothing is short, after it was short of 0.5 mm: 20 mm are no part of the need."""
+    scene = held(fade=[0.0005, 0.0085], squeeze=0.012, engine=engine)
+    alone = gx.run(scene, duration=0.3).outcome
+    with gx.open(scene, live=["coupling.fade"]) as session:
+        session.step(300)
+        session.set("coupling.fade", [0.02, 0.03])
+        session.step(200)
+        later = session.recording.outcome
+        session.set("coupling.fade", [0.0005, 0.0085])
+        session.step(100)
+    assert alone.fade_needed == 0.0005 + alone.fade_shortfall > 0.002
+    assert (later.fade_needed, later.fade_shortfall) == (alone.fade_needed, alone.fade_shortfall)
+    last = session.recording.outcome
+    assert last.fade_needed == 0.0005 + last.fade_shortfall > alone.fade_needed  # the hands have closed further
 
 
 def test_the_certificate_says_how_far_the_fade_is_from_the_settled_squeeze() -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded
 from graspfx.errors import RecordingError, UnknownNameError
+from graspfx.loop.recording.by_name import by_name
 from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.spatial import Quaternion, Vector, rotate
@@ -250,7 +251,7 @@ class History:
 
     @cached_property
     def objects(self) -> Mapping[str, ObjectMotion]:
-        """Each object's motion, by its name."""
+        """Each object's motion, by its name; another name raises UnknownNameError, a KeyError."""
         motions = {}
         for name in self.layout.objects:
             at = f"objects/{name}/"
@@ -263,7 +264,7 @@ class History:
                 law=self._whole(at + "law"),
                 residual=self.optional(at + "residual"),
             )
-        return MappingProxyType(motions)
+        return by_name("object", motions)
 
     @cached_property
     def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
