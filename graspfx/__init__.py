@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording as Recording
     from graspfx.scene.load import load as load
     from graspfx.scene.model import Scene as Scene
+    from graspfx.show import style as style
 
 __version__ = "0.1.0"
 
@@ -57,6 +58,7 @@ _HOMES = {
     "run": "graspfx.build.run",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
+    "style": "graspfx.show",
     "testing": "graspfx.testing",
     "unilateral_force": "graspfx.grasp.touch",
 }
@@ -84,6 +86,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "stability",
     "passivity",
     "testing",
+    "style",
     "protocols",
     "errors",
     "__version__",

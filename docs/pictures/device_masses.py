@@ -8,7 +8,6 @@ import numpy as np
 from scipy.optimize import brentq
 
 import graspfx as gx
-from graspfx.show.style import EXTERNAL, INTERNAL, figure, look, panel, save
 
 MASSES = (0.05, 0.1, 0.15, 0.2)  # [kg]
 DASHES = ((0.0, (1.2, 1.4)), (0.0, (4.0, 1.5)), "-", (0.0, (7.0, 1.5, 1.5, 1.5)))
@@ -24,20 +23,20 @@ def damping(mass: float) -> float:
 
 def draw() -> None:
     b_v = np.linspace(0.8, 1.5, 71)
-    with look():
-        sheet = figure([2.6], columns=2)
+    with gx.style.look():
+        sheet = gx.style.figure([2.6], columns=2)
         for axes, integrator in zip(sheet.panels[0], ("explicit", "exact"), strict=True):
             for mass, dashes in zip(MASSES, DASHES, strict=True):
                 kep = gx.stability.external_limit_map(
                     mass, damping(mass), T, 0.1, b_v, spring=SPRING, integrator=integrator
                 )
-                axes.plot(b_v, kep, color=EXTERNAL, ls=dashes, label=f"$k_{{ep}}$, {mass:g} kg")
-            axes.axhline(KIP, color=INTERNAL, ls="--", label="$k_{ip}$, all of them")
-            panel(axes, x="viscosity of the object $b_v$ [N s/m]", title=f"{integrator} steps")
+                axes.plot(b_v, kep, color=gx.style.EXTERNAL, ls=dashes, label=f"$k_{{ep}}$, {mass:g} kg")
+            axes.axhline(KIP, color=gx.style.INTERNAL, ls="--", label="$k_{ip}$, all of them")
+            gx.style.panel(axes, x="viscosity of the object $b_v$ [N s/m]", title=f"{integrator} steps")
         sheet.panels[0, 0].set(xlim=(0.8, 1.5), ylim=(0.0, 200.0))
-        panel(sheet.panels[0, 0], y="largest stable gain [N/m]")
+        gx.style.panel(sheet.panels[0, 0], y="largest stable gain [N/m]")
         sheet.legend(0)
-    save(sheet, Path(__file__).parent / "stability.png")
+    gx.style.save(sheet, Path(__file__).parent / "stability.png")
 
 
 if __name__ == "__main__":

@@ -138,7 +138,11 @@ def plugin_hand(
         )
         lacking = [name for name in ("stiffness", "damping", "target") if not hasattr(hand, name)]
         if lacking:
-            raise InputError("hold()", hand, f"a hand, with {', '.join(lacking)}", "see graspfx.loop.plant.Hand")
+            file = plugins.shown_path(FilePath(module.__file__ or module.__name__))
+            raise InputError(
+                "hold()", hand, "a hand, with stiffness, damping and target(time)",
+                f"that of {file} lacks {', '.join(lacking)}: add what is missing; see graspfx.protocols.Hand",
+            )  # fmt: skip
         n, d = rest.shape
         r, v = hand.target(0.0)
         arrays: dict[str, Any] = {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from graspfx.build.numbers import general, reaches
 from graspfx.build.reach import reach
 from graspfx.errors import InputError, UnknownNameError, closest
+from graspfx.scene.keys import LISTS, number_of
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -26,8 +27,6 @@ BODY = (*INERTIA, "object.*.viscosity", "object.*.rotational_viscosity", "gravit
 DEVICE = ("finger.*.device.mass", "finger.*.device.damping", "device.*.mass", "device.*.damping")
 OF_HANDS = ("stiffness", "damping", "rest", "squeeze", "squeeze_ramp", "motion", "turn", "arm", "grip", "share")
 HAND = tuple(f"{table}.{name}" for table in ("finger.*.hand", "hand.*") for name in OF_HANDS)
-
-LISTS = ("object", "finger", "device", "hand", "obstacle")
 
 REASONS = {
     ("period", "duration"): "time is counted in periods, and a session runs as long as it is stepped",
@@ -96,8 +95,8 @@ def numbered(scene: Scene, key: str) -> str:
     first, *rest = key.split(".")
     tables = getattr(scene, first, None) if first in LISTS else None
     if tables and rest and rest[0] not in type(tables[0]).model_fields:
-        names = [getattr(each, "name", None) or getattr(each, "label", None) for each in tables]
-        rest = [str(names.index(rest[0])) if rest[0] in names else rest[0], *rest[1:]]
+        number = number_of(rest[0], [vars(each) for each in tables])
+        rest = [rest[0] if number is None else str(number), *rest[1:]]
     return ".".join([first, *rest])
 
 

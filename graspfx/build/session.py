@@ -322,12 +322,17 @@ class Session(Carded):
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
         if not changes:
             return
+        values: dict[str, Any] = {}  # by keys with numbers for names: names mean nothing to what follows
         for each, new in changes.items():
-            self._steering.require_live(numbered(self.scene, each), new)
+            plain = numbered(self.scene, each)
+            self._steering.require_live(plain, new)
+            if plain in values:
+                raise InputError(each, new, f"one value for {plain}", "write its number or its name, not both")
+            values[plain] = new
         if self._finished is not None:
             raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
-        scene = self.scene.replace(changes)
-        self.servo.write(self._steering.update(scene, changes), self._recorder)
+        scene = self.scene.replace(values)
+        self.servo.write(self._steering.update(scene, values), self._recorder)
         self._note_split()
         self.scene = scene
 

@@ -24,6 +24,7 @@ from graspfx.objects.body_state import BodyState
 
 if TYPE_CHECKING:
     from graspfx.coupling.grasped import GraspedObject
+    from graspfx.loop.parts import PlantWiring
     from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
@@ -74,9 +75,7 @@ class Steering:
             servo.layout.simulated and all(isinstance(m.plant, Steerable) for m in servo.plants)
         ):
             return "a device's mechanics are its own, unless it is a simulated point"
-        if is_of_a_hand(plain) and not all(
-            isinstance(m.hand, Steerable) and isinstance(m.hand, FusedHand) for m in servo.plants
-        ):
+        if is_of_a_hand(plain) and not all(_is_steerable(m.hand) for m in servo.plants):
             return "a hand or a motion of a plug-in has its own numbers"
         return ""
 
@@ -85,12 +84,16 @@ class Steering:
 
         Args:
             scene: the servo's own with these values.
-            values: by live key.
+            values: by live key, with numbers for names of tables.
 
         Raises:
-            InputError: values that would change more than numbers: the form of a gain, a switch, a layout.
+            InputError: values that would change more than numbers: the form of a gain, a switch, a layout; a key that
+                reaches no number of a run.
             SceneError, DeviceError: as of `build`.
         """
+        for key, value in values.items():
+            if not reach(key):  # it would be recorded, and change nothing
+                raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
         with build(scene, hardware=False, engine="interpreted", live=self.keys) as other:
             entries: list[Numbers] = []
@@ -104,14 +107,29 @@ class Steering:
                     (mover.body, fresh.body) for mover, fresh in zip(self.servo.movers, other.movers, strict=True)
                 ]
                 parts += [pair for pair in bodies if isinstance(pair[0], Steerable)]  # what meets planes
-            moves = any(key in DEVICE or is_of_a_hand(key) for key in keys)
-            plants = list(enumerate(zip(self.servo.plants, other.plants, strict=True))) if moves else []
+            plants = list(self._plants(other, values))
             for _, (wiring, anew) in plants:
                 _require_hand(wiring.hand, anew.hand, values)
                 parts.append((wiring.hand, anew.hand))  # type: ignore[arg-type]
                 if any(key in DEVICE for key in keys):
                     parts.append((wiring.plant, anew.plant))  # type: ignore[arg-type]
         return Update(dict(values), entries, parts, [j for j, _ in plants])
+
+    def _plants(self, other: Servo, values: Mapping[str, Any]) -> Iterator[tuple[int, tuple[PlantWiring, PlantWiring]]]:
+        """List the plants whose hands take new numbers, by their number, with those of a variant.
+
+        All of them where no tick has run: a hand closes along the normals where its fingers start, and under the
+        implicit integrator these are met where mass, viscosity and gravity take the object within the first sample.
+        """
+        moves = any(key in DEVICE or is_of_a_hand(key) for key in map(general, values))
+        for j, (wiring, anew) in enumerate(zip(self.servo.plants, other.plants, strict=True)):
+            if moves or (self.servo.ticks == 0 and _is_steerable(wiring.hand)):
+                yield j, (wiring, anew)
+            elif self.servo.ticks == 0 and not np.array_equal(_normals(self.servo), _normals(other)):
+                raise InputError(
+                    ", ".join(values), list(values.values()), "values that leave the normals where fingers start",
+                    "a hand or a motion of a plug-in has them already; begin with such values",
+                )  # fmt: skip
 
     def _entries(self, own: GraspedObject, new: GraspedObject, keys: Sequence[str]) -> Iterator[Numbers]:
         """Give the numbers to be written into a grasp's block; all of them where no tick has run."""
@@ -131,6 +149,16 @@ class Steering:
         if not any(covers(each, key) for each in self.keys):
             live = f"live are {', '.join(self.keys)}" if self.keys else "no key is"
             raise InputError(key, value, "a live key", f"{live}: name it in gx.open(scene, live=[{key!r}, ...])")
+
+
+def _is_steerable(hand: Any) -> bool:
+    """Tell whether the numbers of a hand may change."""
+    return isinstance(hand, Steerable) and isinstance(hand, FusedHand)
+
+
+def _normals(servo: Servo) -> FloatArray:
+    """List the unit normals into the objects at the fingers' contacts, object by object."""
+    return np.concatenate([part.grasped.inward() for part in servo.objects])
 
 
 def _require_structure(own: GraspedObject, new: GraspedObject, values: Mapping[str, Any]) -> None:

@@ -29,6 +29,7 @@ UNITS = {
     "resolution": "m",
     "delay": "samples",
 }
+METHODS = ("open", "read", "write", "stop", "close")  # of every device
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,6 +95,12 @@ class Device(Protocol):
     def __enter__(self) -> Self: ...
 
     def __exit__(self, *exc: object) -> None: ...
+
+
+def lacking(device: object) -> list[str]:
+    """List the methods of a `Device` that an object lacks; `with` looks for its two on the class."""
+    missing = [name for name in METHODS if not callable(getattr(device, name, None))]
+    return missing + [name for name in ("__enter__", "__exit__") if not hasattr(type(device), name)]
 
 
 @runtime_checkable

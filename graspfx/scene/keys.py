@@ -13,6 +13,9 @@ Key = tuple[str | int, ...]
 
 PART = re.compile(r'"([^"]*)"|([^.]+)')
 
+LISTS = ("object", "finger", "device", "hand", "obstacle")  # tables of which a scene may have several
+NAMES = ("label", "name")  # of such a table, its own first: a device's `name` is its driver's
+
 
 def dotted(key: Sequence[str | int]) -> str:
     """Write a key with dots; a part that has dots of its own stands in quotes."""
@@ -22,6 +25,15 @@ def dotted(key: Sequence[str | int]) -> str:
 def parts_of(text: str) -> Key:
     """Read a key that was written by `dotted`."""
     return tuple(quoted or (int(bare) if bare.isdecimal() else bare) for quoted, bare in PART.findall(text))
+
+
+def number_of(name: str, tables: Sequence[Mapping[str, Any]]) -> int | None:
+    """Find the table of that label or name among several, the first; None for none."""
+    for key in NAMES:
+        for i, table in enumerate(tables):
+            if table.get(key) == name:
+                return i
+    return None
 
 
 def key_in(data: Any, location: Sequence[str | int]) -> Key:

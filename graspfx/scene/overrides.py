@@ -10,7 +10,7 @@ from typing import Any
 from graspfx.errors import Fault, InputError
 from graspfx.scene.budget import DEEPEST, too_deep
 from graspfx.scene.former import others
-from graspfx.scene.keys import Key, dotted
+from graspfx.scene.keys import LISTS, Key, dotted, number_of
 
 
 def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -31,9 +31,9 @@ def by_key(overrides: Mapping[str, Any] | None) -> dict[str, Any]:
 def overridden(data: Mapping[str, Any], overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[Key], list[Fault]]:
     """Copy nested tables with values replaced; list the replaced keys, and a fault for each that leads nowhere.
 
-    A number picks a table or value of a list, a name one of several tables, `*` takes all of them; a lone table counts
-    as a list of one. Tables on the way that are missing are made: whether a key exists is for the scene's validation
-    to say.
+    A number picks a table or value of a list, a name the table of that name, `*` takes all of them. A lone table needs
+    neither, and counts as a list of one; a key that it has comes before its name. Tables on the way that are missing
+    are made: whether a key exists is for the scene's validation to say.
     """
     changed: dict[str, Any] = deepcopy(dict(data))
     replaced: set[Key] = set()
@@ -66,7 +66,8 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
     if not part:
         yield "an override needs a key between its dots"
     elif isinstance(holder, dict):
-        if part in ("*", "0") and part not in holder and rest:
+        is_item = len(at) == 1 and at[0] in LISTS and number_of(part, [holder]) == 0
+        if rest and part not in holder and (part in ("*", "0") or is_item):
             yield from _replace(holder, at, rest, value)  # a lone table as a list of one
         elif rest:
             is_new = part not in holder
@@ -90,11 +91,11 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
         numbers = range(len(items))
     elif part.isdecimal():
         numbers = range(int(part), int(part) + 1)
-    elif len(items) == 1:
+    elif len(items) == 1 and not _names_lone(part, rest, items[0], value):
         yield from _replace(items[0], (*at, 0), [part, *rest], value)
         return
-    elif part in (labels := [item.get("name", item.get("label")) for item in items if isinstance(item, dict)]):
-        numbers = range(labels.index(part), labels.index(part) + 1)
+    elif (number := number_of(part, [item if isinstance(item, dict) else {} for item in items])) is not None:
+        numbers = range(number, number + 1)
     else:
         yield f"{dotted(at)} is a list of {len(items)}: name one by its number or name, or all with '*'"
         return
@@ -106,3 +107,10 @@ def _replace_item(items: list[Any], at: Key, part: str, rest: list[str], value: 
         else:
             items[i] = deepcopy(value)
             yield (*at, i)
+
+
+def _names_lone(part: str, rest: list[str], item: Any, value: Any) -> bool:
+    """Tell whether a part of a key is the name of the only table of its list, and no key of it."""
+    if not isinstance(item, dict) or part in item or number_of(part, [item]) is None:
+        return False
+    return bool(rest) or isinstance(value, Mapping)

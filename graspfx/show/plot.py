@@ -192,7 +192,8 @@ def _add_titles(
         own = views([recording])
         heading = titles[number] if titles is not None else _settings(recording)
         if labels is not None and titles is None:
-            heading = ": ".join(filter(None, (plain(labels[number]), heading)))
+            between = "\n" if len(recordings) > 2 else ": "  # narrow columns have a line for each
+            heading = between.join(filter(None, (plain(labels[number]), heading)))
         if titles is None and len(set(names)) > 1:
             heading = f"{names[number]}\n{heading}"
         for view in own:
@@ -222,5 +223,5 @@ def _gains(scene: Mapping[str, Any]) -> list[str]:
     if not isinstance(kep, int | float) or not isinstance(kip, int | float):
         return []
     if kep == kip:
-        return [rf"$k_p${EQUALS}{kep:g} N/m"]
-    return [rf"$k_{{ep}}${EQUALS}{kep:g}, $k_{{ip}}${EQUALS}{kip:g} N/m"]
+        return [f"$k_p${EQUALS}{kep:g}\N{NO-BREAK SPACE}N/m"]
+    return [f"$k_{{ep}}${EQUALS}{kep:g}, $k_{{ip}}${EQUALS}{kip:g}\N{NO-BREAK SPACE}N/m"]

@@ -42,6 +42,33 @@ COLOURS = 256
 UNDATED = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 
 
+__all__ = [  # noqa: RUF022 (functions, then colours and other choices)
+    "look",
+    "figure",
+    "panel",
+    "save",
+    "Sheet",
+    "EXTERNAL",
+    "INTERNAL",
+    "FINGERS",
+    "MARKERS",
+    "INK",
+    "NOTE",
+    "GRID",
+    "NEUTRAL",
+    "PALE",
+    "LINE",
+    "THICK",
+    "HAIR",
+    "BAND",
+    "AXES",
+]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 @contextmanager
 def look(width: str = "screen") -> Iterator[Width]:
     """Draw within this: matplotlib's defaults, whatever its user has set, and over them the style."""

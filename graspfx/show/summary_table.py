@@ -135,4 +135,5 @@ def _three_digits(value: float) -> str:
 def _change(before: Any, after: Any) -> str:
     if not isinstance(before, float) or not isinstance(after, float) or before == 0.0:
         return ""
-    return f"{(after / before - 1.0) * 100.0:+.0f} %"
+    text = f"{(after / before - 1.0) * 100.0:+.0f} %"
+    return "+0 %" if text == "-0 %" else text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,13 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.build import build
+from graspfx.build.steering import Steering
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
+from tests.support import foreign_parts
 from tests.support.scenes import random_table
 from tests.support.small_scenes import attached, line
 
@@ -42,6 +45,13 @@ CASES: dict[str, tuple[str, Mapping[str, Any], Mapping[str, Any]]] = {  # a scen
     "pads": ("soft-pads", {}, {KEP: 700.0, "coupling.damping_depth": 0.002}),
     "implicit": ("paper-spring", {"object.integrator": "implicit", KID: 0.2}, {KEP: 60.0, "object.mass": 0.2}),
     "implicit, equal to apart": ("paper-waving", {"object.integrator": "implicit", KIP: 30.0}, {KIP: 70.0, KID: 0.1}),
+    "implicit, viscosity at the start": (
+        "sphere-three-fingers", {"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]},
+        {"object.viscosity": 30.0},
+    ),
+    "implicit, weight at the start": (
+        "sphere-three-fingers", {"object.integrator": "implicit"}, {"gravity": [0.0, 0.0, -50.0], "object.mass": 0.2},
+    ),
     "matrices": (
         "paper-waving",
         {KEP: [[60.0, 0.0], [0.0, 20.0]], KIP: [[60.0, 0.0], [0.0, 20.0]], "coupling.form": "symmetric"},
@@ -213,6 +223,47 @@ def test_values_are_those_of_the_scene_and_of_what_was_set() -> None:
     assert session.recording.header.scene_table["coupling"]["internal"]["stiffness"] == 70.0
 
 
+NAMES: dict[str, tuple[str, str, str, float, int]] = {  # scene, a key with a number, with a name, value, ticks
+    "device": ("pick-and-place", "finger.0.device.mass", "finger.thumb.device.mass", 0.4, 150),
+    "friction": ("carry-bar", "finger.0.friction", "finger.left-thumb.friction", 0.05, 300),
+    "hand": ("two-objects", "hand.0.squeeze", "hand.left.squeeze", 0.03, 10),
+    "object": ("mug", "object.0.viscosity", "object.object.viscosity", 3.0, 150),
+}
+
+
+@pytest.mark.parametrize("case", NAMES)
+def test_a_name_stands_for_the_number_of_its_table(case: str) -> None:
+    name, number, written, value, ticks = NAMES[case]
+    runs = []
+    for live, key in ((number, number), (number, written), (written, written), (number, None)):
+        with gx.open(name, live=[live]) as session:
+            session.step(ticks)
+            if key is not None:
+                session.set(key, value)
+                assert session.get(written) == session.get(number) == value
+            session.step(150)
+        runs.append(session.recording)
+    assert len({rec.rows.tobytes() for rec in runs[:3]}) == 1 and runs[0].rows.tobytes() != runs[3].rows.tobytes()
+    assert [tuple(rec.changes[0]) for rec in runs[:3]] == [(ticks, number, value)] * 3
+
+
+def test_a_table_has_one_value_by_its_name_and_its_number() -> None:
+    with gx.open("pick-and-place", live=["finger.*.device.mass"]) as session:
+        with pytest.raises(InputError, match=r"finger.thumb.device.mass: given 0.5, expected one value for finger.0"):
+            session.set({"finger.0.device.mass": 0.4, "finger.thumb.device.mass": 0.5})
+        assert not session.recording.changes
+
+
+def test_an_update_that_would_change_nothing_is_refused() -> None:
+    scene = gx.load("pick-and-place")
+    key = "finger.0.device.mass"
+    with build(scene, live=[key]) as servo:
+        steering = Steering(servo, scene, [key])
+        assert steering.update(scene.replace({key: 0.4}), {key: 0.4}).parts
+        with pytest.raises(InputError, match="a key that reaches a number of the run"):
+            steering.update(scene.replace({key: 0.4}), {"finger.thumb.device.mass": 0.4})
+
+
 def test_what_is_not_live_cannot_be_set() -> None:
     with gx.open("reference-1dof", live=[KIP]) as session:
         with pytest.raises(
@@ -289,6 +340,23 @@ def test_keys_that_cannot_be_live(name: str, overrides: Mapping[str, Any], key: 
     assert f"given '{key}'" in str(error.value)
 
 
+def test_a_hand_of_a_plug_in_that_has_its_directions_refuses_others(tmp_path: Path) -> None:
+    """The implicit integrator meets fingers where viscosity takes the object: their normals are the hand's."""
+    key = "object.viscosity"
+    hand = {"name": "right", "kind": foreign_parts.write(tmp_path)["hands"], "called": True}
+    scene = gx.load("sphere-three-fingers").replace({"hand": [hand]})
+    moving = scene.replace({"object.integrator": "implicit", "object.velocity": [0.3, 0.0, 0.0]})
+    with gx.open(moving, live=[key]) as session:
+        with pytest.raises(InputError, match="a hand or a motion of a plug-in has them already"):
+            session.set(key, 30.0)
+        assert not session.recording.changes
+        session.step(2)
+        session.set(key, 30.0)
+    assert steered(scene, {0: {key: 30.0}}, 9).rows.tobytes() == (
+        gx.run(scene.replace({key: 30.0}), duration=9 * scene.period).rows.tobytes()
+    )
+
+
 def test_keys_that_are_none() -> None:
     with pytest.raises(UnknownNameError, match=r"did you mean 'coupling.internal.stiffness'"):
         gx.open("reference-1dof", live="coupling.internal.stifness")
@@ -351,3 +419,17 @@ def test_live_entries_are_not_folded() -> None:
     with build(scene, live=[KIP, KID]) as servo, build(scene) as plain:
         live, folded = (set(each.objects[0].grasped.structure.tolist()) for each in (servo, plain))
     assert not live & {entry(name) for name in names} and {entry(name) for name in names[:5]} <= folded
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("hand.right.arm.stiffness", 150.0), ("object.knob.viscosity", 3.0), ("hand.arm.damping", 2.0)]
+)
+def test_a_live_key_by_the_name_of_a_lone_table(key: str, value: float) -> None:
+    scene = gx.load("knob", {"engine": "interpreted"})
+    with gx.open(scene, live=[key]) as session:
+        session.set(key, value)
+        assert session.get(key) == value
+        session.step(8)
+    built = scene.replace({key: value})
+    assert built != scene
+    assert session.recording.rows.tobytes() == gx.run(built, duration=8 * scene.period).rows.tobytes()

@@ -62,6 +62,11 @@ class Real:
     features = Features(fingers=1, dimensions=1)
     def open(self, period): raise AssertionError("moved")
     def __enter__(self): raise AssertionError("moved")
+    def read(self): raise AssertionError("read")
+    def write(self, forces): raise AssertionError("written to")
+    def stop(self): raise AssertionError("stopped")
+    def close(self): raise AssertionError("closed")
+    def __exit__(self, *exc): raise AssertionError("left")
 
 def connect():
     return Real()

@@ -19,7 +19,13 @@ SHELF = "graspfx.devices"  # drivers, on which another's may be built
 IMPORT = re.compile(r"^\W*(?:import (graspfx[\w.]*)|from (graspfx[\w.]*) import (.+?))(?: as \w+)?\s*(?:#.*)?$")
 USE = re.compile(r"\bgx\.([a-z_A-Z]\w*)(?:\.([a-z_A-Z]\w*))?")
 FENCE = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
-MODULES = {"stability": gx.stability, "passivity": gx.passivity, "testing": gx.testing, "protocols": gx.protocols}
+MODULES = {
+    "style": gx.style,
+    "stability": gx.stability,
+    "passivity": gx.passivity,
+    "testing": gx.testing,
+    "protocols": gx.protocols,
+}
 
 # docs/development is about the house, and imports what it is about
 PAGES = [ROOT / "README.md", *(path for path in (ROOT / "docs").rglob("*.md") if "development" not in path.parts)]
@@ -76,7 +82,7 @@ def test_what_is_no_public_name_is_seen() -> None:
     ]
 
 
-@pytest.mark.parametrize("module", [gx, gx.stability, gx.passivity, gx.testing, gx.protocols, gx.errors])
+@pytest.mark.parametrize("module", [gx, gx.stability, gx.passivity, gx.testing, gx.protocols, gx.errors, gx.style])
 def test_a_module_shows_its_public_names_alone(module: ModuleType) -> None:
     assert dir(module) == sorted(module.__all__) and len(set(module.__all__)) == len(module.__all__)
     assert all(getattr(module, name) is not None for name in module.__all__)

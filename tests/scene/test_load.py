@@ -41,6 +41,13 @@ from graspfx.loop.device import Features
 class Device:
     features = Features(fingers=1, dimensions=1)
     effort = plant = ()
+    def open(self, period): pass
+    def read(self): pass
+    def write(self, forces): pass
+    def stop(self): pass
+    def close(self): pass
+    def __enter__(self): return self
+    def __exit__(self, *exc): pass
 def connect(mass=1.0):
     return Device()
 """
@@ -225,6 +232,42 @@ def test_an_override_picks_a_table_by_its_name() -> None:
     text = GOOD.replace("[[finger]]", '[[finger]]\nname = "thumb"', 1)
     scene = load(write(text), {"finger.thumb.hand.stiffness": 10.0})
     assert [f.hand.stiffness for f in scene.finger] == [10.0, 33.0]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["one", "several"])
+def test_a_name_leads_to_its_table_in_a_list_of_one_too(several: bool) -> None:
+    others: list[dict[str, Any]] = [{"name": "else", "label": "else", "squeeze": 0.0, "gain": 1.0}] if several else []
+    data = {
+        "hand": [*others, {"name": "right", "squeeze": 0.0}],
+        "device": [*others, {"name": "simulated", "label": "left", "mass": 0.1}],
+        "object": [*others, {"name": "cube", "shape": {"size": [1.0]}}],
+    }
+    keys = {
+        "hand.right.squeeze": 0.01,
+        "hand.right.gain": 2.0,  # that the table has not yet, as a setting of a plug-in's
+        "device.left.mass": 0.2,
+        "object.cube.density": 500.0,
+        "object.cube.shape.size.0": 2.0,
+    }
+    changed, replaced, faults = overridden(data, keys)
+    i = len(others)
+    assert faults == [] and ("hand", i, "squeeze") in replaced
+    assert changed["hand"][i:] == [{"name": "right", "squeeze": 0.01, "gain": 2.0}]
+    assert changed["device"][i:] == [{"name": "simulated", "label": "left", "mass": 0.2}]
+    assert changed["object"][i:] == [{"name": "cube", "shape": {"size": [2.0]}, "density": 500.0}]
+    assert all(changed[table][:i] == others for table in changed)
+    table, _, _ = overridden(data, {"hand.right": {"name": "right", "squeeze": 0.5}})
+    assert table["hand"][i:] == [{"name": "right", "squeeze": 0.5}]
+
+
+def test_a_lone_table_needs_no_name_and_its_own_keys_come_first() -> None:
+    data = {"hand": [{"name": "grip", "grip": {"stiffness": 1.0}}], "object": {"name": "cube", "mass": 0.1}}
+    keys = {"hand.grip.stiffness": 2.0, "hand.grip.grip.damping": 3.0, "object.mass": 0.2, "object.cube.viscosity": 1.0}
+    changed, _, _ = overridden(data, keys)
+    assert changed["hand"][0]["grip"] == {"stiffness": 2.0, "grip": {"damping": 3.0}}
+    assert changed["object"] == {"name": "cube", "mass": 0.2, "viscosity": 1.0}
+    _, replaced, _ = overridden({"coupling": {"name": "soft"}}, {"coupling.soft.stiffness": 1.0})
+    assert replaced == {("coupling", "soft")}  # no list of tables: a key that is for the checks to refuse
 
 
 @pytest.mark.parametrize(

@@ -362,10 +362,57 @@ from graspfx.loop.device import Features
 class Real:
     features = Features(fingers=1, dimensions=2)
     def open(self, period): raise AssertionError("checking a scene opened the device")
+    def read(self): raise AssertionError("read")
+    def write(self, forces): raise AssertionError("written to")
+    def stop(self): raise AssertionError("stopped")
+    def close(self): raise AssertionError("closed")
+    def __enter__(self): raise AssertionError("entered")
+    def __exit__(self, *exc): raise AssertionError("left")
 
 def connect():
     return Real()
 """
+
+
+@pytest.mark.parametrize("name", ["open", "read", "write", "stop", "close", "__enter__", "__exit__"])
+def test_a_device_that_lacks_a_method_is_a_fault_of_its_table(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = "".join(line for line in REAL.splitlines(keepends=True) if f"def {name}(" not in line)
+    Path("part.py").write_text(text)
+    [fault] = faults(put(plane(), "finger.0.device", {"name": "part.py"}))
+    assert fault.startswith(f"finger.0.device: the device of part.py lacks {name}(): add what is missing to Real; ")
+    table = plane()
+    table["device"] = [{"label": "board", "name": "part.py"}]
+    table["finger"][0] = {"start": [-0.03, 0.0], "device": "board"}
+    [fault] = faults(table)
+    assert fault.startswith("device.0: the device of part.py lacks")
+
+
+def test_every_method_that_a_device_lacks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bare.py").write_text(
+        "from graspfx.protocols import Features\nclass Bare:\n    features = Features(1, 2)\n    stop = 3\n"
+        "def connect(): return Bare()\n"
+    )
+    [fault] = faults(put(plane(), "finger.0.device", {"name": "bare.py"}))
+    assert "lacks open(), read(), write(), stop(), close(), __enter__(), __exit__(): add" in fault
+
+
+@pytest.mark.parametrize("name", ["stiffness", "damping", "target"])
+def test_a_hand_that_lacks_something_is_a_fault_of_its_table(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("part.py").write_text(
+        "import numpy as np\nclass Part:\n    stiffness = damping = np.ones((2, 1, 1))\n"
+        "    def target(self, time): return np.zeros((1, 2)), np.zeros((1, 2))\n"
+        f"    {name} = property()\ndef hold(): return Part()\n"
+    )
+    [fault] = faults(put(plane(), "finger.0.hand", {"kind": "part.py"}))
+    assert fault.startswith("finger.0.hand: hold(): given ")
+    assert f"that of part.py lacks {name}: add what is missing; see graspfx.protocols.Hand" in fault
 
 
 def test_hands_hold_simulated_devices_of_one_kind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

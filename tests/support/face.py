@@ -27,6 +27,7 @@ PARTS = (
         "All that a driver, a hand or a body imports.",
     ),
     ("gx.testing", gx.testing, "Conformance kits, for pytest."),
+    ("gx.style", gx.style, "The one style of every figure, for figures of one's own."),
     ("gx.errors", gx.errors, "`GraspFXError` is the base of all."),
 )
 NOUNS = (gx.Scene, gx.Recording, gx.Session, gx.Batch, gx.Report, gx.Certificates)

@@ -14,7 +14,7 @@ from graspfx import plugins
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import AUTOMATIC, connect
 from graspfx.errors import GraspFXError, InputError, UnknownNameError, abbreviate, closest
-from graspfx.loop.device import Features
+from graspfx.loop.device import Features, lacking
 from graspfx.scene.tables.part_tables import Device
 from graspfx.scene.tables.scene_table import SceneTable
 
@@ -60,16 +60,25 @@ def _connection(scene: SceneTable, at: Location, table: Device, driver: ModuleTy
         with plugins.blaming(Path(driver.__file__ or driver.__name__)):
             device = connect(driver, table, dimensions)
             features = getattr(device, "features", None)
+            missing = lacking(device)
     except InputError as error:
         is_setting = error.name in table.settings
         yield ((*at, error.name), reason(error)) if is_setting else (at, str(error))
     except GraspFXError as error:
         yield at, f"{table.name!r} cannot be connected: {error}"
     else:
-        if isinstance(features, Features):
-            stock.devices[at] = device
-        else:
+        if not isinstance(features, Features):
             yield (*at, "name"), f"connect() of {table.name!r} gives no device: {abbreviate(device)} has no Features"
+            return
+        stock.devices[at] = device  # also one that lacks a method: what it tells of itself is checked in the same pass
+        if missing:
+            file = plugins.shown_path(Path(driver.__file__ or driver.__name__))
+            names, kind = ", ".join(f"{name}()" for name in missing), type(device).__name__
+            yield (
+                at,
+                f"the device of {file} lacks {names}: add what is missing to {kind}; "
+                "graspfx.protocols.Device says what each method does",
+            )
 
 
 def signature_faults(

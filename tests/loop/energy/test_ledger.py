@@ -310,7 +310,10 @@ def test_after_a_fault_the_ledger_stands_still() -> None:
 def test_bad_values_and_the_plan(tmp_path: Path) -> None:
     driver = tmp_path / "massless.py"
     driver.write_text(
-        "from graspfx.loop.device import Features\n\n\nclass Rod:\n    features = Features(1, 1)\n\n\n"
+        "from graspfx.loop.device import Features\n\n\nclass Rod:\n    features = Features(1, 1)\n"
+        "    def open(self, period): pass\n    def read(self): pass\n    def write(self, forces): pass\n"
+        "    def stop(self): pass\n    def close(self): pass\n"
+        "    def __enter__(self): return self\n    def __exit__(self, *exc): pass\n"
         "def connect():\n    return Rod()\n"
     )
     with pytest.raises(SceneError, match=r"coupling\.passivity: expected 'off', 'observe' or 'control'; given 'on'"):
