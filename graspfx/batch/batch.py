@@ -118,9 +118,9 @@ class Batch(Carded):
             return self.measures[quantity]
         name = str(quantity)
         if not self.measures:
-            kept = "summaries" if self.recordings is None else "recordings"
-            remedy = f"batch.{kept} has one of each run; for statistics run the batch with keep='measures'"
-            raise UnknownNameError("measure", name, (), f"this batch kept {kept}: {remedy}")
+            outcomes = "summaries" if self.recordings is None else "recordings"
+            remedy = f"batch.{outcomes} has one of each run; for statistics run the batch with keep='measures'"
+            raise UnknownNameError("measure", name, (), f"this batch kept {outcomes}: {remedy}")
         if self.layout is not None and is_quantity(self.layout, name):
             raise UnknownNameError(
                 "measure", name, (), f"not measured: pass measure=[{name!r}] (measured: {', '.join(self.measures)})"

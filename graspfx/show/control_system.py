@@ -18,7 +18,8 @@ def to_control(linear: Linearisation, loop: str = "closed") -> Any:
     try:
         import control
     except ImportError as error:
-        raise MissingPackageError("control", "Linearisation.to_control", "pip install 'graspfx[control]'") from error
+        how = "pip install 'graspfx[control]', or '.[control]' in a checkout"
+        raise MissingPackageError("control", "Linearisation.to_control", how) from error
     if loop not in LOOPS:
         raise UnknownNameError("loop", str(loop), LOOPS)
     m, r = linear.coordinates

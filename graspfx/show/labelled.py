@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from graspfx.batch.batch import Batch
     from graspfx.loop.recording.record import Recording
 
-HOW = "pip install 'graspfx[data]'"
+HOW = "pip install 'graspfx[data]', or '.[data]' in a checkout"
 
 
 def recording_dataset(recording: Recording) -> xarray.Dataset:
