@@ -91,6 +91,7 @@ class GraspedObject:
         self.touching = self.array(FingerState.touching)
         self.limit = None if limit is None else self.array(FingerState.limit)
         self.where = recorded_entries(self.state)
+        self.last_rule: SplitRule | None = None  # of the last sample's P, where numbers of it have changed since
         self._walk_anew()
 
     def fill(
@@ -111,7 +112,7 @@ class GraspedObject:
         """
         grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit, self.live)
         fill_block(self.block, grip, period)
-        self.law, self.matrices, self.soft = law, grip.matrices, grip.soft
+        self.law, self.matrices, self.soft, self.last_rule = law, grip.matrices, grip.soft, None
         self._walk_anew()
 
     def _walk_anew(self) -> None:
@@ -204,6 +205,7 @@ class GraspedObject:
 
     def sample(self) -> int:
         """Compute forces and wrench from the motion of fingers and object (free motion, if implicit)."""
+        self.last_rule = None
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
@@ -231,9 +233,20 @@ class GraspedObject:
         """All that P is made of besides contact points and gaps, as the block has it now."""
         return SplitRule.of(self.state)
 
+    def note_rule(self) -> None:
+        """Note the rule of the last sample's P, before numbers of it change."""
+        self.last_rule = self.last_rule or self.split_rule
+
     def two_forces(self) -> TwoForces:
-        """Divide the forces of the last sample into external and internal ones, in some hundred microseconds."""
-        return two_forces(self.state)
+        """Divide the forces of the last sample into external P f and internal f - P f, on the object, world axes.
+
+        P is the sample's own: where gaps of a fade or arms of a blend have changed since, it has those of the sample.
+        It takes some hundred microseconds. Source: the split of eq. (3).
+
+        Returns:
+            Forces (n, d) [N], and moments of soft fingers (n, 3) [N m]; zero before the first sample.
+        """
+        return two_forces(self.state, self.last_rule)
 
     def contradiction(self) -> str:
         """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""

@@ -69,6 +69,7 @@ class Servo:
         self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
         self._frozen: FrozenEntries | None = None
+        self._written = False  # numbers, since the last sample
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
 
     @property
@@ -133,10 +134,13 @@ class Servo:
             update: of this servo's parts.
             recorder: which notes the tick and the values.
         """
+        for part in self.objects:
+            part.grasped.note_rule()
+        self._written = True
         for memory, entries, numbers in update.entries:
             memory[entries] = numbers
-        for part, other in update.parts:
-            part.adopt(other)
+        for each, other in update.parts:
+            each.adopt(other)
         for wiring in (self.plants[j] for j in update.plants):
             if isinstance(wiring.plant, FusedPlant):  # others are handed their hand in every tick
                 wiring.plant.hold(wiring.hand, self.period)
@@ -248,6 +252,10 @@ class Servo:
 
     def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
         self.ticks += count
+        if self._written and count:
+            for part in self.objects:
+                part.grasped.last_rule = None
+            self._written = False
         if recorder is not None:
             recorder.take(count)
         self._notice(recorder)

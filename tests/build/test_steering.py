@@ -14,6 +14,7 @@ from graspfx.build.build import build
 from graspfx.build.steering import Steering
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.two_forces import two_forces
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
@@ -204,6 +205,40 @@ def test_derived_values_follow() -> None:
         with build(scene.replace({KIP: 150.0})) as servo:
             assert state.fade_start == servo.objects[0].grasped.state.fade_start != before
             assert state.fade_end == servo.objects[0].grasped.state.fade_end
+
+
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
+@pytest.mark.parametrize(
+    ("name", "overrides", "key", "value"),
+    [
+        ("thin-plate", {}, "coupling.blend", [0.01, 0.5]),
+        (  # a finger that is still on its way
+            "sphere-three-fingers", {"finger.2.start": {"toward": [-0.5, -0.866, 0.0], "gap": 0.012}},
+            "coupling.fade", [0.0001, 0.0002],
+        ),
+    ],
+)  # fmt: skip
+def test_forces_of_a_tick_divide_by_its_own_rule(
+    name: str, overrides: Mapping[str, Any], key: str, value: Any, engine: str
+) -> None:
+    """Until the next tick what is seen is the last one, which was divided before the change."""
+    with gx.open(name, {**overrides, "engine": engine}, live=[key]) as session:
+        session.step(150)
+        grasped = session.servo.objects[0].grasped
+        old = session.get(key)
+        seen, internal, block = session.external_force, session.internal_force, grasped.two_forces()
+        assert np.abs(seen).max() > 0.001 and np.abs(block.external - seen).max() < 1e-15
+        for each in (value, old, value):
+            session.set(key, each)
+            assert np.array_equal(session.external_force, seen) and np.array_equal(session.internal_force, internal)
+            assert np.array_equal(session.recording.external_force[-1], seen)
+            assert np.array_equal(grasped.two_forces().external, block.external)
+        assert np.abs(two_forces(grasped.state).external - seen).max() > 0.001, "both rules divide alike"
+        session.step()
+        assert np.array_equal(session.external_force, session.recording.external_force[-1])
+        assert np.abs(grasped.two_forces().external - session.external_force).max() < 1e-15
+        table = session.servo.objects[0].grasped.split_rule.table()
+        assert session.recording.outcome.changes[-1].key == "split" and list(value) in (table["blend"], table["fade"])
 
 
 def test_values_are_those_of_the_scene_and_of_what_was_set() -> None:
