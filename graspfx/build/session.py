@@ -317,7 +317,8 @@ class Session(Carded):
             value: of the key.
 
         Raises:
-            InputError: a key that is not live, or a value that would change more than numbers.
+            InputError: a key that is not live, a value that would change more than numbers, or a number that was
+                written into a block past `set`.
             SceneError: a value that the scene does not allow; nothing has changed then.
         """
         changes = dict(key) if isinstance(key, Mapping) else {key: value}
@@ -332,6 +333,7 @@ class Session(Carded):
             values[plain] = new
         if self._finished is not None:
             raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+        self.servo.watch.require()
         scene = self.scene.replace(values)
         self.servo.write(self._steering.update(scene, values), self._recorder)
         self._note_split()

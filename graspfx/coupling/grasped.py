@@ -12,7 +12,7 @@ from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.choices import contradiction
 from graspfx.coupling.contacts import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
-from graspfx.coupling.entries import recorded_entries, structure_entries
+from graspfx.coupling.entries import gain_entries, matrix_entries, recorded_entries, split_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.fill import Grip, Shape, block_size, body_array, fill_block, largest_forces, radii
 from graspfx.coupling.grasp_state import FingerState, GraspState
@@ -142,6 +142,19 @@ class GraspedObject:
     def structure(self) -> Index:
         """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets."""
         return structure_entries(self.state, self.live)
+
+    @property
+    def gain_entries(self) -> list[int]:
+        """Entries of `block` that are gains, where these are numbers, and the switches that follow from them."""
+        return gain_entries()
+
+    @property
+    def watched_entries(self) -> list[int]:
+        """Entries of `block` that no run changes, and that its samples do not read alone.
+
+        Gains, of which matrices are composed once, and what P is made of, by which a recording divides forces.
+        """
+        return [*gain_entries(), *matrix_entries(self.state), *split_entries(self.state)]
 
     @property
     def implicit(self) -> bool:

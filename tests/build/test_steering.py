@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.steering import Steering
+from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.two_forces import two_forces
@@ -445,6 +447,55 @@ def test_a_write_to_a_folded_entry_of_a_device_is_named() -> None:
         device: Any = servo.stations[0].device
         device.state[int(device.structure[0])] += 1.0
         with pytest.raises(InputError, match=r"device\[0\].fingers: given 2.0, expected 1.0, which the scene's"):
+            servo.run(1, None)
+
+
+MATRICES = {KEP: [[60.0, 0.0], [0.0, 20.0]], KIP: [[70.0, 0.0], [0.0, 90.0]]}
+PAST: dict[str, tuple[str, Mapping[str, Any], str, float]] = {  # scene, overrides, a field, what is written there
+    "a matrix": ("paper-waving", MATRICES, "matrices[3]", 45.0),
+    "an arm of the blend": ("thin-plate", {}, "arm_low", 0.01),
+    "a gap of the fade": ("sphere-three-fingers", {}, "fade_end", 0.02),
+    "a share": ("sphere-three-fingers", {}, "fingers[0].share", 5.0),
+    "a patch": ("soft-pinch", {}, "fingers[1].patch", 0.02),
+    "where the reaction is": ("paper-waving", {}, "at_contact", 1.0),
+    "a free direction": ("thin-plate", {}, "body.free_rotation.z", 0.0),
+}
+
+
+@pytest.mark.filterwarnings("ignore::graspfx.grasp.impedance.ActiveCouplingWarning")
+@pytest.mark.parametrize("engine", ["interpreted", "compiled", "auto"])
+@pytest.mark.parametrize("case", PAST)
+def test_a_number_that_is_written_past_set_raises(case: str, engine: str) -> None:
+    """Matrices had no effect, and a recording divided forces by numbers that were no longer the sample's own."""
+    name, overrides, field, value = PAST[case]
+    for ticks in (0, 20):
+        with gx.open(name, {**overrides, "engine": engine}, live=[KEP]) as session:
+            if ticks:
+                session.step(ticks)
+            block = session.servo.objects[0].grasped.block
+            [k] = [
+                k for k in session.servo.objects[0].grasped.watched_entries if name_of(GraspState, k, block) == field
+            ]
+            before, block[k] = block[k], value
+            old = session.get(KEP)
+            where = re.escape(re.sub(r"\[\d+\]", "", field.rpartition(".")[2]))
+            for attempt in (session.step, lambda s=session, v=old: s.set(KEP, v)):
+                with pytest.raises(InputError, match=rf"{where}.*: given {value}, expected {before}.*use session.set"):
+                    attempt()
+            assert session.tick == ticks and not session.recording.changes
+            block[k] = before
+            session.step()
+
+
+def test_gains_that_fit_the_switches_may_be_written() -> None:
+    with build(gx.load("paper-waving"), engine="interpreted", record=False) as servo:
+        servo.run(3, None)
+        for stiffness in (65.0, 75.0):
+            servo.objects[0].grasped.block[entry("internal_stiffness")] = stiffness
+            servo.run(3, None)
+            assert servo.objects[0].grasped.state.internal_stiffness == stiffness
+        servo.objects[0].grasped.block[entry("internal_stiffness")] = 30.0
+        with pytest.raises(InputError, match="equal: given False"):
             servo.run(1, None)
 
 
