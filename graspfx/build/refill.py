@@ -41,6 +41,7 @@ def refill(servo: Servo, parts: Parts) -> None:
         new.plant.hold(new.hand, servo.period)  # type: ignore[attr-defined]
         _copy(new.plant, old.plant)
         _copy(new.hand, old.hand)
+    servo.watch.note()
 
 
 def _copy(new: object, old: object) -> None:

@@ -28,7 +28,7 @@ from graspfx.loop.recording.header import SPLIT, RunFault
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
-from graspfx.loop.recording.two_parts import RowSplit
+from graspfx.loop.recording.two_parts import RowSplit, Split
 from graspfx.numeric import number
 from graspfx.scene.load import to_scene
 
@@ -127,7 +127,7 @@ class Session(Carded):
                 from graspfx.loop.recording.sink import FileSink
 
                 sinks.append(FileSink(make_folder(out) / NAME, self.servo.layout, header, overwrite=overwrite))
-            self._split = header.split
+            self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
             self._recorder = stack.enter_context(Recorder(self.servo.layout, header, sinks))
             self._stack = stack.pop_all()
 
@@ -247,7 +247,8 @@ class Session(Carded):
         layout = self.servo.layout
         if not self.tick:
             return np.zeros(layout.columns["finger_force"].shape)
-        external, _ = RowSplit(self.servo.row[None], layout, [(0, self._split)]).external_forces()
+        split = next(split for tick, split in reversed(self._splits) if tick < self.tick)  # of the row's own tick
+        external, _ = RowSplit(self.servo.row[None], layout, [(0, split)]).external_forces()
         return np.asarray(external[0])
 
     @property
@@ -322,7 +323,8 @@ class Session(Carded):
             value: of the key.
 
         Raises:
-            InputError: a key that is not live, or a value that would change more than numbers.
+            InputError: a key that is not live, a value that would change more than numbers, or a number that was
+                written into a block past `set`.
             UnknownNameError: there is no such key, with one that comes close.
             SceneError: a value that the scene does not allow; nothing has changed then.
         """
@@ -338,6 +340,7 @@ class Session(Carded):
             values[plain] = new
         if self._finished is not None:
             raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+        self.servo.watch.require()
         scene = self.scene.replace(values)
         self.servo.write(self._steering.update(scene, values), self._recorder)
         self._note_split()
@@ -346,6 +349,6 @@ class Session(Carded):
     def _note_split(self) -> None:
         """Note how forces divide from the coming tick on, where that follows from what was changed."""
         split = split_rules(self.servo.objects)
-        if split != self._split:
+        if split != self._splits[-1][1]:
             self._recorder.change(self.tick, {SPLIT: split})
-            self._split = split
+            self._splits.append((self.tick, split))

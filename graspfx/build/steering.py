@@ -15,7 +15,7 @@ from graspfx.build.numbers import general
 from graspfx.build.reach import reach
 from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import entries_of, start_of
-from graspfx.coupling.entries import compliant_entry, has_problems
+from graspfx.coupling.entries import compliant_entry, has_problems, matrix_entries
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop.plant import FusedHand
@@ -200,7 +200,7 @@ def _places(grasped: GraspedObject, keys: Iterable[str]) -> Index:
     names = [name for name in OF_FINGERS if f"fingers.{name}" in reached]
     places += [entry for finger in grasp.fingers for entry in entries_of(FingerState, *names, at=finger.offset)]
     if "matrices" in reached:
-        places += range(grasp.matrices.offset, grasp.matrices.offset + grasp.matrix_entries)
+        places += matrix_entries(grasp)
     if "gradual" in reached and has_problems(grasp):
         places.append(compliant_entry(grasp.damping_problem))
     return np.array(places, dtype=np.intp)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from graspfx.compile.records import Record, entries_of, start_of
 from graspfx.cones.problem import FrictionProblem, choices
+from graspfx.coupling.choices import NAMES
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.grasp.contact_state import Freedom
 from graspfx.objects.body_state import BodyState, Motion
@@ -60,6 +61,26 @@ def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
         fixed += [entry for finger in fingers for entry in entries_of(FingerState, "walk", at=finger.offset)]
         fixed += mesh_tree.choices(grasp.mesh.offset)
     return np.array(sorted(fixed), dtype=np.intp)
+
+
+def gain_entries() -> list[int]:
+    """List gains that are numbers, and the switches that follow from them."""
+    return entries_of(GraspState, *NAMES)
+
+
+def matrix_entries(grasp: GraspState) -> list[int]:
+    """List gains that are matrices; none where they are numbers."""
+    first = grasp.matrices.offset
+    return list(range(first, first + grasp.matrix_entries))
+
+
+def split_entries(grasp: GraspState) -> list[int]:
+    """List what P is made of besides contact points and gaps: all that a `SplitRule` says."""
+    entries = entries_of(GraspState, "fade", "fade_start", "fade_end", "arm_low", "arm_high", "at_contact")
+    entries += entries_of(BodyState, "free_translation", "free_rotation", at=start_of(GraspState, "body"))
+    for finger in grasp.fingers:
+        entries += entries_of(FingerState, "share", "patch", at=finger.offset)
+    return entries
 
 
 def compliant_entry(problem: FrictionProblem) -> int:

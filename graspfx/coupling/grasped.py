@@ -12,7 +12,7 @@ from graspfx.compile.records import Many, size_of, start_of
 from graspfx.coupling.choices import contradiction
 from graspfx.coupling.contacts import NOT_FINITE, UNRESOLVED, approach
 from graspfx.coupling.depth import compliance
-from graspfx.coupling.entries import recorded_entries, structure_entries
+from graspfx.coupling.entries import gain_entries, matrix_entries, recorded_entries, split_entries, structure_entries
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.fill import Grip, Shape, block_size, body_array, fill_block, largest_forces, radii
 from graspfx.coupling.grasp_state import FingerState, GraspState
@@ -100,6 +100,7 @@ class GraspedObject:
         self.touching = self.array(FingerState.touching)
         self.limit = None if limit is None else self.array(FingerState.limit)
         self.where = recorded_entries(self.state)
+        self.last_rule: SplitRule | None = None  # of the last sample's P, where numbers of it have changed since
         self._walk_anew()
 
     def fill(
@@ -121,7 +122,7 @@ class GraspedObject:
         grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit, self.live)
         fill_block(self.block, grip, period)
         self._fades = _Fades(self.state.fade_start)
-        self.law, self.matrices, self.soft = law, grip.matrices, grip.soft
+        self.law, self.matrices, self.soft, self.last_rule = law, grip.matrices, grip.soft, None
         self._walk_anew()
 
     def _walk_anew(self) -> None:
@@ -151,6 +152,19 @@ class GraspedObject:
     def structure(self) -> Index:
         """Entries of `block` that never change in a run and choose what is computed: counts, switches, offsets."""
         return structure_entries(self.state, self.live)
+
+    @property
+    def gain_entries(self) -> list[int]:
+        """Entries of `block` that are gains, where these are numbers, and the switches that follow from them."""
+        return gain_entries()
+
+    @property
+    def watched_entries(self) -> list[int]:
+        """Entries of `block` that no run changes, and that its samples do not read alone.
+
+        Gains, of which matrices are composed once, and what P is made of, by which a recording divides forces.
+        """
+        return [*gain_entries(), *matrix_entries(self.state), *split_entries(self.state)]
 
     @property
     def implicit(self) -> bool:
@@ -218,6 +232,7 @@ class GraspedObject:
 
     def sample(self) -> int:
         """Compute forces and wrench from the motion of fingers and object (free motion, if implicit)."""
+        self.last_rule = None
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
@@ -245,9 +260,20 @@ class GraspedObject:
         """All that P is made of besides contact points and gaps, as the block has it now."""
         return SplitRule.of(self.state)
 
+    def note_rule(self) -> None:
+        """Note the rule of the last sample's P, before numbers of it change."""
+        self.last_rule = self.last_rule or self.split_rule
+
     def two_forces(self) -> TwoForces:
-        """Divide the forces of the last sample into external and internal ones, in some hundred microseconds."""
-        return two_forces(self.state)
+        """Divide the forces of the last sample into external P f and internal f - P f, on the object, world axes.
+
+        P is the sample's own: where gaps of a fade or arms of a blend have changed since, it has those of the sample.
+        It takes some hundred microseconds. Source: the split of eq. (3).
+
+        Returns:
+            Forces (n, d) [N], and moments of soft fingers (n, 3) [N m]; zero before the first sample.
+        """
+        return two_forces(self.state, self.last_rule)
 
     def contradiction(self) -> str:
         """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""

@@ -177,18 +177,22 @@ class TwoForces(NamedTuple):
     internal_moment: FloatArray | None
 
 
-def two_forces(grasp: GraspState) -> TwoForces:
+def two_forces(grasp: GraspState, rule: SplitRule | None = None) -> TwoForces:
     """Divide the forces of a grasp's last sample, also after the object has moved on; without LLVM.
 
     It takes some hundred microseconds.
+
+    Args:
+        grasp: whose contacts and forces are those of the last sample.
+        rule: of that sample, if the block has the numbers of another one by now.
     """
-    rule, fingers, d = SplitRule.of(grasp), grasp.fingers, grasp.dimensions
+    rule, fingers, d = rule or SplitRule.of(grasp), grasp.fingers, grasp.dimensions
     contact = fingers.array(FingerState.contact_world)[None, :, :d]
     if rule.is_local:
         centre = grasp.centre if grasp.mixed else grasp.motion.position
         contact = contact - np.array([centre[a] for a in range(d)])
     force = fingers.array(FingerState.force)[None, :, :d]
-    gap = fingers.array(FingerState.gap)[None] if grasp.fade else None
+    gap = None if rule.fade is None else fingers.array(FingerState.gap)[None]
     if not rule.soft:
         external, _ = external_part(rule, Samples(contact, gap), force)
         return TwoForces(external[0], force[0] - external[0], None, None)

@@ -21,9 +21,8 @@ from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
 from graspfx.loop.tick.engine import ENGINES, Engine, Interpreted
-from graspfx.loop.tick.frozen import FrozenEntries
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
-from graspfx.loop.tick.names import Names
+from graspfx.loop.tick.number_watch import Watch
 from graspfx.loop.tick.script import Port, Tick
 from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
@@ -68,7 +67,8 @@ class Servo:
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
         self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
-        self._frozen: FrozenEntries | None = None
+        self.watch = Watch(objects)  # of numbers that only `write` changes
+        self._written = False  # numbers, since the last sample
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
 
     @property
@@ -109,12 +109,13 @@ class Servo:
 
         Raises:
             InputError: no recorder for a servo that records, or one for a servo that does not; a number was written
-                into a block that the program has folded in, or on which a switch of the block depends.
+                into a block that the program has folded in, on which a switch of the block depends, or by which the
+                recording divides forces.
         """
         if (recorder is not None) is not self._record:
             raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
         engine = self._ready()
-        self._require_numbers()
+        self.watch.require()
         engine.expect(ticks)
         self._run(ticks, recorder, stop)
         self._settle()
@@ -132,44 +133,33 @@ class Servo:
         Args:
             update: of this servo's parts.
             recorder: which notes the tick and the values.
+
+        Raises:
+            InputError: a number was written into a block by another way, as of `run`; nothing has changed then.
         """
+        self.watch.require()
+        for part in self.objects:
+            part.grasped.note_rule()
+        self._written = True
         for memory, entries, numbers in update.entries:
             memory[entries] = numbers
-        for part, other in update.parts:
-            part.adopt(other)
+        for each, other in update.parts:
+            each.adopt(other)
         for wiring in (self.plants[j] for j in update.plants):
             if isinstance(wiring.plant, FusedPlant):  # others are handed their hand in every tick
                 wiring.plant.hold(wiring.hand, self.period)
+        self.watch.note()
         if recorder is not None:
             recorder.change(self.ticks, update.values)
 
-    def _require_numbers(self) -> None:
-        """Require that no block holds other numbers than those that programs and switches were made from."""
-        for part in self.objects:
-            switch = part.grasped.contradiction()
-            if switch:
-                raise InputError(
-                    f"{part.name}: {switch}", getattr(part.grasped.state, switch),
-                    "a switch that follows from the gains in the block",
-                    "a gain was written into it by itself; name it in gx.open(scene, live=[...]) and use session.set",
-                )  # fmt: skip
-        if self._frozen is None:
-            return
-        entry = self._frozen.intrusion()
-        if entry is not None:
-            array, k = entry
-            raise InputError(
-                Names(self.parts, self._tick).entry(array, k), float(self._tick.script.arrays[array][k]),
-                f"{self._tick.script.frozen[entry]}, which the scene's program has folded in",
-                "name its key in gx.open(scene, live=[...]) and use session.set",
-            )  # fmt: skip
-
     def _ready(self) -> Engine:
         if self._engine is None:
+            self.watch.require()  # what stands there now is folded in
             self._tick = write(self.parts, record=self._record)
             self._own = ServoState(self._tick.own.data)
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
-            self._frozen = None if self._kind == Interpreted.name else FrozenEntries(self._tick.script)
+            if self._kind != Interpreted.name:
+                self.watch.fold(self.parts, self._tick)
             self._engine = ENGINES[self._kind](self._tick)
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
@@ -248,6 +238,10 @@ class Servo:
 
     def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
         self.ticks += count
+        if self._written and count:
+            for part in self.objects:
+                part.grasped.last_rule = None
+            self._written = False
         if recorder is not None:
             recorder.take(count)
         self._notice(recorder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ import pytest
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.steering import Steering
+from graspfx.compile.entry_names import name_of
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.two_forces import two_forces
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.recorder import Recorder
@@ -204,6 +207,40 @@ def test_derived_values_follow() -> None:
         with build(scene.replace({KIP: 150.0})) as servo:
             assert state.fade_start == servo.objects[0].grasped.state.fade_start != before
             assert state.fade_end == servo.objects[0].grasped.state.fade_end
+
+
+@pytest.mark.parametrize("engine", ["interpreted", "compiled"])
+@pytest.mark.parametrize(
+    ("name", "overrides", "key", "value"),
+    [
+        ("thin-plate", {}, "coupling.blend", [0.01, 0.5]),
+        (  # a finger that is still on its way
+            "sphere-three-fingers", {"finger.2.start": {"toward": [-0.5, -0.866, 0.0], "gap": 0.012}},
+            "coupling.fade", [0.0001, 0.0002],
+        ),
+    ],
+)  # fmt: skip
+def test_forces_of_a_tick_divide_by_its_own_rule(
+    name: str, overrides: Mapping[str, Any], key: str, value: Any, engine: str
+) -> None:
+    """Until the next tick what is seen is the last one, which was divided before the change."""
+    with gx.open(name, {**overrides, "engine": engine}, live=[key]) as session:
+        session.step(150)
+        grasped = session.servo.objects[0].grasped
+        old = session.get(key)
+        seen, internal, block = session.external_force, session.internal_force, grasped.two_forces()
+        assert np.abs(seen).max() > 0.001 and np.abs(block.external - seen).max() < 1e-15
+        for each in (value, old, value):
+            session.set(key, each)
+            assert np.array_equal(session.external_force, seen) and np.array_equal(session.internal_force, internal)
+            assert np.array_equal(session.recording.external_force[-1], seen)
+            assert np.array_equal(grasped.two_forces().external, block.external)
+        assert np.abs(two_forces(grasped.state).external - seen).max() > 0.001, "both rules divide alike"
+        session.step()
+        assert np.array_equal(session.external_force, session.recording.external_force[-1])
+        assert np.abs(grasped.two_forces().external - session.external_force).max() < 1e-15
+        table = session.servo.objects[0].grasped.split_rule.table()
+        assert session.recording.outcome.changes[-1].key == "split" and list(value) in (table["blend"], table["fade"])
 
 
 def test_values_are_those_of_the_scene_and_of_what_was_set() -> None:
@@ -410,6 +447,55 @@ def test_a_write_to_a_folded_entry_of_a_device_is_named() -> None:
         device: Any = servo.stations[0].device
         device.state[int(device.structure[0])] += 1.0
         with pytest.raises(InputError, match=r"device\[0\].fingers: given 2.0, expected 1.0, which the scene's"):
+            servo.run(1, None)
+
+
+MATRICES = {KEP: [[60.0, 0.0], [0.0, 20.0]], KIP: [[70.0, 0.0], [0.0, 90.0]]}
+PAST: dict[str, tuple[str, Mapping[str, Any], str, float]] = {  # scene, overrides, a field, what is written there
+    "a matrix": ("paper-waving", MATRICES, "matrices[3]", 45.0),
+    "an arm of the blend": ("thin-plate", {}, "arm_low", 0.01),
+    "a gap of the fade": ("sphere-three-fingers", {}, "fade_end", 0.02),
+    "a share": ("sphere-three-fingers", {}, "fingers[0].share", 5.0),
+    "a patch": ("soft-pinch", {}, "fingers[1].patch", 0.02),
+    "where the reaction is": ("paper-waving", {}, "at_contact", 1.0),
+    "a free direction": ("thin-plate", {}, "body.free_rotation.z", 0.0),
+}
+
+
+@pytest.mark.filterwarnings("ignore::graspfx.grasp.impedance.ActiveCouplingWarning")
+@pytest.mark.parametrize("engine", ["interpreted", "compiled", "auto"])
+@pytest.mark.parametrize("case", PAST)
+def test_a_number_that_is_written_past_set_raises(case: str, engine: str) -> None:
+    """Matrices had no effect, and a recording divided forces by numbers that were no longer the sample's own."""
+    name, overrides, field, value = PAST[case]
+    for ticks in (0, 20):
+        with gx.open(name, {**overrides, "engine": engine}, live=[KEP]) as session:
+            if ticks:
+                session.step(ticks)
+            block = session.servo.objects[0].grasped.block
+            [k] = [
+                k for k in session.servo.objects[0].grasped.watched_entries if name_of(GraspState, k, block) == field
+            ]
+            before, block[k] = block[k], value
+            old = session.get(KEP)
+            where = re.escape(re.sub(r"\[\d+\]", "", field.rpartition(".")[2]))
+            for attempt in (session.step, lambda s=session, v=old: s.set(KEP, v)):
+                with pytest.raises(InputError, match=rf"{where}.*: given {value}, expected {before}.*use session.set"):
+                    attempt()
+            assert session.tick == ticks and not session.recording.changes
+            block[k] = before
+            session.step()
+
+
+def test_gains_that_fit_the_switches_may_be_written() -> None:
+    with build(gx.load("paper-waving"), engine="interpreted", record=False) as servo:
+        servo.run(3, None)
+        for stiffness in (65.0, 75.0):
+            servo.objects[0].grasped.block[entry("internal_stiffness")] = stiffness
+            servo.run(3, None)
+            assert servo.objects[0].grasped.state.internal_stiffness == stiffness
+        servo.objects[0].grasped.block[entry("internal_stiffness")] = 30.0
+        with pytest.raises(InputError, match="equal: given False"):
             servo.run(1, None)
 
 

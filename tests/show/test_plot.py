@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -440,16 +442,21 @@ def test_another_number_of_titles_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_recording_draws_itself() -> None:
-    """In a notebook, which asks for `_repr_png_`, beside others, and to a file; by nobody's pyplot."""
-    import sys
-
+    """In a notebook, which asks for `_repr_png_`, beside others, and to a file."""
     rec = gx.run("reference-1dof", duration=0.5)
     drawing = rec.plot(rec, titles=["one", "two"])
     assert drawing._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
     assert len(drawing.figure.axes) == 6 and "8.6 x" in repr(drawing)
-    assert "matplotlib.pyplot" not in sys.modules
     with pytest.raises(InputError, match="screen, page, column"):
         rec.plot(width="poster")  # type: ignore[arg-type]
+
+
+def test_no_pyplot_draws() -> None:
+    """A process of its own: others of this one may have loaded it."""
+    code = "import sys, graspfx as gx; gx.run('reference-1dof', duration=0.1).plot()._repr_png_(); print(*sys.modules)"
+    modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "matplotlib.figure" in modules
+    assert "matplotlib.pyplot" not in modules
 
 
 def test_fingers_have_other_colours_than_the_two_forces() -> None:
