@@ -108,7 +108,7 @@ def value_of(scene: Scene, key: str) -> Any:
         InputError: a setting that is left to its driver, or a table that stands elsewhere.
     """
     path, (first, *rest) = _indexed(key), key.split(".")
-    tables = getattr(scene, first) if rest and first in LISTS else ()
+    tables: tuple[Any, ...] = getattr(scene, first) if rest and first in LISTS else ()
     if len(tables) > 1 and rest[0] not in type(tables[0]).model_fields:
         path = [first, *rest]  # a number, or a name that none of them has
     values = list(_values(scene, path))
