@@ -222,8 +222,8 @@ def _dynamics(at: Location, thing: Any, folder: Path | None) -> Iterator[Finding
     if thing.dynamics == "bullet" and find_spec("pybullet") is None:
         yield (
             (*at, "dynamics"),
-            "'bullet' needs the package pybullet, which is not installed: pip install 'graspfx[bullet]', "
-            "or dynamics = 'native'",
+            "'bullet' needs the package pybullet, which is not installed: pip install 'graspfx[bullet]' "
+            "('.[bullet]' in a checkout), or dynamics = 'native'",
         )
 
 

@@ -321,7 +321,9 @@ def pybullet() -> Any:
             return import_module("pybullet")
         except ModuleNotFoundError as error:
             raise MissingPackageError(
-                "pybullet", "dynamics = 'bullet'", "install graspfx[bullet], or use native dynamics"
+                "pybullet",
+                "dynamics = 'bullet'",
+                "install graspfx[bullet] ('.[bullet]' in a checkout), or use native dynamics",
             ) from error
 
 
