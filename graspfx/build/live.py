@@ -68,6 +68,10 @@ def require(key: str) -> str:
         return key
     if close := closest(plain, (*GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
+    first = key.partition(".")[0]
+    if plain == f"{first}.*":
+        do = f"{key!r} stands for whole tables: name the values in them that may change, with dots"
+        raise InputError("live", key, "a key that may change in mid-run", do)
     reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
     if not reason:
         raise UnknownNameError("live key", key, (*GAINS, *RULES, *BODY, *DEVICE, *HAND))
@@ -101,6 +105,39 @@ def numbered(scene: Scene, key: str) -> str:
     return ".".join([first, *rest])
 
 
+def keys_of(live: Any) -> list[str]:
+    """List live keys, of which one may stand by itself.
+
+    Raises:
+        InputError: no keys.
+    """
+    if isinstance(live, str):
+        return [live]
+    try:
+        return list(live)
+    except TypeError:
+        do = "such as live=['coupling.internal.stiffness']; live=() for none"
+        raise InputError("live", live, "a list of keys of the scene", do) from None
+
+
+def require_value(scene: Scene, key: str) -> None:
+    """Require that a scene has a key that may change in mid-run, with numbers for names: its value is there.
+
+    Raises:
+        UnknownNameError: it does not, with keys that come close.
+    """
+    if not _has(scene, key):
+        known = [each for each in (*GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
+        raise UnknownNameError("live key", key, known, "this scene has no such value")
+
+
+def _has(scene: Scene, key: str) -> bool:
+    try:
+        return bool(list(_values(scene, _indexed(key))))
+    except (AttributeError, LookupError, TypeError, ValueError):
+        return False
+
+
 def value_of(scene: Scene, key: str) -> Any:
     """Give the value of a key now; of `*` the one value of all, or a tuple of them."""
     values = list(_values(scene, _indexed(key)))
@@ -119,6 +156,8 @@ def _values(part: Any, path: list[str]) -> Iterator[Any]:
     if not path:
         yield part
         return
+    if part is None or isinstance(part, str):  # a name stands for a table elsewhere
+        return
     name, *rest = path
     if isinstance(part, tuple):
         for each in part if name == "*" else part[int(name) : int(name) + 1]:
@@ -127,5 +166,9 @@ def _values(part: Any, path: list[str]) -> Iterator[Any]:
     settings = getattr(part, "settings", {})
     if name in settings:
         yield from _values(settings[name], rest)
-    elif not isinstance(part, str):  # a name stands for a table elsewhere
+    elif name in ("*", "0") and rest:  # a lone table as a list of one
+        yield from _values(part, rest)
+    elif name in ("mass", "damping") and hasattr(part, "settings"):  # a device's own
+        yield None
+    else:
         yield from _values(getattr(part, name), rest)
