@@ -127,8 +127,8 @@ def require_value(scene: Scene, key: str) -> None:
         UnknownNameError: it does not, with keys that come close.
     """
     if not _has(scene, key):
-        known = [each for each in (*GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
-        raise UnknownNameError("live key", key, known, "this scene has no such value")
+        present = [each for each in (*GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
+        raise UnknownNameError("live key", key, present, "this scene has no such value")
 
 
 def _has(scene: Scene, key: str) -> bool:
