@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx.build.numbers import general, reaches
 from graspfx.build.reach import reach
-from graspfx.errors import InputError, UnknownNameError, closest
+from graspfx.errors import GraspFXError, InputError, UnknownNameError, closest
 from graspfx.scene.keys import LISTS, NAMES, number_of
 
 if TYPE_CHECKING:
@@ -67,6 +67,10 @@ def require(key: str) -> str:
         return key
     if close := closest(plain, (*GAINS, *RULES, *BODY, *DEVICE, *HAND), 0.9):
         raise UnknownNameError("live key", key, (), f"did you mean {close!r}?")
+    first = key.partition(".")[0]
+    if plain == f"{first}.*":
+        do = f"{key!r} stands for whole tables: name the values in them that may change, with dots"
+        raise InputError("live", key, "a key that may change in mid-run", do)
     reason = next((text for keys, text in REASONS.items() if reaches(keys, plain)), "")
     if not reason:
         raise UnknownNameError("live key", key, (*GAINS, *RULES, *BODY, *DEVICE, *HAND))
@@ -98,6 +102,39 @@ def numbered(scene: Scene, key: str) -> str:
         number = number_of(rest[0], [vars(each) for each in tables])
         rest = [rest[0] if number is None else str(number), *rest[1:]]
     return ".".join([first, *rest])
+
+
+def keys_of(live: Any) -> list[str]:
+    """List live keys, of which one may stand by itself.
+
+    Raises:
+        InputError: no keys.
+    """
+    if isinstance(live, str):
+        return [live]
+    try:
+        return list(live)
+    except TypeError:
+        do = "such as live=['coupling.internal.stiffness']; live=() for none"
+        raise InputError("live", live, "a list of keys of the scene", do) from None
+
+
+def require_value(scene: Scene, key: str) -> None:
+    """Require that a scene has a key that may change in mid-run, with numbers for names: its value is there.
+
+    Raises:
+        UnknownNameError: it does not, with keys that come close.
+    """
+    if not _has(scene, key):
+        present = [each for each in (*GAINS, *RULES, *BODY, *DEVICE, *HAND) if _has(scene, each)]
+        raise UnknownNameError("live key", key, present, "this scene has no such value")
+
+
+def _has(scene: Scene, key: str) -> bool:
+    try:
+        return bool(list(_values(scene, _indexed(key))))
+    except GraspFXError:
+        return False
 
 
 def value_of(scene: Scene, key: str) -> Any:
@@ -141,6 +178,8 @@ def _values(part: Any, path: list[str], at: str = "") -> Iterator[Any]:
         fields = {name: getattr(part, name) for name in type(part).model_fields}
         if path[0] in ("*", "0") and path[1:]:
             yield from _values(part, path[1:], at)  # a lone table as a list of one
+        elif hasattr(part, "settings") and path[0] in ("mass", "damping") and path[0] not in settings:
+            yield None  # left to the device's driver
         elif hasattr(part, "settings") and path[0] not in fields | settings and not closest(path[0], fields | settings):
             raise InputError("key", f"{at}.{path[0]}", "a setting that the scene gives", "its driver's own value holds")
         else:

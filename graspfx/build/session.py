@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.build.build import build
-from graspfx.build.live import numbered, value_of
+from graspfx.build.live import keys_of, numbered, require_value, value_of
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, split_rules, warn_of_axes
 from graspfx.build.steering import Steering
@@ -111,7 +111,7 @@ class Session(Carded):
     ) -> None:
         if out is not None:
             to_path("out", out, "the path of a folder")
-        keys = [numbered(scene, key) for key in ([live] if isinstance(live, str) else live)]
+        keys = [numbered(scene, key) for key in keys_of(live)]
         parts = resolve(scene)
         warn_of_axes(parts)
         if out is not None and not overwrite:
@@ -122,6 +122,8 @@ class Session(Carded):
         with ExitStack() as stack:
             self.servo = stack.enter_context(build(scene, live=keys))
             self._steering = Steering(self.servo, scene, keys)
+            for key in keys:
+                require_value(scene, key)
             header, sinks = header_of(parts, self.servo.objects), list[Sink]()
             if out is not None:
                 from graspfx.loop.recording.sink import FileSink
@@ -142,6 +144,7 @@ class Session(Carded):
         return f"<Session of {name}, {state}: {self.tick} ticks, {self.time:g} s{live}{fault}>"
 
     def __enter__(self) -> Self:
+        self._require_open()
         return self
 
     def __exit__(
@@ -152,6 +155,10 @@ class Session(Carded):
     def close(self) -> None:
         """End the run: the recording is written, devices and bodies are closed; a second time nothing happens."""
         self._close(complete=True)
+
+    def _require_open(self) -> None:
+        if self._finished is not None:
+            raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
 
     def _close(self, *, complete: bool) -> None:
         if self._finished is not None:
@@ -183,10 +190,9 @@ class Session(Carded):
             DeviceError: a device that cannot go on is a recorded fault, and raises nothing.
         """
         count = number("ticks", ticks, WHOLE)
-        if count < 1.0 or count % 1.0:
+        if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
             raise InputError("ticks", ticks, WHOLE)
-        if self._finished is not None:
-            raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+        self._require_open()
         require_memory(self.tick + count, 16 * self.servo.layout.width)
         began = perf_counter()
         try:
@@ -338,8 +344,7 @@ class Session(Carded):
             if plain in values:
                 raise InputError(each, new, f"one value for {plain}", "write its number or its name, not both")
             values[plain] = new
-        if self._finished is not None:
-            raise InputError("session", self, "an open session", "it was closed; gx.open begins another run")
+        self._require_open()
         self.servo.watch.require()
         scene = self.scene.replace(values)
         self.servo.write(self._steering.update(scene, values), self._recorder)

@@ -109,11 +109,13 @@ def test_a_block_that_breaks_off_leaves_devices_closed_and_the_recording() -> No
         session.servo.stations[0].device.read()
     with pytest.raises(InputError, match="closed"):
         session.step()
+    with pytest.raises(InputError, match="expected an open session; it was closed"), session:
+        pass
     session.close()  # a second time nothing happens
     assert not session.recording.outcome.complete
 
 
-@pytest.mark.parametrize("ticks", [0, -1, 1.5, True - 1, "one", None, float("nan"), 10**30])
+@pytest.mark.parametrize("ticks", [0, -1, 1.5, True - 1, True, np.True_, "one", None, float("nan"), 10**30])
 def test_steps_that_are_none(ticks: object) -> None:
     with gx.open(LINE) as session:
         with pytest.raises(InputError, match=r"ticks|periods"):

@@ -394,6 +394,49 @@ def test_a_hand_of_a_plug_in_that_has_its_directions_refuses_others(tmp_path: Pa
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "key", "why"),
+    [
+        ("reference-1dof", "hand.*.stiffness", r"did you mean 'finger.\*.hand.stiffness'"),
+        ("reference-1dof", "finger.9.friction", r"did you mean 'finger.\*.friction'"),
+        ("reference-1dof", "finger.*.hand.grip.stiffness", r"did you mean 'finger.\*.hand.stiffness'"),
+        ("sphere-three-fingers", "finger.*.hand.stiffness", "this scene has no such value"),
+        ("sphere-three-fingers", "hand.*.stiffness", "this scene has no such value"),
+        ("paper-waving", "finger.*.hand.motion.1.amplitude", "this scene has no such value"),
+    ],
+)
+def test_keys_that_a_scene_does_not_have(name: str, key: str, why: str) -> None:
+    with pytest.raises(UnknownNameError, match=why) as error:
+        gx.open(name, live=[key])
+    assert f"unknown live key {key!r}" in str(error.value)
+
+
+@pytest.mark.parametrize("key", ["finger.*.hand.motion.0.amplitude", "finger.0.hand.motion.amplitude"])
+def test_a_lone_motion_may_be_counted(key: str) -> None:
+    runs = []
+    for live in (key, "finger.*.hand.motion.amplitude"):
+        with gx.open("paper-waving", {"engine": "interpreted"}, live=[live]) as session:
+            assert session.get(key) == 0.05
+            session.step(250)
+            session.set(live if live == key else key.replace(".0.amplitude", ".amplitude"), 0.03)
+            assert session.get(key) == 0.03
+            session.step(50)
+        runs.append(session.recording.rows.tobytes())
+    assert runs[0] == runs[1]
+
+
+@pytest.mark.parametrize("live", [5, None, 1.0])
+def test_live_keys_that_are_no_list(live: Any) -> None:
+    with pytest.raises(InputError, match="a list of keys of the scene"):
+        gx.open("reference-1dof", live=live)
+
+
+@pytest.mark.parametrize("key", ["finger", "finger.*", "object.0", "hand"])
+def test_whole_tables_are_not_live(key: str) -> None:
+    with pytest.raises(InputError, match=f"'{re.escape(key)}' stands for whole tables"):
+        gx.open("reference-1dof", live=[key])
+
+
 def test_keys_that_are_none() -> None:
     with pytest.raises(UnknownNameError, match=r"did you mean 'coupling.internal.stiffness'"):
         gx.open("reference-1dof", live="coupling.internal.stifness")

@@ -6,7 +6,7 @@ All follow from the rows and from what the recording says of each grasp's split;
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,7 +141,7 @@ class RowSplit:
             fingers = [i for i, number in enumerate(self.layout.finger_objects) if number == k]
             if not fingers:
                 continue
-            rule = SplitRule.from_table(split[name])
+            rule = _rule_of(split, name)
             contact = self.column("contact_position")[rows, fingers]
             if rule.is_local:
                 place = "centre" if k in self.layout.predicted else "position"
@@ -149,6 +149,25 @@ class RowSplit:
             gap = None if rule.fade is None else self.column("gap")[rows, fingers]
             normal = self.column("contact_normal")[rows, fingers] if rule.soft else None
             yield GraspRows(rows, rule, fingers, Samples(contact, gap, normal))
+
+
+def _rule_of(split: Split, name: str) -> SplitRule:
+    """Read an object's rule.
+
+    Raises:
+        RecordingError: there is none, or not all of it, or more.
+    """
+    if name not in split:
+        raise RecordingError(f"the recording does not say how the forces of {name!r} divide, only of {sorted(split)}")
+    table = split[name]
+    names = {each.name for each in fields(SplitRule)}
+    if set(table) != names:
+        unknown, missing = sorted(set(table) - names), sorted(names - set(table))
+        raise RecordingError(
+            f"how the forces of {name!r} divide is not to be read from this recording: unknown are {unknown}, missing "
+            f"are {missing}; another version of GraspFX may have made it"
+        )
+    return SplitRule.from_table(table)
 
 
 def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, Split]]:

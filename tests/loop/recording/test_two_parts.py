@@ -201,6 +201,23 @@ def test_a_recording_without_a_split_says_so() -> None:
             getattr(rec, name)
 
 
+@pytest.mark.parametrize(
+    ("split", "why"),
+    [
+        (
+            {"object": {"foo": 1}},
+            r"the forces of 'object' divide is not to be read.*unknown are \['foo'\], missing are",
+        ),
+        ({"other": {}}, r"does not say how the forces of 'object' divide, only of \['other'\]"),
+    ],
+)
+def test_a_split_that_is_damaged_says_what_is_wrong(split: dict[str, Any], why: str) -> None:
+    rec = gx.run("paper-waving", {"duration": 0.02})
+    damaged = Recording(rec.rows, rec.layout, replace(rec.header, split=split), rec.outcome)
+    with pytest.raises(gx.errors.RecordingError, match=why):
+        assert damaged.external_force
+
+
 def test_no_work_is_booked_after_a_fault() -> None:
     """The work of the last sample before it counts where the books had come first, as in a tick."""
     rec = gx.run("paper-waving", {"duration": 1.0, "engine": "interpreted"})
