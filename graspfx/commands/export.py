@@ -8,9 +8,10 @@ from pathlib import Path
 from graspfx.commands.arguments import recording as recording_argument
 from graspfx.commands.destination import add_file, file_in, require_room
 from graspfx.commands.output import SUCCESS, name_files, placing, require_place, say_source
-from graspfx.errors import UnknownNameError
+from graspfx.errors import InputError, UnknownNameError
 
 ENDINGS = {"csv": ".csv", "nc": ".nc"}
+RECORDINGS = ("h5", "hdf5", "part")  # endings that a recording has: text under one of them would pass for it
 EXAMPLE = """  graspfx export out/latest --format nc --out waving.nc"""
 
 
@@ -28,6 +29,7 @@ def execute(options: Namespace) -> int:
     source = recording_file(options.recording)
     kind = _format(options)
     path = file_in(options, source.parent, f"recording{ENDINGS[kind]}")
+    _require_ending(path, kind)
     require_place(path)
     require_room(options, [path])
     recording = Recording.load(source)
@@ -41,6 +43,13 @@ def execute(options: Namespace) -> int:
             data.to_netcdf(file, engine="h5netcdf")
     name_files([path])
     return SUCCESS
+
+
+def _require_ending(path: Path, kind: str) -> None:
+    """Require a file's ending not to be that of another format, nor of a recording, which it could replace."""
+    ending = path.suffix[1:].lower()
+    if ending != kind and (ending in ENDINGS or ending in RECORDINGS):
+        raise InputError("--out", str(path), f"a file that ends in {ENDINGS[kind]}", "or name another --format")
 
 
 def _format(options: Namespace) -> str:

@@ -146,9 +146,11 @@ def save(drawing: Sheet | Figure, path: str | PathLike[str], form: str = "", dpi
         dpi: pixels in an inch; by default what suits the figure's width.
 
     Raises:
-        InputError: an ending that no format has.
+        InputError: an ending that no format has, or a folder that is not there.
     """
     target = Path(fspath(path))
+    if not target.parent.is_dir():
+        raise InputError("path", fspath(path), "a file in a folder that is there", f"make {target.parent} first")
     form = form or target.suffix[1:].lower()
     sheet = drawing if isinstance(drawing, Sheet) else None
     dpi = dpi or (sheet.width if sheet is not None else WIDTHS["screen"]).dpi

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import MissingPackageError, RecordingError
+from graspfx.errors import InputError, MissingPackageError, RecordingError
 from graspfx.loop.recording.places import recording_path, require_vacancy
 from graspfx.show.labelled import HOW, summary_numbers
 from graspfx.show.quantities import Quantity, components, coordinates, quantities
@@ -53,6 +53,8 @@ def batch_frame(batch: Batch) -> Any:
 def write_csv(recording: Recording, path: str | PathLike[str], *, overwrite: bool = False) -> None:
     """Write a recording; its docstring is that of `Recording.to_csv`."""
     place = recording_path(path, "path")
+    if not place.name:
+        raise InputError("path", str(path), "the path of a file, such as recording.csv")
     if not overwrite:
         require_vacancy([place])
     draft = place.with_name(f".{place.name}.{os.getpid()}")

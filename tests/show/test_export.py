@@ -189,3 +189,26 @@ def test_the_command_goes_by_the_ending_of_its_file(tmp_path: Path, capsys: pyte
         assert "finger_force" in data
     assert main(["export", str(tmp_path), "--format", "xlsx"]) == 2
     assert "unknown format 'xlsx'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("out", ["a/recording.h5", "b.h5", "b.nc", "b.part"])
+def test_text_is_not_written_under_anothers_ending(
+    out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A recording is never replaced by what was exported from it."""
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    gx.run("reference-1dof", duration=0.1).save("a/recording.h5")
+    before = Path("a/recording.h5").read_bytes()
+    assert main(["export", "a", "--out", out, "--format", "csv", "--overwrite"]) == 2
+    assert "a file that ends in .csv" in capsys.readouterr().err
+    assert Path("a/recording.h5").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_file_without_a_name_or_a_folder_is_an_error_of_ours(tmp_path: Path) -> None:
+    rec = gx.run("reference-1dof", duration=0.1)
+    with pytest.raises(InputError, match="path of a file"):
+        rec.to_csv("", overwrite=True)
+    with pytest.raises(InputError, match=r"make .*none first"):
+        rec.plot().save(tmp_path / "none" / "figure.png")
