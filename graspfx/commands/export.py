@@ -7,8 +7,9 @@ from pathlib import Path
 
 from graspfx.commands.arguments import recording as recording_argument
 from graspfx.commands.destination import add_file, file_in, require_room
-from graspfx.commands.output import SUCCESS, name_files, placing, require_place, say_source
+from graspfx.commands.output import SUCCESS, name_files, require_place, say_source
 from graspfx.errors import InputError, UnknownNameError
+from graspfx.loop.recording.places import placing
 
 ENDINGS = {"csv": ".csv", "nc": ".nc"}
 RECORDINGS = ("h5", "hdf5", "part")  # endings that a recording has: text under one of them would pass for it

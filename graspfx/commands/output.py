@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspfx.commands.loudness import is_quiet
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.places import PART, is_part, part_of
+from graspfx.loop.recording.places import PART, is_part, part_of, placing
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
@@ -77,20 +75,6 @@ def say_source(request: Path, file: Path, recording: Recording) -> None:
 
 def _instead_of(request: Path, file: Path) -> str:
     return "" if request == file else f"; {file.name.removesuffix(PART)} is not there yet"
-
-
-@contextmanager
-def placing(picture: Path, otherwise: str = "") -> Iterator[Path]:
-    """Offer a file beside the picture's place to write it to, and move it there when it is whole."""
-    draft = picture.with_name(f".{picture.stem}.{os.getpid()}{picture.suffix}")
-    try:
-        yield draft
-        draft.replace(picture)
-    except OSError as error:
-        raise RecordingError(f"{picture}: cannot be written; {error.strerror}{otherwise}") from error
-    finally:
-        with suppress(OSError):
-            draft.unlink(missing_ok=True)
 
 
 def require_place(picture: Path) -> None:

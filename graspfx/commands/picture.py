@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_overrides, add_style, picture_name
 from graspfx.commands.destination import add_file, destination, file_in, require_room
-from graspfx.commands.output import name_files, note, placing, require_place, say_faults, say_source
+from graspfx.commands.output import name_files, note, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
-from graspfx.loop.recording.places import NAME, is_part, make_folder, recording_file
+from graspfx.loop.recording.places import NAME, is_part, make_folder, placing, recording_file
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.header import Header

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from graspfx.commands.arguments import add_scene, add_style, picture_name
 from graspfx.commands.certificate import certify
 from graspfx.commands.destination import add_destination, destination, require_room
-from graspfx.commands.output import SUCCESS, name_files, placing, print_json, require_place
+from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
 from graspfx.errors import UnknownNameError
+from graspfx.loop.recording.places import placing
 
 if TYPE_CHECKING:
     from graspfx.certificate.limit_sweep import Sweep

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from contextlib import suppress
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import InputError, MissingPackageError, RecordingError
-from graspfx.loop.recording.places import recording_path, require_vacancy
+from graspfx.errors import InputError, MissingPackageError
+from graspfx.loop.recording.places import placing, recording_path, require_vacancy
 from graspfx.show.labelled import HOW, summary_numbers
 from graspfx.show.quantities import Quantity, components, coordinates, quantities
 
@@ -57,16 +55,8 @@ def write_csv(recording: Recording, path: str | PathLike[str], *, overwrite: boo
         raise InputError("path", str(path), "the path of a file, such as recording.csv")
     if not overwrite:
         require_vacancy([place])
-    draft = place.with_name(f".{place.name}.{os.getpid()}")
-    try:
-        with draft.open("w", encoding="utf-8", newline="") as file:
-            file.writelines(csv_lines(recording))
-        draft.replace(place)
-    except OSError as error:
-        raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
-    finally:
-        with suppress(OSError):
-            draft.unlink(missing_ok=True)
+    with placing(place) as draft, draft.open("w", encoding="utf-8", newline="") as file:
+        file.writelines(csv_lines(recording))
 
 
 def csv_lines(recording: Recording) -> Iterator[str]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
@@ -34,6 +34,28 @@ def obstacle(error: OSError) -> str:
     """Say why no folder can be made."""
     in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
     return "a file is in its way" if in_the_way else str(error.strerror)
+
+
+@contextmanager
+def placing(place: Path, otherwise: str = "") -> Iterator[Path]:
+    """Offer a file beside a place to write to, and move it there when it is whole.
+
+    Args:
+        place: of the file.
+        otherwise: what else the error says.
+
+    Raises:
+        RecordingError: it cannot be written; what stood there still does.
+    """
+    draft = place.with_name(f".{place.stem}.{os.getpid()}{place.suffix}")
+    try:
+        yield draft
+        draft.replace(place)
+    except OSError as error:
+        raise RecordingError(f"{place}: cannot be written; {error.strerror}{otherwise}") from error
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
