@@ -79,7 +79,9 @@ class Outcome:
     wall_time: float | None = None  # [s]
     complete: bool = True
     fade_shortfall: float = 0.0  # by how much free fingers began to fade too near the surface, at most [m]
-    engine: str = ""  # that ran the ticks: interpreted, compiled, or compiled after some of them; empty if not known
+    engine: str = (
+        ""  # that ran the ticks: generic, compiled, compiled after some of them, or interpreted; empty if not known
+    )
     fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
     changes: tuple[KeyChange, ...] = ()  # of keys, and SPLIT, in mid-run; the header's tables are those of the start
