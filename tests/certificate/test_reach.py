@@ -56,7 +56,7 @@ def alike_fingers(n: int, *, preload: bool = False, seed: int = 0) -> Linearisat
 
 
 def test_alike_fingers_leave_one_internal_motion() -> None:
-    """Of 3 n coordinates six move the object; the others are one motion on a wall, n times over."""
+    """Six of 3 n coordinates move the object; the others are one motion on a wall, 54 times over."""
     assert sizes(alike_fingers(20)) == [(1, 0), (6, 6)]
 
 
@@ -161,7 +161,7 @@ def certificate(radius: float, margin: float) -> Certificate:
 
 
 def test_a_radius_of_one_to_rounding_is_stable_as_its_margin_is() -> None:
-    """What neither grows nor decays has |z| = 1, computed as a little more; the limit is sought with the same band."""
+    """Motions that neither grow nor decay have |z| = 1, computed as a little more; limits have the same band."""
     for excess in (0.0, 2.2e-16, 4e-12):
         report = Report("a scene", certificates=(certificate(1.0 + excess, 4.42),))
         assert report.verdict.startswith("stable: ball")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.certificate.rest.compiled_sample import compiled_sample
 from graspfx.certificate.rest.cone_edge import edge_directions, released
 from graspfx.compile.records import numbers, start_of
 from graspfx.cones.problem import SLIDE
@@ -50,11 +51,12 @@ class Grip:
         self.r = len(self.axes)
         self.rows_of_wrench = np.flatnonzero(self.free)
         mesh = int(g.block[start_of(GraspState, "mesh")])
+        self._sample = compiled_sample(g)
         self.changing = g.block[: mesh or None]  # all that a sample changes: a mesh, which stands last, is only read
 
     def forces(self) -> FloatArray | None:
         """Compute (f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
-        if self.grasped.sample():
+        if self._sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
