@@ -49,17 +49,18 @@ def pushing(
 def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
     """Restrict the loop to the device coordinates `a` (m,), a mask, the others without force; no preload."""
     block = np.ix_(a, a)
-    return linear.with_changes(
+    G = linear.G[:, a]
+    return linear.with_arrays(
         mass=linear.mass[a],
         friction=linear.friction[a],
-        G=linear.G[:, a],
+        G=G,
         stiffness=condensed(linear.stiffness, a),
         damping=condensed(linear.damping, a),
         hand_stiffness=linear.hand_stiffness[block],
         hand_damping=linear.hand_damping[block],
         delay=linear.delay[a],
         preload=None,
-        G_displacement=None,
+        G_displacement=G,
         G_contact=None,
     )
 

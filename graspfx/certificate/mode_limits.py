@@ -135,7 +135,7 @@ def standing_limits(loop: Linearised) -> Iterator[Limit]:
     ground = loop.standing[0]
     if ground is None or len(loop.standing) > 1:
         return
-    linear = loop.linear.with_changes(ground=(ground.stiffness, ground.damping))
+    linear = loop.linear.with_arrays(ground=(ground.stiffness, ground.damping))
     [edge], gain = reaches([_all_scaled(linear)]), _stiffest(linear)
     mode = f"{STANDING} {' and '.join(ground.names)}"
     yield Limit(mode, gain, gain * edge.factor, edge.factor, edge.frequency, False)
@@ -187,7 +187,7 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
     K = kep * P + kip * (I - P)
     if loop.pads is not None:
         K = springs_in_series(K, loop.pads[0][pushing], loop.pads[1])
-    return near.with_changes(stiffness=K, damping=damping)
+    return near.with_arrays(stiffness=K, damping=damping)
 
 
 def _stiffest(linear: Linearisation) -> float:

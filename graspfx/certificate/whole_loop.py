@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.decoupled import Part, parts_of
-from graspfx.analysis.stability.fullloop import Motions, drift_free, loop_matrix, uncoupled
+from graspfx.analysis.stability.fullloop import Motions, Plant, drift_free, loop_matrix, uncoupled
 
 FloatArray = NDArray[np.float64]
 Stiffness = Callable[[float], FloatArray]
@@ -50,15 +50,19 @@ class _PartLoop:
         linear, self._part = part.linear, part
         m, r = linear.coordinates
         self._motions: Motions = uncoupled(linear)
-        still = loop_matrix(linear.with_changes(stiffness=0.0), self._motions)
-        basis = drift_free(linear, len(still))
+        plant = Plant(linear.with_arrays(stiffness=np.zeros((m, m))), self._motions, inputs=m)
+        states = plant.size
+        basis = drift_free(linear, states)
         self._basis = basis
-        self.size = len(still) if basis is None else basis.shape[1]
+        self.size = states if basis is None else basis.shape[1]
         self.affine = linear.integrator != "implicit"
         if self.affine:
-            unit = loop_matrix(linear.with_changes(stiffness=1.0), self._motions)
-            W, C = (unit - still)[:, :m], np.zeros((m, len(unit)))
+            f, extra = plant.coupling()
+            u = plant.at["u"]
+            rows = plant.advanced(u + extra[:m], linear.G @ u - extra[m:])
+            W, C = rows[:, states:], np.zeros((m, states))
             C[:, :m], C[:, 2 * m : 2 * m + r] = np.eye(m), -linear.G_displacement.T
+            still = rows[:, :states] + W @ f[:, :states]
             self._still = self._without_drift(still)
             self._W, self._C = (W, C) if basis is None else (basis.T @ W, C @ basis)
 
@@ -69,7 +73,7 @@ class _PartLoop:
         """Give A for each factor, (f, states, states)."""
         part = self._part
         if not self.affine:
-            loops = [part.linear.with_changes(stiffness=part.stiffness(stiffness(s))) for s in factors]
+            loops = [part.linear.with_arrays(stiffness=part.stiffness(stiffness(s))) for s in factors]
             return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
         if isinstance(stiffness, Line):
             line = self.line(stiffness)

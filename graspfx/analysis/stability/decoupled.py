@@ -49,7 +49,9 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
         linear: the loop.
         gains: symmetric matrices (m, m) that its stiffness is put together from; its stiffness alone if empty.
     """
-    m, _ = linear.coordinates
+    m, r = linear.coordinates
+    if m <= r:
+        return [Part(linear, None)]
     root = np.sqrt(linear.mass / linear.mass.mean())
     matrices = [linear.damping, linear.hand_stiffness, np.diag(linear.friction) + linear.hand_damping]
     matrices = [A / np.outer(root, root) for A in [*(gains or [linear.stiffness]), *matrices] if A.any()]
@@ -68,7 +70,7 @@ def parts_of(linear: Linearisation, gains: Sequence[FloatArray] = ()) -> list[Pa
     if reached is None:
         return [Part(linear, None)]
     rest = np.linalg.qr(reached, mode="complete")[0][:, reached.shape[1] :] if reached.size else np.eye(m)
-    parts = [_part(linear, root, reached, True)] if reached.size and linear.coordinates[1] else []
+    parts = [_part(linear, root, reached, True)] if reached.size and r else []
     axes = _common_axes([rest.T @ A @ rest for A in matrices])
     if axes is None:
         return [*parts, _part(linear, root, rest, False)]
@@ -88,7 +90,7 @@ def _closure(rows: FloatArray, matrices: Sequence[FloatArray]) -> FloatArray | N
     """
     m = rows.shape[1]
     new, basis, least = rows.T, np.zeros((m, 0)), FAINT
-    scales = [float(np.linalg.norm(A, 2)) for A in matrices] if new.size else []
+    scales = [float(np.linalg.norm(A)) for A in matrices]
     while new.size:
         left, sizes, _ = np.linalg.svd(new, full_matrices=False)
         fresh, least = left[:, sizes > least], NOTHING
@@ -125,6 +127,9 @@ def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_obj
     B, forces = columns / root[:, None], columns * root[:, None]  # x = B y, and f of the part's own
 
     def on(A: FloatArray) -> FloatArray:
+        value = A[0, 0] / root[0] ** 2
+        if (np.diag(value * root**2) == A).all():
+            return np.asarray(value * np.eye(k))  # one number for all in units of their masses, without rounding
         return np.asarray(B.T @ A @ B)
 
     preload = None
@@ -139,7 +144,7 @@ def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_obj
         "hand_damping": on(np.diag(linear.friction) + linear.hand_damping),
         "stiffness": on(linear.stiffness),
         "damping": on(linear.damping),
-        "delay": linear.delay[:1],
+        "delay": linear.delay[:k],
         "preload": preload,
         "G": linear.G[:q] @ forces,
         "G_displacement": linear.G_displacement[:q] @ forces,
@@ -148,4 +153,4 @@ def _part(linear: Linearisation, root: FloatArray, columns: FloatArray, with_obj
     if not with_object:
         none = np.zeros((0, 0))
         changes |= {"inertia": none, "viscosity": none, "ground": None, "object_delay": 0}
-    return Part(linear.with_changes(**changes), B)
+    return Part(linear.with_arrays(**changes), B)
