@@ -13,6 +13,7 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.pushing import without_freedoms
 from graspfx.analysis.series import in_series, springs_in_series
 from graspfx.analysis.stability.modal import Mode, modes
+from graspfx.analysis.symmetry import alike_sets, symmetries
 from graspfx.certificate.certificate import STANDING, Limit, is_stable
 from graspfx.certificate.linearise import Linearised
 from graspfx.certificate.reach import Reach, reach, reaches
@@ -147,13 +148,16 @@ def pushing_limits(scene: Scene, loop: Linearised) -> Iterator[Limit]:
     if scene.coupling.contact == "attached" or n == 1:
         return
     sizes: Sequence[int] = range(1, n) if n <= ALL_SETS else [1]
-    sets = [pushers for size in sizes for pushers in combinations(loop.fingers, size)]
-    loops = [list(_pushes(scene, loop, pushers)) for pushers in sets]
-    answers = iter(reaches([_all_scaled(linear) for each in loops for linear in each]))
-    for pushers, each in zip(sets, loops, strict=True):
-        pushes = [(_stiffest(linear), next(answers)) for linear in each]
-        least = min(edge.factor for _, edge in pushes)
-        gain, edge = next(pair for pair in pushes if pair[1].factor <= least * (1.0 + TIE))
+    sets = [places for size in sizes for places in combinations(range(n), size)]
+    free = np.array(scene.free(next(thing for thing in scene.object if thing.name == loop.objects[0])), dtype=bool)
+    alike = alike_sets(sets, symmetries(loop.linear, loop.contacts, free))
+    loops = {k: list(_pushes(scene, loop, tuple(loop.fingers[i] for i in sets[k]))) for k in dict.fromkeys(alike)}
+    answers = iter(reaches([_all_scaled(linear) for each in loops.values() for linear in each]))
+    edges = {k: [(_stiffest(linear), next(answers)) for linear in each] for k, each in loops.items()}
+    for places, k in zip(sets, alike, strict=True):
+        pushers = [loop.fingers[i] for i in places]
+        least = min(edge.factor for _, edge in edges[k])
+        gain, edge = next(pair for pair in edges[k] if pair[1].factor <= least * (1.0 + TIE))
         who = ", ".join(scene.finger_names[i] for i in pushers)
         yield Limit(f"pushing with {who}", gain, gain * edge.factor, edge.factor, edge.frequency, False)
 
