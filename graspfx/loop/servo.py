@@ -68,7 +68,6 @@ class Servo:
         self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
         self.watch = Watch(objects)  # of numbers that only `write` changes
-        self._written = False  # numbers, since the last sample
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
 
     @property
@@ -138,9 +137,6 @@ class Servo:
             InputError: a number was written into a block by another way, as of `run`; nothing has changed then.
         """
         self.watch.require()
-        for part in self.objects:
-            part.grasped.note_rule()
-        self._written = True
         for memory, entries, numbers in update.entries:
             memory[entries] = numbers
         for each, other in update.parts:
@@ -238,10 +234,6 @@ class Servo:
 
     def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
         self.ticks += count
-        if self._written and count:
-            for part in self.objects:
-                part.grasped.last_rule = None
-            self._written = False
         if recorder is not None:
             recorder.take(count)
         self._notice(recorder)
