@@ -13,6 +13,8 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
+DEFINITE = 1e-4  # of the largest pivot of Cholesky's factor: the least one of a matrix that is far from singular
+
 
 def pushing(
     subject: Subject, fingers: ArrayLike, *, released: ArrayLike | None = None
@@ -65,4 +67,19 @@ def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisati
 def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
     """Compute K_aa - K_ab K_bb^+ K_ba, a the remaining coordinates and b those without force."""
     a, b = without_freedoms, ~without_freedoms
-    return K[np.ix_(a, a)] - K[np.ix_(a, b)] @ np.linalg.pinv(K[np.ix_(b, b)]) @ K[np.ix_(b, a)]
+    K_ab, K_ba = K[np.ix_(a, b)], K[np.ix_(b, a)]
+    if not K_ab.any() or not K_ba.any():
+        return K[np.ix_(a, a)]
+    return np.asarray(K[np.ix_(a, a)] - K_ab @ _solution(K[np.ix_(b, b)], K_ba))
+
+
+def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Compute A^+ B; of a positive definite A that is not near a singular one without its singular values."""
+    if (A == A.T).all():
+        try:
+            pivots = np.diag(np.linalg.cholesky(A))
+        except np.linalg.LinAlgError:
+            pivots = np.zeros(1)
+        if pivots.min() > DEFINITE * pivots.max():
+            return np.asarray(np.linalg.solve(A, B))
+    return np.asarray(np.linalg.pinv(A) @ B)

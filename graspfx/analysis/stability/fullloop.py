@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
+from graspfx.exponential import expm1
 
 FloatArray = NDArray[np.float64]
 
@@ -150,8 +151,6 @@ def uncoupled(linear: Linearisation) -> Motions:
 
 def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
     """Map (x, x') and forces held on the devices to (x, x') after T: (2 m, 2 m), (2 m, m)."""
-    from scipy.linalg import expm
-
     m, T = len(linear.mass), linear.period
     A = np.zeros((3 * m, 3 * m))
     per_mass = (T / linear.mass)[:, None]
@@ -159,7 +158,8 @@ def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
     A[m : 2 * m, :m] = -T * per_mass * linear.hand_stiffness
     A[m : 2 * m, m : 2 * m] = -per_mass * (np.diag(linear.friction) + linear.hand_damping)
     A[m : 2 * m, 2 * m :] = T * per_mass * np.eye(m)
-    E = np.asarray(expm(A), dtype=float)[: 2 * m]
+    E = expm1(A)[: 2 * m]
+    np.einsum("ii->i", E[:, : 2 * m])[:] += 1.0
     E[:m, m : 2 * m] *= T
     E[m:] /= T
     E[m:, m : 2 * m] *= T
@@ -184,11 +184,9 @@ def object_matrices(
     if integrator == "implicit":
         R: FloatArray = np.asarray(np.linalg.inv(I + T * a), dtype=float)
         return T * R, T * T * R @ per, R, T * R @ per
-    from scipy.linalg import expm
-
     A = np.zeros((3 * n, 3 * n))  # q, T w, F
     A[:n, n : 2 * n], A[n : 2 * n, n : 2 * n], A[n : 2 * n, 2 * n :] = I, -T * a, T * T * per
-    E = np.asarray(expm(A), dtype=float)
+    E = expm1(A) + np.eye(3 * n)
     R, s = E[n : 2 * n, n : 2 * n], E[n : 2 * n, 2 * n :] / T
     if integrator == "bullet":
         return T * R, T * s, R, s
