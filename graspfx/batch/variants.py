@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.build import build
+from graspfx.coupling import block as at
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.tick.engine import whole_text
@@ -46,6 +47,13 @@ class Program:
             starts[name] = slice(start, start + array.size)
             start += array.size
         return starts
+
+    @cached_property
+    def constant(self) -> dict[str, int]:
+        """By buffer, the entry from which on nothing writes it: where the data of a mesh begin."""
+        blocks = [part.grasped.block for part in self.servo.objects]
+        ours = {name: array for name, array in self.tick.script.arrays.items() if any(array is b for b in blocks)}
+        return {name: int(array[at.MESH]) for name, array in ours.items() if array[at.MESH] > 0.0}
 
     def fill(self, arena: FloatArray) -> None:
         """Fill a variant's buffers into those of the servo."""
@@ -101,6 +109,11 @@ class Group:
             copies[:, entries] = rows[choice[members]]
         return copies
 
+    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
+        for entries, rows, choice in self.factors:
+            arena[where[entries]] = rows[choice[members]].T
+
     def entry(self, k: int, members: Any) -> FloatArray:
         """Give one of the entries that vary, of some members, (v,)."""
         entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
@@ -133,10 +146,10 @@ class Variants:
             SceneError: of the scene, with the values.
             InputError: a part of it is no kernel.
         """
-        at = tuple(numbers.tolist())
-        if at not in self._built:
-            self._built[at] = self._make(self.overrides(at))
-        return self._built[at]
+        key = tuple(numbers.tolist())
+        if key not in self._built:
+            self._built[key] = self._make(self.overrides(key))
+        return self._built[key]
 
     def _make(self, overrides: Mapping[str, Any]) -> Built:
         text = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())

@@ -157,6 +157,8 @@ def compiled(
     checked: bool = False,
     quick: bool = False,
     wide: bool = False,
+    lanes: int = 0,
+    shared: Mapping[str, int] | None = None,
     make: bool = True,
 ) -> Native:
     """Compile a program to machine code, or take it from the cache.
@@ -170,6 +172,8 @@ def compiled(
             code is in the cache.
         wide: with the longest vectors that the processor has, the same bits; worth it where loops over lanes are all
             that a program does.
+        lanes: for so many side by side, each with buffers of its own (`graspfx.compile.lanes`), if any.
+        shared: by buffer, the entry from which on lanes have the same ones.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -182,6 +186,8 @@ def compiled(
 
     names = [llvmlite.__version__, str(llvm.llvm_version_info), *_processor()]
     parts = [_back_end(), *names, ",".join(sorted(floats)), str(checked), str(wide), source]
+    if lanes:
+        parts.append(f"{lanes} lanes {sorted((shared or {}).items())}")
     for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
         entry = disk.load(key)
@@ -192,12 +198,23 @@ def compiled(
     if not make:
         raise LookupError("not compiled yet")
     began = perf_counter()
-    program = llvm_program(source, floats, checked=checked)
+    program = _program_text(source, floats, lanes, shared or {}, checked=checked)
     description = {"arrays": program.arrays, "numbers": program.numbers, "libm": program.libm, "checked": checked}
     machine = _emitted(program, effort, wide=wide)
     log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
     note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
+
+
+def _program_text(
+    source: str, floats: Collection[str], lanes: int, shared: Mapping[str, int], *, checked: bool
+) -> LlvmProgram:
+    """Write a program in LLVM's language, for one or for many side by side."""
+    if not lanes:
+        return llvm_program(source, floats, checked=checked)
+    from graspfx.compile.lanes.lane_program import lane_program
+
+    return lane_program(source, lanes, shared)
 
 
 def require_llvm() -> None:
@@ -235,7 +252,7 @@ def _emitted(program: LlvmProgram, effort: int = FULL, *, wide: bool = False) ->
 def _back_end() -> str:
     """Digest the sources of the back end: code that another version of it made is not used."""
     here = Path(__file__)
-    sources = sorted([*(here.parent / "llvm").glob("*.py"), here])
+    sources = sorted([*(here.parent / "llvm").glob("*.py"), *(here.parent / "lanes").glob("*.py"), here])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
@@ -244,6 +261,17 @@ def _processor() -> tuple[str, str, str]:
     import llvmlite.binding as llvm
 
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def side_by_side() -> int:
+    """Count the lanes that fit this processor best: as many floats as its longest vectors hold.
+
+    Raises:
+        MissingPackageError: no LLVM.
+    """
+    require_llvm()
+    _, _, features = _processor()
+    return 8 if "+avx512f" in features.split(",") else 4
 
 
 def _machine(effort: int = FULL, *, wide: bool = False) -> Any:
