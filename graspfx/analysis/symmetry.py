@@ -1,4 +1,4 @@
-"""Symmetries of a grasp: exchanges of its fingers, with a rotation or mirror image, that leave every matrix as it is."""
+"""Symmetries of a grasp: exchanges of fingers, with a rotation or mirror image, that leave every matrix as it is."""
 
 from __future__ import annotations
 
