@@ -106,7 +106,8 @@ def platform() -> tuple[str, ...]:
 def _back_end() -> str:
     """Digest the sources of the back end: code that another version of it made is not used."""
     here = Path(__file__)
-    sources = sorted([*(here.parent / "llvm").glob("*.py"), *(here.parent / "lanes").glob("*.py"), here, here.with_name("native.py")])
+    folders = [here.with_name("llvm"), here.with_name("lanes")]
+    sources = sorted([*(file for folder in folders for file in folder.glob("*.py")), here, here.with_name("native.py")])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 

@@ -26,7 +26,6 @@ def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     run = _program().bind(grasped.block).brief
 
     def compute() -> int:
-        grasped.last_rule = None
         return int(run())
 
     return compute
