@@ -200,7 +200,7 @@ class Job:
     def _source(self, *, pausing: bool) -> str:
         script = self.tick.script
         text = whole_text(self.tick, pausing=pausing)
-        return program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen)
+        return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)
 
 
 class _Single:

@@ -170,7 +170,7 @@ def _compiled(key: str, kernels: Mapping[str, tuple[Kernel, tuple[str, ...]]], t
         keep_lowerings()
         prefix = f"gx.{hashlib.sha256(source.encode()).hexdigest()[:16]}"
         text = library_text(source, entries, prefix)
-        machines = emitters.emit([part.text for part in text.parts])
+        machines = emitters.emit([(part.text, part.lanes) for part in text.parts])
     parts, at = [], 0
     for part, machine in zip(text.parts, machines, strict=True):
         parts.append((part.exports, part.needs, part.libm, at, at + len(machine)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from inspect import signature
@@ -13,43 +12,40 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.emission import require_llvm
+from graspfx.compile.generic import kernel_name, single
+from graspfx.compile.joined import joined
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
-from graspfx.compile.native import compiled as program
-from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Dynamic, Memory, TupleValue
 
-NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its other parameters are buffers
+NUMBERS = {"int": "i64", "float": "double", "bool": "i64"}  # a kernel's numbers by annotation; others are buffers
 
 
 class Machine:
     """`kernel(...)` compiled: the same arguments, of which buffers are arrays or memoryviews of floats.
 
-    A kernel on records takes a buffer and an offset for each. It gives what the kernel gives, numbers as floats.
+    A kernel on records takes a buffer and an offset for each; two buffers may be the same memory. It gives what the
+    kernel gives, numbers as floats.
     """
 
     def __init__(self, kernel: FunctionType) -> None:
-        kernel = source_function(kernel)
-        self._parameters = [(p.name, str(p.annotation)) for p in signature(kernel).parameters.values()]
-        numbers = [name for name, kind in self._parameters if kind in NUMBERS]
-        self._names = [name for name, kind in self._parameters if kind not in NUMBERS]
-        self._number_places = [k for k, (_, kind) in enumerate(self._parameters) if kind in NUMBERS]
-        self._buffer_places = [k for k, (_, kind) in enumerate(self._parameters) if kind not in NUMBERS]
+        parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
+        numbers = [name for name, kind in parameters if kind in NUMBERS]
+        self._names = [name for name, kind in parameters if kind not in NUMBERS]
+        self._number_places = [k for k, (_, kind) in enumerate(parameters) if kind in NUMBERS]
+        self._buffer_places = [k for k, (_, kind) in enumerate(parameters) if kind not in NUMBERS]
         self._last = local()
-        specialised = Program({})
-        parameters = [
-            Dynamic(ast.Name(name, ast.Load())) if name in numbers else Memory(name, 0) for name, _ in self._parameters
-        ]
-        result = specialised.add(kernel, parameters).result
-        self._results = 0 if result is None else len(result.parts) if isinstance(result, TupleValue) else 1
-        call = f"{kernel.__name__}({', '.join(name for name, _ in self._parameters)})"
+        require_llvm()
+        types = tuple(NUMBERS.get(kind, "ptr") for _, kind in parameters)
+        symbol = single(kernel, types).find(kernel_name(kernel), types)
+        assert symbol is not None
+        self._results = len(symbol.result) if isinstance(symbol.result, tuple) else int(symbol.result is not None)
+        call = f"kernel_({', '.join(name for name, _ in parameters)})"
         targets = ", ".join(f"results_[{k}]" for k in range(self._results))
-        text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
-        buffers = {name: Memory(name, 0) for name, _ in self._parameters if name not in numbers}
-        names = {kernel.__name__: kernel, "results_": Memory("results_", 0), **buffers}
-        specialised.add_text(text, names, [Dynamic(ast.Name(name, ast.Load())) for name in numbers])
-        floats = [name for name, kind in self._parameters if kind == "float"]
-        self._native: Native = program(specialised.source(), floats)
+        head = f"def entry({', '.join([*self._names, 'results_', *numbers])}):"
+        source = f"{head}\n    {targets + ' = ' if targets else ''}{call}"
+        floats = [name for name, kind in parameters if kind == "float"]
+        self._native: Native = joined(source, {"kernel_": kernel}, [*self._names, "results_"], floats=floats)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
         """Bind the kernel to these arguments, for any number of calls; its result is not returned."""

@@ -107,7 +107,7 @@ import graspfx as gx
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import NAME
 cases, rng = int(sys.argv[1]), np.random.default_rng(int(sys.argv[2]))
-scene = gx.load("reference-1dof")
+scene = gx.load("reference-1dof", {"engine": "interpreted"})  # of which a tick is many calls
 whole = gx.run(scene, out="whole")
 def count_down(frame, event, argument):
     global left
