@@ -338,6 +338,7 @@ class Runs:
             group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
             ticks,
             group.varying,
+            group.program.constant,
             group.program.check_activity if any(part.grasped.matrices for part in servo.objects) else None,
         )  # fmt: skip
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
-from threading import Lock
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache, partial
+from threading import Lock, local
 from time import perf_counter
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.batch.lane_runs import ALIGNED, LaneBuffers, LaneRuns
 from graspfx.batch.lanes import FIRST, LANES, LATE_LOW, LOW, MEASURES, LanesText, lanes_text
 from graspfx.batch.statistics import empty, take
 from graspfx.compile.native import Native, compiled
@@ -34,6 +36,9 @@ APIECE = 8  # variants that it takes at a time to run one by one
 WORTH = 3_000_000  # ticks of all variants for which straight lines are compiled
 LOOK = 200_000  # and for which they are looked for
 LARGEST = 1000  # operations of a tick as a straight line: longer ones are rarely the same for long
+LANES_WORTH = 10_000_000  # ticks of all variants for which a program for lanes is compiled
+LANES_LOOK = 50_000  # and for which one is taken from the cache
+MOST_ROWS = 2**28  # bytes of a block's rows
 LONG = 10_000_000  # and for which a program is worth the time that the best code takes to be made
 
 
@@ -50,6 +55,9 @@ class Beginnings(Protocol):
     def entry(self, k: int, members: Any) -> FloatArray:
         """Give one entry that varies, (v,)."""
         ...
+
+    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,7 @@ class Job:
         statistics: that are asked for.
         ticks: N.
         varying: entries of the arena that are not the same in all variants.
+        constant: by buffer, the entry from which on no run writes it.
         look: at the arena of every variant when its run is over; then they run one by one.
         more: makes for a variant's arena what computes further numbers of rows (r, width), whose places are behind
             those of a row; then they run one by one, too.
@@ -93,9 +102,11 @@ class Job:
     statistics: Collection[str]
     ticks: int
     varying: Index
+    constant: Mapping[str, int] = field(default_factory=dict)
     look: Callable[[FloatArray], None] | None = None
     more: Callable[[FloatArray], More] | None = None
-    side_by_side: int = 0  # variants that ran side by side
+    looking: Lock = field(default_factory=Lock)
+    side_by_side: int = 0  # variants that ran as straight lines
     spent: float = 0.0  # on runs [s]
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
@@ -103,32 +114,96 @@ class Job:
         measures = np.empty((self.variants, len(self.columns), MEASURES))
         faults = np.full(self.variants, -1)
         rest = np.arange(self.variants)
-        lanes, single = self._lanes(), _Single(self)
+        lines = self._lines()
         began = perf_counter()
-        if lanes is not None:
-            rest = self._side_by_side(*lanes, measures, threads)
+        if lines is not None:
+            rest = self._in_lines(*lines, measures, threads)
             self.side_by_side = self.variants - len(rest)
-
-        def one(members: Index) -> None:
-            single.measure(members, measures, faults)
-
-        _shared(one, [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)], threads)
         self.spent += perf_counter() - began
+        if len(rest):
+            lanes = self._lane_runs(len(rest) * self.ticks, measuring=True)
+            single = None if lanes is not None else _Single(self)
+            began = perf_counter()
+            if lanes is not None:
+                self._in_lanes(lanes, rest, measures, faults, threads)
+            elif single is not None:
+                _shared(
+                    lambda members: single.measure(members, measures, faults),
+                    [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)],
+                    threads,
+                )
+            self.spent += perf_counter() - began
         return measures, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
         """Run every variant in turn, with its rows."""
-        single = _Single(self)
+        lanes = self._lane_runs(self.variants * self.ticks, measuring=False)
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
-            for k in range(0, self.variants, 8 * threads):  # not more rows at a time than are taken away
-                yield from pool.map(single.record, range(k, min(k + 8 * threads, self.variants)))
+            count = 8 if lanes is None else lanes.lanes
+            groups = [np.arange(k, min(k + count, self.variants)) for k in range(0, self.variants, count)]
+            for k in range(0, len(groups), threads):  # not more rows at a time than are taken away
+                for ended in pool.map(partial(self._recorded, lanes), groups[k : k + threads]):
+                    yield from ended
         self.spent += perf_counter() - began
 
-    # Side by side -------------------------------------------------------------------------------------------------
+    def _recorded(self, lanes: LaneRuns | None, members: Index) -> list[Ended]:
+        if lanes is None:
+            return [self._single.record(variant) for variant in members.tolist()]
+        buffers = lanes.bound(self.ticks)
+        buffers.begin(members)
+        buffers.program.long(0, self.ticks, 0)
+        faults, arenas = buffers.faults(), buffers.arenas(len(members))
+        rows = buffers.rows.reshape(self.ticks, self.width, lanes.lanes)
+        return [
+            # of a fault the figures as they were then are wanted, too
+            self._single.record(variant) if faults[lane] >= 0
+            else Ended(np.ascontiguousarray(rows[:, :, lane]), -1, arenas[lane], arenas[lane])
+            for lane, variant in enumerate(members.tolist())
+        ]  # fmt: skip
 
-    def _lanes(self) -> tuple[LanesText, Native] | None:
-        """Write the program for lanes, if there is one and it is worth it."""
+    @cached_property
+    def _single(self) -> _Single:
+        return _Single(self)
+
+    # Lanes under masks --------------------------------------------------------------------------------------------
+
+    def _lane_runs(self, work: int, *, measuring: bool) -> LaneRuns | None:
+        """Make the program for lanes, if so many ticks are worth it."""
+        few = self.variants < 2 or work < LANES_LOOK or self.ticks > LARGEST_TICK
+        if (
+            few
+            or self.more is not None
+            or self.ticks * self.width * 8 * ALIGNED > (2 * MOST_ROWS if not measuring else np.inf)
+        ):
+            return None
+        try:
+            return LaneRuns(self, measuring, make=work >= LANES_WORTH)
+        except (LookupError, InputError):
+            return None
+
+    def _in_lanes(self, lanes: LaneRuns, rest: Index, measures: FloatArray, faults: Index, threads: int) -> None:
+        """Run variants in blocks of lanes; each thread has buffers of its own."""
+        buffers = local()
+
+        def run(members: Index) -> None:
+            if not hasattr(buffers, "own"):
+                buffers.own = lanes.bound(1)
+            own: LaneBuffers = buffers.own
+            for k in range(0, len(members), lanes.lanes):
+                own.measure(members[k : k + lanes.lanes], measures, faults)
+                if self.look is not None:
+                    with self.looking:
+                        for arena in own.arenas(len(members[k : k + lanes.lanes])):
+                            self.look(arena)
+
+        span = lanes.lanes * min(MOST, max(1, len(rest) // (4 * threads * lanes.lanes)))
+        _shared(run, [rest[k : k + span] for k in range(0, len(rest), span)], threads)
+
+    # Straight lines -----------------------------------------------------------------------------------------------
+
+    def _lines(self) -> tuple[LanesText, Native] | None:
+        """Write the program of a straight line for lanes, if there is one and it is worth it."""
         work = self.variants * self.ticks
         if work < LOOK or self.look is not None or self.more is not None or self.ticks > LARGEST_TICK:
             return None
@@ -141,7 +216,7 @@ class Job:
         base = self.begin.arenas(slice(0, 1))[0]
         arrays = {name: base[place] for name, place in self.places.items()}
         try:
-            program = Traceable(source)
+            program = _traceable(source)
             turns = written_down(program, arrays, same, self.columns)
             faulted = turns.begin((self.tick.own_name, start_of(ServoState, "faulted")))
             if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
@@ -153,7 +228,7 @@ class Job:
         except (NotSteadyError, LookupError, InputError):
             return None
 
-    def _side_by_side(self, text: LanesText, native: Native, measures: FloatArray, threads: int) -> Index:
+    def _in_lines(self, text: LanesText, native: Native, measures: FloatArray, threads: int) -> Index:
         """Run all variants in lanes; list those that are not as was taken for granted."""
         early = self.ticks // 2
         late = self.ticks - early
@@ -203,12 +278,16 @@ class Job:
         return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)
 
 
+@lru_cache(8)
+def _traceable(source: str) -> Traceable:
+    return Traceable(source)
+
+
 class _Single:
     """The program for one variant at a time; each thread has buffers of its own."""
 
     def __init__(self, job: Job) -> None:
         self.job = job
-        self.looking = Lock()
         self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
         text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
         source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
@@ -244,7 +323,7 @@ class _Single:
             measures[variant] = sums
             faults[variant] = self._fault(arena)
             if job.look is not None:
-                with self.looking:
+                with job.looking:
                     job.look(arena)
 
     def record(self, variant: int) -> Ended:

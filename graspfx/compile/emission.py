@@ -111,8 +111,20 @@ def platform() -> tuple[str, ...]:
 def _back_end() -> str:
     """Digest the sources of the back end: code that another version of it made is not used."""
     here = Path(__file__)
-    sources = sorted([*(here.parent / "llvm").glob("*.py"), here, here.with_name("native.py")])
+    folders = [here.with_name("llvm"), here.with_name("lanes")]
+    sources = sorted([*(file for folder in folders for file in folder.glob("*.py")), here, here.with_name("native.py")])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+
+
+def side_by_side() -> int:
+    """Count the lanes that fit this processor best: as many floats as its longest vectors hold.
+
+    Raises:
+        MissingPackageError: no LLVM.
+    """
+    require_llvm()
+    _, _, features = _processor()
+    return 8 if "+avx512f" in features.split(",") else 4
 
 
 @cache

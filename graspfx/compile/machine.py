@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import partial
 from inspect import signature
 from operator import is_not
 from threading import local
@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from graspfx.compile.emission import require_llvm
+from graspfx.compile.footprints import note_compiled
 from graspfx.compile.generic import kernel_name, single
 from graspfx.compile.joined import joined
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
 
+_MACHINES: dict[Any, Machine] = {}
 NUMBERS = {"int": "i64", "float": "double", "bool": "i64"}  # a kernel's numbers by annotation; others are buffers
 
 
@@ -26,9 +28,12 @@ class Machine:
 
     A kernel on records takes a buffer and an offset for each; two buffers may be the same memory. It gives what the
     kernel gives, numbers as floats.
+
+    Args:
+        make: whether to compile what is not in the cache; else a LookupError.
     """
 
-    def __init__(self, kernel: FunctionType) -> None:
+    def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
         parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
         numbers = [name for name, kind in parameters if kind in NUMBERS]
         self._names = [name for name, kind in parameters if kind not in NUMBERS]
@@ -37,7 +42,7 @@ class Machine:
         self._last = local()
         require_llvm()
         types = tuple(NUMBERS.get(kind, "ptr") for _, kind in parameters)
-        symbol = single(kernel, types).find(kernel_name(kernel), types)
+        symbol = single(kernel, types, make=make).find(kernel_name(kernel), types)
         assert symbol is not None
         self._results = len(symbol.result) if isinstance(symbol.result, tuple) else int(symbol.result is not None)
         call = f"kernel_({', '.join(name for name, _ in parameters)})"
@@ -46,6 +51,8 @@ class Machine:
         source = f"{head}\n    {targets + ' = ' if targets else ''}{call}"
         floats = [name for name, kind in parameters if kind == "float"]
         self._native: Native = joined(source, {"kernel_": kernel}, [*self._names, "results_"], floats=floats)
+        if not self._native.cached:
+            note_compiled(kernel)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
         """Bind the kernel to these arguments, for any number of calls; its result is not returned."""
@@ -65,6 +72,11 @@ class Machine:
         bound, _ = self._bound_to(arguments)
         bound.long(*[arguments[k] for k in self._number_places])
 
+    def once(self, *arguments: Any) -> None:
+        """Run on buffers that are not kept for another call, with the interpreter's lock released."""
+        bound, _ = self._on([arguments[k] for k in self._buffer_places])
+        bound.long(*[arguments[k] for k in self._number_places])
+
     def _bound_to(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
         """Bind the program to these arguments' buffers: the last ones of this thread, most often."""
         buffers = [arguments[k] for k in self._buffer_places]
@@ -80,12 +92,18 @@ class Machine:
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
 
 
-@cache
-def compiled(kernel: Any) -> Machine:
+def compiled(kernel: Any, *, make: bool = True) -> Machine:
     """Compile a kernel and all that it calls to machine code, or take it from the cache.
+
+    Args:
+        kernel: the function.
+        make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
         MissingPackageError: no LLVM.
         InputError: it holds what a kernel may not hold.
     """
-    return Machine(kernel)
+    machine = _MACHINES.get(kernel)
+    if machine is None:
+        machine = _MACHINES.setdefault(kernel, Machine(kernel, make=make))
+    return machine

@@ -142,6 +142,8 @@ def compiled(
     checked: bool = False,
     quick: bool = False,
     wide: bool = False,
+    lanes: int = 0,
+    shared: Mapping[str, int] | None = None,
     make: bool = True,
 ) -> Native:
     """Compile a program to machine code, or take it from the cache.
@@ -155,6 +157,8 @@ def compiled(
             code is in the cache.
         wide: with the longest vectors that the processor has, the same bits; worth it where loops over lanes are all
             that a program does.
+        lanes: for so many side by side, each with buffers of its own (`graspfx.compile.lanes`), if any.
+        shared: by buffer, the entry from which on lanes have the same ones.
         make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
@@ -163,6 +167,8 @@ def compiled(
     """
     require_llvm()
     parts = [*platform(), ",".join(sorted(floats)), str(checked), str(wide), source]
+    if lanes:
+        parts.append(f"{lanes} lanes {sorted((shared or {}).items())}")
     for effort in (FULL, QUICK) if quick else (FULL,):
         key = hashlib.sha256("\0".join([str(effort), *parts]).encode()).hexdigest()
         native = from_cache(key)
@@ -170,10 +176,8 @@ def compiled(
             return native
     if not make:
         raise LookupError("not compiled yet")
-    from graspfx.compile.llvm.llvm import llvm_program
-
     began = perf_counter()
-    program = llvm_program(source, floats, checked=checked)
+    program = _program_text(source, floats, lanes, shared or {}, checked=checked)
     return native_of(program, key, LANES if program.lanes and effort == FULL else effort, began, wide=wide)
 
 
@@ -215,6 +219,19 @@ def native_of(
     log.info("program %s: compiled in %.2f s, %d kB", key[:12], perf_counter() - began, len(machine) // 1000)
     note = disk.store(key, json.dumps(description).encode() + b"\n" + machine)
     return Native(description, machine, cached=False, note=note)
+
+
+def _program_text(
+    source: str, floats: Collection[str], lanes: int, shared: Mapping[str, int], *, checked: bool
+) -> LlvmProgram:
+    """Write a program in LLVM's language, for one or for many side by side."""
+    if not lanes:
+        from graspfx.compile.llvm.llvm import llvm_program
+
+        return llvm_program(source, floats, checked=checked)
+    from graspfx.compile.lanes.lane_program import lane_program
+
+    return lane_program(source, lanes, shared)
 
 
 def _shared(name: str, buffer: Any) -> Any:

@@ -14,6 +14,7 @@ from graspfx.scene.tables.hands import AnySharedHand
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
 from graspfx.scene.tables.preset_table import Preset
 from graspfx.scene.tables.reading import Readable
+from graspfx.scene.tables.record_table import Record
 
 
 def _no_switch(value: Any) -> Any:
@@ -30,6 +31,10 @@ def _writable(value: str) -> str:
 
 def _table_or_list(value: Any) -> Any:
     return [value] if isinstance(value, Mapping | Object) else value
+
+
+def _columns(value: Any) -> Any:
+    return {"columns": value} if isinstance(value, str | list | tuple) else value
 
 
 class SceneTable(Readable, Table):
@@ -51,4 +56,5 @@ class SceneTable(Readable, Table):
     hand: tuple[AnySharedHand, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
     world: World = World()
+    record: Annotated[Record, BeforeValidator(_columns)] = Record()
     preset: dict[Name, Preset] = Field(default_factory=dict, description="by name")
