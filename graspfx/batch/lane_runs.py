@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.lane_text import ROWS, TAKEN, lane_text
-from graspfx.batch.statistics import LATE_LOW, LOW, MEASURES, empty
-from graspfx.compile.native import Bound, Native, compiled, side_by_side
+from graspfx.batch.lanes import LATE_LOW, LOW, MEASURES
+from graspfx.batch.statistics import empty
+from graspfx.compile.emission import side_by_side
+from graspfx.compile.native import Bound, Native, compiled
 from graspfx.compile.records import start_of
 from graspfx.loop.tick.memory import ServoState
 
@@ -70,10 +72,10 @@ class LaneBuffers:
         job, lanes = runs.job, runs.lanes
         self.job, self.lanes = job, lanes
         base = job.begin.arenas(slice(0, 1))[0]
-        self.sizes = {
-            name: runs.shared.get(name, place.stop - place.start) for name, place in job.places.items()
-        }
-        entries = np.concatenate([np.arange(job.places[name].start, job.places[name].start + size) for name, size in self.sizes.items()])
+        self.sizes = {name: runs.shared.get(name, place.stop - place.start) for name, place in job.places.items()}
+        entries = np.concatenate(
+            [np.arange(job.places[name].start, job.places[name].start + size) for name, size in self.sizes.items()]
+        )
         self.entries = entries  # of an arena, those that each lane has
         self.where = np.full(len(base), -1)
         self.where[entries] = np.arange(len(entries))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Collection, Sequence
 
-from graspfx.batch.statistics import FIRST, HIGH, LAST, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
+from graspfx.batch.lanes import FIRST, HIGH, LAST, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
 
 ROWS, TAKEN = "rows", "measures"
 
@@ -30,7 +30,9 @@ def lane_text(source: str, columns: Sequence[int] | None, statistics: Collection
         loop.body = [kept for each in loop.body if (kept := _kept(each, wanted)) is not None]
         places = [wanted[column] for column in columns]
         loop.body += ast.parse("\n".join(_measured(places, statistics))).body
-        run.args.args = [ast.arg({"r": "low"}.get(a.arg, a.arg)) for a in _with_measures(run.args.args, some=bool(places))]
+        run.args.args = [
+            ast.arg({"r": "low"}.get(a.arg, a.arg)) for a in _with_measures(run.args.args, some=bool(places))
+        ]
     return f"{ast.unparse(ast.fix_missing_locations(tree))}\n"
 
 

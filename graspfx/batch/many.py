@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from threading import Lock, local
 from time import perf_counter
 from typing import Any, Protocol
@@ -23,7 +23,7 @@ from graspfx.compile.straight.bounds import LARGEST_TICK
 from graspfx.compile.straight.straight import NotSteadyError, written_down
 from graspfx.compile.straight.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
-from graspfx.loop.tick.engine import whole_text
+from graspfx.loop.tick.engine_text import whole_text
 from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Tick
 
@@ -171,7 +171,11 @@ class Job:
     def _lane_runs(self, work: int, *, measuring: bool) -> LaneRuns | None:
         """Make the program for lanes, if so many ticks are worth it."""
         few = self.variants < 2 or work < LANES_LOOK or self.ticks > LARGEST_TICK
-        if few or self.more is not None or self.ticks * self.width * 8 * ALIGNED > (2 * MOST_ROWS if not measuring else np.inf):
+        if (
+            few
+            or self.more is not None
+            or self.ticks * self.width * 8 * ALIGNED > (2 * MOST_ROWS if not measuring else np.inf)
+        ):
             return None
         try:
             return LaneRuns(self, measuring, make=work >= LANES_WORTH)
@@ -212,7 +216,7 @@ class Job:
         base = self.begin.arenas(slice(0, 1))[0]
         arrays = {name: base[place] for name, place in self.places.items()}
         try:
-            program = Traceable(source)
+            program = _traceable(source)
             turns = written_down(program, arrays, same, self.columns)
             faulted = turns.begin((self.tick.own_name, start_of(ServoState, "faulted")))
             if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
@@ -272,6 +276,11 @@ class Job:
         script = self.tick.script
         text = whole_text(self.tick, pausing=pausing)
         return program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen)
+
+
+@lru_cache(8)
+def _traceable(source: str) -> Traceable:
+    return Traceable(source)
 
 
 class _Single:

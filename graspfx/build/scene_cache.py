@@ -138,9 +138,9 @@ def _hands(scene: Scene) -> list[Any]:
 
 def _data_files(scene: Scene) -> Iterator[str]:
     """List the files that the scene names and that are read, not run: meshes and recorded paths."""
-    for each in (*scene.object, *scene.obstacle):
-        if each.shape is not None and each.shape.kind == "mesh" and each.shape.mesh is not None:
-            yield each.shape.mesh
+    for shape in (*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)):
+        if shape is not None and shape.kind == "mesh" and shape.mesh is not None:
+            yield shape.mesh
     for hand in _hands(scene):
         yield from (motion.file for motion in listed(hand.motion) if motion.kind == "path")
 

@@ -20,9 +20,10 @@ from graspfx.loop.plant import FusedPlant
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick.engine import ENGINES, Engine, Interpreted
+from graspfx.loop.tick.engine import ENGINES
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
+from graspfx.loop.tick.programs import Engine, Generic, Interpreted
 from graspfx.loop.tick.script import Port, Tick
 from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
@@ -41,7 +42,7 @@ class Servo:
     after a tick the next one takes, and after the last one `run` itself.
 
     Args:
-        engine: "auto", "compiled" or "interpreted".
+        engine: "auto", "generic", "compiled" or "interpreted".
         record: whether ticks are recorded; else `run` takes no recorder.
         every: ticks from one recorded row to the next.
     """
@@ -158,7 +159,7 @@ class Servo:
             self._tick = write(self.parts, record=self._record)
             self._own = ServoState(self._tick.own.data)
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
-            if self._kind != Interpreted.name:
+            if self._kind not in (Interpreted.name, Generic.name):
                 self.watch.fold(self.parts, self._tick)
             self._engine = ENGINES[self._kind](self._tick)
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))

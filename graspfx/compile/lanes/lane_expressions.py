@@ -7,7 +7,19 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from graspfx.compile.lanes.lane_code import LaneCode
-from graspfx.compile.llvm.llvm_arithmetic import BOOL, FLOAT, INT, Number, compare, convert, select, truth, widest
+from graspfx.compile.lanes.lane_shapes import Kind, Scope, Shape, zero
+from graspfx.compile.llvm.llvm_arithmetic import (
+    BOOL,
+    FLOAT,
+    INT,
+    Number,
+    compare,
+    convert,
+    floating,
+    select,
+    truth,
+    widest,
+)
 from graspfx.compile.llvm.llvm_expressions import (
     NAMES,
     Array,
@@ -17,19 +29,14 @@ from graspfx.compile.llvm.llvm_expressions import (
     _flat,
     _harmless,
 )
-from graspfx.compile.llvm.llvm_arithmetic import floating
 from graspfx.errors import GraspFXError
-
-Kind = tuple[str, bool]  # a number's type, and whether it is one for each lane
-Result = Kind | tuple[Kind, ...] | None
-Scope = dict[str, Value]
 
 
 class LaneFunction(NamedTuple):
     """A function for some kinds of arguments: its name and what it returns."""
 
     name: str
-    result: Result
+    result: Shape | None
 
 
 class LaneFunctions(Protocol):
@@ -43,7 +50,7 @@ class LaneFunctions(Protocol):
     def has(self, name: str) -> bool: ...
 
     def lane_function_for(
-        self, name: str, arguments: Sequence[Value], kinds: Sequence[Result], *, masked: bool,
+        self, name: str, arguments: Sequence[Value], shapes: Sequence[Shape | None], *, masked: bool,
         why: Callable[[str], GraspFXError],
     ) -> LaneFunction: ...  # fmt: skip
 
@@ -64,20 +71,16 @@ class LaneExpressions(Expressions):
         self.code.block = "%start"
         self.mask: Number | None = None
 
-    def kind_of(self, value: Value) -> Result:
-        if isinstance(value, Array):
-            return None
-        if isinstance(value, Tuple):
-            return tuple((part.type, self.code.varies(part)) for part in value.parts)
-        return value.type, self.code.varies(value)
+    def shape_of(self, value: Number | Tuple) -> Shape:
+        parts = value.parts if isinstance(value, Tuple) else (value,)
+        return Shape(isinstance(value, Tuple), tuple((part.type, self.code.varies(part)) for part in parts))
 
-    def kind_text(self, result: Result) -> str:
+    def shape_text(self, shape: Shape | None) -> str:
         """Write the type of a result in LLVM's language."""
-        if result is None:
+        if shape is None:
             return "void"
-        if isinstance(result[0], str):
-            return self.code.type_text(result[0], bool(result[1]))
-        return f"{{ {', '.join(self.code.type_text(type_, varies) for type_, varies in result)} }}"  # type: ignore[misc]
+        types = [self.code.type_text(*kind) for kind in shape.kinds]
+        return f"{{ {', '.join(types)} }}" if shape.several else types[0]
 
     def variable(self, node: ast.Name, scope: Scope) -> Value:  # type: ignore[override]
         value = scope.get(node.id)
@@ -105,7 +108,7 @@ class LaneExpressions(Expressions):
         return select(self.code, test, first, second)
 
     def under(self, mask: Number, node: ast.expr, scope: Scope) -> Number:
-        """Evaluate an expression for the lanes of a mask; where it might reach outside of a buffer only if there are."""
+        """Evaluate an expression for the lanes of a mask; one that may reach out of a buffer only if there are some."""
         before, self.mask = self.mask, mask
         try:
             if not reaches_out(node, self.all_functions):
@@ -217,7 +220,9 @@ class LaneExpressions(Expressions):
                 return code.gather(code.places(array.text, index, self.mask))
             return code.load_entry(code.address(array.text, index))
         if index.text.isdigit():
-            place = code.plain("ptr", f"getelementptr inbounds double, ptr {array.text}.s, i64 {int(index.text) - first}")
+            place = code.plain(
+                "ptr", f"getelementptr inbounds double, ptr {array.text}.s, i64 {int(index.text) - first}"
+            )
             return code.plain(FLOAT, f"load double, ptr {place.text}")
         if code.varies(index):
             return code.gather(self._shared_places(array, index, first))
@@ -256,23 +261,23 @@ class LaneExpressions(Expressions):
 
     # Calls --------------------------------------------------------------------------------------------------------
 
-    def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:  # type: ignore[override]
+    def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
         code, masked = self.code, self.mask is not None
         function = self.all_functions.lane_function_for(
-            name, arguments, [self.kind_of(a) for a in arguments], masked=masked,
+            name, arguments, [None if isinstance(a, Array) else self.shape_of(a) for a in arguments], masked=masked,
             why=lambda text: self.cannot(node, text),
         )  # fmt: skip
         operands = [text for part in _flat(arguments) for text in self.operand(part)]
         if self.mask is not None:
             operands.append(code.typed(self.mask))
-        text = f'call {self.kind_text(function.result)} @"{function.name}"({", ".join(operands)})'
+        text = f'call {self.shape_text(function.result)} @"{function.name}"({", ".join(operands)})'
         if function.result is None:
             code.put(text)
             return None
-        if isinstance(function.result[0], str):
-            return self.made(function.result, text)  # type: ignore[arg-type]
-        whole, kind = code.plain("", text).text, self.kind_text(function.result)
-        parts = (self.made(each, f"extractvalue {kind} {whole}, {k}") for k, each in enumerate(function.result))  # type: ignore[arg-type]
+        if not function.result.several:
+            return self.made(function.result.kinds[0], text)
+        whole, type_ = code.plain("", text).text, self.shape_text(function.result)
+        parts = (self.made(kind, f"extractvalue {type_} {whole}, {k}") for k, kind in enumerate(function.result.kinds))
         return Tuple(tuple(parts))
 
     def made(self, kind: Kind, text: str) -> Number:
@@ -285,10 +290,6 @@ class LaneExpressions(Expressions):
         yield f"ptr {part.text}"
         if part.root in self.all_functions.shared:
             yield f"ptr {part.text}.s"
-
-
-def zero(type_: str) -> str:
-    return {BOOL: "false", INT: "0"}.get(type_, "0.0")
 
 
 def reaches_out(node: ast.AST, functions: LaneFunctions) -> bool:

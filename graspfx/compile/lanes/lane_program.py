@@ -6,8 +6,9 @@ import ast
 from collections.abc import Callable, Mapping, Sequence
 
 from graspfx.compile.lanes.lane_code import by_lane, lane_declarations
-from graspfx.compile.lanes.lane_expressions import LaneFunction, Result
-from graspfx.compile.lanes.lane_statements import LaneStatements
+from graspfx.compile.lanes.lane_expressions import LaneFunction
+from graspfx.compile.lanes.lane_loops import LaneLoops
+from graspfx.compile.lanes.lane_shapes import Shape
 from graspfx.compile.llvm.llvm import ENTRY, INTRINSICS, LlvmProgram, _declared, _is_array
 from graspfx.compile.llvm.llvm_arithmetic import INT, Number
 from graspfx.compile.llvm.llvm_expressions import Array, Value
@@ -34,28 +35,28 @@ class _Module:
         self,
         name: str,
         arguments: Sequence[Value],
-        kinds: Sequence[Result],
+        shapes: Sequence[Shape | None],
         *,
         masked: bool,
         why: Callable[[str], GraspFXError],
     ) -> LaneFunction:
         roots = [a.root for a in arguments if isinstance(a, Array)]
         arrays = tuple((roots.index(root), self.shared.get(root)) for root in roots)
-        key = name, arrays, tuple(kinds), masked
+        key = name, arrays, tuple(shapes), masked
         if key not in self.functions:
             tree = self.trees[name]
             if len(tree.args.args) != len(arguments):
                 raise why(f"{name} takes {len(tree.args.args)} arguments")
             self.functions[key] = None
-            body = LaneStatements(self, tree)
-            function, text = body.function_text(f"{name}.{len(self.functions)}", arguments, kinds, masked=masked)
+            body = LaneLoops(self, tree)
+            function, text = body.function_text(f"{name}.{len(self.functions)}", arguments, shapes, masked=masked)
             self.functions[key] = function
             self.texts.append(text)
             self.libm |= body.code.used
-        found = self.functions[key]
-        if found is None:
+        function_ = self.functions[key]
+        if function_ is None:
             raise why("calls itself")
-        return found
+        return function_
 
 
 def lane_program(source: str, lanes: int, shared: Mapping[str, int] | None = None) -> LlvmProgram:
@@ -90,8 +91,8 @@ def lane_program(source: str, lanes: int, shared: Mapping[str, int] | None = Non
     def why(text: str) -> GraspFXError:
         return InputError(tree.name, names, "a program that can be compiled", text)
 
-    kinds: list[Result] = [None if isinstance(value, Array) else (value.type, False) for value in values]
-    function = module.lane_function_for(tree.name, values, kinds, masked=False, why=why)
+    shapes = [None if isinstance(value, Array) else Shape(False, ((value.type, False),)) for value in values]
+    function = module.lane_function_for(tree.name, values, shapes, masked=False, why=why)
     if function.result is not None:
         raise why("a program for lanes returns nothing")
     texts = [
