@@ -77,13 +77,17 @@ def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bo
     )  # fmt: skip
     eliminate_motion(grasp, count)
     write_force(grasp, problem, d, soft, kip, kid, count)
-    invert(grasp, count)
-    factor(grasp, problem, count, kep <= kip and ked <= kid)
+    definite = kep <= kip and ked <= kid
+    if definite:
+        factor_inverse(grasp, problem, count)
+    else:
+        invert(grasp, count)
+        factor(grasp, problem, count, False)
     root = math.sqrt(base)
     for contact in problem.contacts:
         own = base / (1.0 + base * contact.compliance) if problem.compliant else base
         for a in range(d):
-            combine_modes(grasp, contact, a, count, root / own)
+            combine_modes(grasp, contact, a, count, root / own, definite)
     return base
 
 
@@ -382,3 +386,43 @@ def invert(grasp: GraspState, count: int) -> None:
     for j in range(count):
         for k in range(j):
             Y[j, k] = Y[k, j] = 0.5 * (Y[j, k] + Y[k, j])
+
+
+@kernel
+def factor_inverse(grasp: GraspState, problem: FrictionProblem, count: int) -> None:
+    """Compute the factor L = F U'^-1 of Y = F (I - F'S F)^-1 F' >= 0, E = F F' and I - F'S F = U U', into `gram`.
+
+    F and L are lower triangular, U is upper triangular.
+    """
+    state = grasp.recoil
+    F, S, U, W = state.whole, state.gram, state.work, state.near
+    factor_definite(F, count)
+    for j in range(count):
+        for k in range(count):
+            total = 0.0
+            for i in range(k, count):
+                total += S[j, i] * F[i, k]
+            W[j, k] = total
+    for j in range(count):
+        for k in range(j, count):
+            total = 1.0 if j == k else 0.0
+            for i in range(k, count):
+                total -= F[i, k] * W[i, j]
+            U[j, k] = total
+    for j in range(count - 1, -1, -1):
+        for i in range(j, -1, -1):
+            total = U[i, j]
+            for k in range(j + 1, count):
+                total -= U[i, k] * U[j, k]
+            if i == j:
+                state.row[j] = 1.0 / math.sqrt(total)
+            U[i, j] = total * state.row[j]
+    for i in range(count):
+        for j in range(i, -1, -1):
+            total = F[i, j]
+            for k in range(j + 1, i + 1):
+                total -= S[i, k] * U[j, k]
+            S[i, j] = total * state.row[j]
+    problem.modes = count
+    for k in range(count):
+        problem.unknowns[k].share = 1.0

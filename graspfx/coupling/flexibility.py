@@ -63,7 +63,7 @@ def pose_elastic(grasp: GraspState, problem: FrictionProblem, d: int) -> None:
             if state.twisted:
                 for u in range(turns):
                     contact.modes[p + u].motion[a] = finger.sqrt_weight * lever(grasp, finger, shifts + u, a, False)
-            combine_modes(grasp, contact, a, count, 1.0)
+            combine_modes(grasp, contact, a, count, 1.0, kep <= kip)
 
 
 @kernel
@@ -76,14 +76,14 @@ def near_share(grasp: GraspState, j: int, u: int) -> float:
 
 
 @kernel
-def combine_modes(grasp: GraspState, contact: ConeContact, a: int, count: int, gain: float) -> None:
+def combine_modes(grasp: GraspState, contact: ConeContact, a: int, count: int, gain: float, triangular: bool) -> None:
     """Replace coordinate a of a contact's columns V by its part of the modes V L, Y = L diag(h) L', times a gain."""
     row, L = grasp.recoil.row, grasp.recoil.gram
     for k in range(count):
         row[k] = gain * contact.modes[k].motion[a]
     for k in range(count):
         total = 0.0
-        for j in range(count):
+        for j in range(k if triangular else 0, count):
             total += row[j] * L[j, k]
         contact.modes[k].motion[a] = total
 
