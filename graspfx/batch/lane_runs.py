@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from graspfx.batch.lane_text import ROWS, TAKEN, lane_text, taking_text
 from graspfx.batch.lanes import LATE_LOW, LOW, MEASURES
 from graspfx.batch.statistics import empty
-from graspfx.compile.native import Bound, Native, compiled, side_by_side
+from graspfx.compile.emission import side_by_side
+from graspfx.compile.native import Bound, Native, compiled
 from graspfx.compile.records import start_of
 from graspfx.loop.tick.memory import ServoState
 

@@ -23,7 +23,7 @@ from graspfx.compile.straight.bounds import LARGEST_TICK
 from graspfx.compile.straight.straight import NotSteadyError, written_down
 from graspfx.compile.straight.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
-from graspfx.loop.tick.engine import whole_text
+from graspfx.loop.tick.engine_text import whole_text
 from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Tick
 

@@ -18,7 +18,7 @@ from graspfx.build.resolve import resolve
 from graspfx.coupling import block as at
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
-from graspfx.loop.tick.engine import whole_text
+from graspfx.loop.tick.engine_text import whole_text
 from graspfx.loop.tick.script import Tick
 from graspfx.loop.tick.text import write
 

@@ -5,14 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from graspfx.analysis.passivity.grasp_leak import CouplingLimits
 from graspfx.card import Card, Carded
 from graspfx.certificate.plain_data import plain
 
+if TYPE_CHECKING:
+    from graspfx.analysis.passivity.grasp_leak import CouplingLimits
+
 STANDING = "standing on"
 MOST = 12  # limits on a card
+ROUNDING = 1e-11  # what |z| of a motion that neither grows nor decays may exceed 1 by
+
+
+def is_stable(radius: float) -> bool:
+    """Tell whether a spectral radius is that of a stable loop: margins are sought with the same band of rounding."""
+    return radius <= 1.0 + ROUNDING
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,7 @@ class Certificate(Carded):
     Attributes:
         object: its name.
         at: "squeezed", "recorded", "provisional" or "start".
-        spectral_radius: of the loop as it is; below 1 it is stable.
+        spectral_radius: of the loop as it is; up to 1, give or take rounding, it is stable (`is_stable`).
         limits: of every mode.
         assumed: what that takes for granted.
         passive: largest gains that are passive to any operator, or None.
@@ -96,8 +104,8 @@ class Certificate(Carded):
     @property
     def stable(self) -> bool:
         """Whether the loop is stable as it is, and also with the object on what carries it at the start."""
-        return self.spectral_radius < 1.0 and all(
-            row.margin > 1.0 for row in self.limits if row.mode.startswith(STANDING)
+        return is_stable(self.spectral_radius) and all(
+            row.margin >= 1.0 for row in self.limits if row.mode.startswith(STANDING)
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -7,16 +7,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.passivity.grasp_leak import CouplingLimits, coupling_limits
 from graspfx.certificate.certificate import Certificate
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, number_of, pushing_limits, standing_limits
 from graspfx.certificate.rest.cone_edge import sliding_notes
-from graspfx.certificate.whole_loop import Family
+from graspfx.certificate.whole_loop import Family, WholeLoop
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.model import Scene
 
 
+@one_blas_thread()
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
     """Judge every object that fingers touch.
 
@@ -32,7 +34,7 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
 
 def _certificate(scene: Scene, loop: Linearised) -> Certificate:
     linear = loop.linear
-    whole = Family(linear, lambda s: linear.stiffness)
+    whole = Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness)
     passive, why = _passive(scene, loop)
     return Certificate(
         object=loop.objects[0],

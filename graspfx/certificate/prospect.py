@@ -12,11 +12,10 @@ from graspfx.build.build import build
 from graspfx.certificate.plan import PlanRow
 from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError, SceneError
-from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.foreign import foreign, guests, looked_ahead
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick.engine import COMPILING, FIRST, LOADING, AutoEngine, Compiled, sources
+from graspfx.loop.tick.engine import LOADING, SPECIALISING
+from graspfx.loop.tick.engine_text import sources
+from graspfx.loop.tick.programs import Compiled
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo
@@ -38,7 +37,6 @@ class Prospect:
         kernels: that are left in its program.
         size: of its machine code in the cache [bytes]; None if it is not there.
         llvm: whether there is LLVM to compile it.
-        cost: of a tick as it stands [s]; None with devices that are no simulations, which are not to move now.
     """
 
     foreign: tuple[str, ...]
@@ -48,18 +46,16 @@ class Prospect:
     kernels: frozenset[str]
     size: int | None
     llvm: bool
-    cost: float | None
 
 
 def prospect(scene: Scene) -> Prospect:
-    """Build the scene, specialise its program and run the first ticks where nothing but simulations moves.
+    """Build the scene and specialise its program; nothing moves.
 
     Raises:
         GraspFXError: it cannot be built, or a part of it is not what it says.
     """
-    with build(scene, hardware=False, engine="auto") as servo:
+    with build(scene, hardware=False, engine="interpreted") as servo:
         tick = servo.script
-        real = [s for s in servo.stations if not isinstance(s.device, SimulatedDevice)]
         llvm = find_spec("llvmlite") is not None
         return Prospect(
             foreign=tuple(foreign(servo)),
@@ -69,7 +65,6 @@ def prospect(scene: Scene) -> Prospect:
             kernels=kernels(servo),
             size=_size(servo) if llvm else None,
             llvm=llvm,
-            cost=None if real else _cost(servo),
         )
 
 
@@ -98,13 +93,6 @@ def _size(servo: Servo) -> int | None:
         return sum(program.size for program in Compiled(servo.script, make=False).programs.values())
     except LookupError:
         return None
-
-
-def _cost(servo: Servo) -> float:
-    with Recorder(servo.layout, Header(servo.period), keep=False) as recorder:
-        servo.run(FIRST, recorder)
-    assert isinstance(servo.engine, AutoEngine)
-    return servo.engine.cost
 
 
 def _calls(facts: Prospect) -> str:
@@ -138,27 +126,17 @@ def _engine(scene: Scene, facts: Prospect) -> Iterator[PlanRow]:
     elif scene.engine == "compiled":
         first = "" if facts.size is not None else ", before the first tick"
         yield PlanRow("engine", True, f"compiled{first}, as the scene says")
-    elif facts.cost is None:
-        why = f"what a tick takes is found in the first {FIRST}, with the devices; {_rule()}"
-        yield PlanRow("engine", True, f"auto: {why}")
+    elif scene.engine == "generic":
+        yield PlanRow("engine", True, "kernels compiled for all scenes, as the scene says")
     else:
-        yield PlanRow("engine", True, f"auto: {_choice(scene, facts, facts.cost)}")
+        yield PlanRow("engine", True, f"auto: {_choice(round(scene.duration / scene.period), facts)}")
 
 
-def _rule() -> str:
-    return f"a program pays where it saves {LOADING:g} s, or {COMPILING:g} s if it is to be compiled first"
-
-
-def _choice(scene: Scene, facts: Prospect, cost: float) -> str:
-    ticks = round(scene.duration / scene.period)
-    saving = (ticks - FIRST) * cost
-    worth = saving > (COMPILING if facts.size is None else LOADING)
-    text = f"{ticks} ticks; as they stand {_time(cost)} each, {_time(ticks * cost)} in all"
-    return f"{f'compiled after the first {FIRST} of' if worth else 'interpreted,'} {text}; {_rule()}"
-
-
-def _time(seconds: float) -> str:
-    for unit, scale in (("s", 1.0), ("ms", 1e3)):
-        if seconds * scale >= 1.0:
-            return f"{seconds * scale:.2g} {unit}" if seconds * scale < 100.0 else f"{seconds * scale:.0f} {unit}"
-    return f"{seconds * 1e6:.3g} us"
+def _choice(ticks: int, facts: Prospect) -> str:
+    """Say what `auto` makes of a number of ticks."""
+    if ticks >= LOADING and facts.size is not None:
+        return f"the specialised program, for {ticks} ticks ({LOADING} or more)"
+    text = f"kernels compiled for all scenes, for {ticks} ticks"
+    if ticks < SPECIALISING:
+        return f"{text}; from {SPECIALISING} on a program is specialised meanwhile"
+    return f"{text}, until a program is specialised"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from graspfx.commands.loudness import is_quiet
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import PART, is_part, part_of, placing
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
@@ -57,17 +58,17 @@ def print_json(value: object) -> None:
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
     """Draw recordings as `graspfx.show.plot.figure` does with these options."""
-    from graspfx.show.plot import figure
-
     require_place(picture)
-    with placing(picture, otherwise) as file:
+    with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
+        from graspfx.show.plot import figure
+
         figure(recordings, file, **options)
 
 
 def say_source(request: Path, file: Path, recording: Recording) -> None:
     """Note which file was read where that is not what was asked for, or not all there is."""
     if is_part(file):
-        seconds = len(recording) * recording.period
+        seconds = recording.end
         note([f"{file} is read, of a run that goes on or was killed: {seconds:g} s of it" + _instead_of(request, file)])
     elif part_of(file).is_file():
         note([f"{file} is read; {part_of(file).name} beside it is of a later run, which goes on or was killed"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import partial
 from inspect import signature
 from operator import is_not
 from threading import local
@@ -13,12 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile import kernel_texts as store
 from graspfx.compile.kernel import source_function
+from graspfx.compile.kernel_texts import KernelText
 from graspfx.compile.native import Bound, Native
 from graspfx.compile.native import compiled as program
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory, TupleValue
 
+_MACHINES: dict[Any, Machine] = {}
 NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its other parameters are buffers
 
 
@@ -26,30 +29,25 @@ class Machine:
     """`kernel(...)` compiled: the same arguments, of which buffers are arrays or memoryviews of floats.
 
     A kernel on records takes a buffer and an offset for each. It gives what the kernel gives, numbers as floats.
+
+    Args:
+        make: whether to compile what is not in the cache; else a LookupError.
     """
 
-    def __init__(self, kernel: FunctionType) -> None:
-        kernel = source_function(kernel)
-        self._parameters = [(p.name, str(p.annotation)) for p in signature(kernel).parameters.values()]
-        numbers = [name for name, kind in self._parameters if kind in NUMBERS]
-        self._names = [name for name, kind in self._parameters if kind not in NUMBERS]
-        self._number_places = [k for k, (_, kind) in enumerate(self._parameters) if kind in NUMBERS]
-        self._buffer_places = [k for k, (_, kind) in enumerate(self._parameters) if kind not in NUMBERS]
+    def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
+        text = store.find(kernel)
+        if text is None:
+            if not make:
+                raise LookupError("not compiled yet")
+            text = _specialised(source_function(kernel))
+            store.add(kernel, text)
+        self._names = [name for name, kind in text.parameters if kind not in NUMBERS]
+        self._number_places = [k for k, (_, kind) in enumerate(text.parameters) if kind in NUMBERS]
+        self._buffer_places = [k for k, (_, kind) in enumerate(text.parameters) if kind not in NUMBERS]
+        self._results = text.results
         self._last = local()
-        specialised = Program({})
-        parameters = [
-            Dynamic(ast.Name(name, ast.Load())) if name in numbers else Memory(name, 0) for name, _ in self._parameters
-        ]
-        result = specialised.add(kernel, parameters).result
-        self._results = 0 if result is None else len(result.parts) if isinstance(result, TupleValue) else 1
-        call = f"{kernel.__name__}({', '.join(name for name, _ in self._parameters)})"
-        targets = ", ".join(f"results_[{k}]" for k in range(self._results))
-        text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
-        buffers = {name: Memory(name, 0) for name, _ in self._parameters if name not in numbers}
-        names = {kernel.__name__: kernel, "results_": Memory("results_", 0), **buffers}
-        specialised.add_text(text, names, [Dynamic(ast.Name(name, ast.Load())) for name in numbers])
-        floats = [name for name, kind in self._parameters if kind == "float"]
-        self._native: Native = program(specialised.source(), floats)
+        floats = [name for name, kind in text.parameters if kind == "float"]
+        self._native: Native = program(text.source, floats, make=make)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
         """Bind the kernel to these arguments, for any number of calls; its result is not returned."""
@@ -69,6 +67,11 @@ class Machine:
         bound, _ = self._bound_to(arguments)
         bound.long(*[arguments[k] for k in self._number_places])
 
+    def once(self, *arguments: Any) -> None:
+        """Run on buffers that are not kept for another call, with the interpreter's lock released."""
+        bound, _ = self._on([arguments[k] for k in self._buffer_places])
+        bound.long(*[arguments[k] for k in self._number_places])
+
     def _bound_to(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
         """Bind the program to these arguments' buffers: the last ones of this thread, most often."""
         buffers = [arguments[k] for k in self._buffer_places]
@@ -84,12 +87,36 @@ class Machine:
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
 
 
-@cache
-def compiled(kernel: Any) -> Machine:
+def _specialised(kernel: FunctionType) -> KernelText:
+    """Specialise a kernel, for nothing that is known, and an entry that calls it and leaves its results."""
+    kinds = tuple((p.name, str(p.annotation)) for p in signature(kernel).parameters.values())
+    numbers = [name for name, kind in kinds if kind in NUMBERS]
+    buffers = {name: Memory(name, 0) for name, kind in kinds if kind not in NUMBERS}
+    specialised = Program({})
+    result = specialised.add(
+        kernel, [buffers.get(name) or Dynamic(ast.Name(name, ast.Load())) for name, _ in kinds]
+    ).result
+    results = 0 if result is None else len(result.parts) if isinstance(result, TupleValue) else 1
+    call = f"{kernel.__name__}({', '.join(name for name, _ in kinds)})"
+    targets = ", ".join(f"results_[{k}]" for k in range(results))
+    text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
+    names = {kernel.__name__: kernel, "results_": Memory("results_", 0), **buffers}
+    specialised.add_text(text, names, [Dynamic(ast.Name(name, ast.Load())) for name in numbers])
+    return KernelText(specialised.source(), kinds, results, tuple(sorted(specialised.files)))
+
+
+def compiled(kernel: Any, *, make: bool = True) -> Machine:
     """Compile a kernel and all that it calls to machine code, or take it from the cache.
+
+    Args:
+        kernel: the function.
+        make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
         MissingPackageError: no LLVM.
         InputError: it holds what a kernel may not hold.
     """
-    return Machine(kernel)
+    machine = _MACHINES.get(kernel)
+    if machine is None:
+        machine = _MACHINES.setdefault(kernel, Machine(kernel, make=make))
+    return machine

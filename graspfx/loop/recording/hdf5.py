@@ -54,7 +54,7 @@ def write_hdf5(
             time, first = file["time"], 0
             for rows in _pieces(blocks, layout.width):
                 last = first + len(rows)
-                time[first:last] = np.arange(first, last) * header.period
+                time[first:last] = np.arange(first, last) * header.every * header.period
                 for column, data in columns:
                     data[first:last] = rows[:, column.where].reshape(len(rows), *column.shape)
                 parts = RowSplit(rows, layout, splits, first).forces() if forces else {}

@@ -87,12 +87,31 @@ class History:
             derived = [each.name for each in self.layout.derived]
             if column in derived:
                 return np.asarray(getattr(self, column))
+            self.require(str(column))
             raise UnknownNameError("column", str(column), [*self.layout.columns, *derived])
         return self.rows[:, entry.where].reshape(len(self.rows), *entry.shape)
 
     def optional(self, column: str) -> FloatArray | None:
-        """View a column; None if the layout lacks it."""
+        """View a column; None if the scene has no such quantity.
+
+        Raises:
+            RecordingError: it has, and its `record` leaves the column out.
+        """
+        self.require(column)
         return self.array(column) if column in self.layout.columns else None
+
+    def require(self, *columns: str) -> None:
+        """Require that columns, if the scene has them, are recorded.
+
+        Raises:
+            RecordingError: with the names of those that the scene's `record` leaves out.
+        """
+        missing = [column for column in columns if column in self.layout.omitted]
+        if missing:
+            raise RecordingError(
+                f"{', '.join(missing)}: not in this recording, as the scene's record.columns leave it out; "
+                "add the name there and run the scene again"
+            )
 
     def _whole(self, column: str) -> NDArray[np.int8] | None:
         values = self.optional(column)
@@ -100,8 +119,8 @@ class History:
 
     @cached_property
     def time(self) -> FloatArray:
-        """k T, (N,) [s]."""
-        return np.arange(len(self.rows), dtype=np.float64) * self.header.period
+        """Times of the rows, (N,) [s]: tick x T."""
+        return np.arange(0, len(self) * self.header.every, self.header.every, dtype=np.float64) * self.header.period
 
     @property
     def finger_position(self) -> FloatArray:
@@ -230,6 +249,11 @@ class History:
     def _work(self, force: FloatArray) -> FloatArray:
         from graspfx.loop.recording.two_parts import work
 
+        if self.header.every > 1:
+            raise RecordingError(
+                f"the work of each force is added up from every tick, and this recording has one row in "
+                f"{self.header.every}: set record.every = 1, or read device_energy, which the ticks add up"
+            )
         tip = self.finger_position if self.true_position is None else self.true_position
         return work(force, tip, self.device_energy, self.faults)
 
@@ -247,6 +271,7 @@ class History:
     def _row_split(self) -> RowSplit:
         from graspfx.loop.recording.two_parts import RowSplit, splits_of
 
+        self.require(*self.layout.sources_of("internal_force"))
         return RowSplit(self.rows, self.layout, splits_of(self.header, self.outcome.changes))
 
     @cached_property
@@ -278,7 +303,7 @@ class History:
             books = {column.removeprefix(at): self.array(column) for column in self.layout.columns if at in column}
             if books:
                 quantities[name] = books
-        return MappingProxyType(quantities)
+        return by_name("object with a ledger, which coupling.passivity asks for,", quantities)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
         """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.
@@ -326,8 +351,23 @@ class History:
 
     @property
     def period(self) -> float:
-        """T [s]."""
+        """T of the ticks [s]."""
         return self.header.period
+
+    @property
+    def row_period(self) -> float:
+        """Time from one row to the next [s]: T, or `every` T where the scene's `record` has fewer rows than ticks."""
+        return self.header.period * self.header.every
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks were run."""
+        return self.outcome.ticks or len(self) * self.header.every
+
+    @property
+    def end(self) -> float:
+        """Time at which the run ended [s]."""
+        return self.ticks * self.header.period
 
     @property
     def faults(self) -> tuple[RunFault, ...]:

@@ -37,8 +37,8 @@ class RowSplit:
     Args:
         rows: (r, width).
         layout: their columns.
-        splits: how forces divide, each from a tick on.
-        start: tick of the first row.
+        splits: how forces divide, each from a row of the recording on.
+        start: number of the first row in it.
     """
 
     rows: FloatArray
@@ -128,7 +128,7 @@ class RowSplit:
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""
-        ends = [*(tick - self.start for tick, _ in self.splits[1:]), len(self.rows)]
+        ends = [*(row - self.start for row, _ in self.splits[1:]), len(self.rows)]
         first = 0
         for (_, split), end in zip(self.splits, ends, strict=True):
             last = min(max(first, end), len(self.rows))
@@ -171,7 +171,7 @@ def _rule_of(split: Split, name: str) -> SplitRule:
 
 
 def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, Split]]:
-    """List how a run's forces divide, each from a tick on.
+    """List how a run's forces divide, each from a row on.
 
     Raises:
         RecordingError: the recording does not say it.
@@ -181,7 +181,8 @@ def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, S
             "this recording does not say how its forces divide into external and internal ones, as an earlier GraspFX "
             "made it: run its scene again"
         )
-    return [(0, header.split), *((change.tick, change.value) for change in changes if change.key == SPLIT)]
+    later = [(header.rows_before(change.tick), change.value) for change in changes if change.key == SPLIT]
+    return [(0, header.split), *later]
 
 
 def work(force: FloatArray, tip: FloatArray, device_energy: FloatArray, faults: Sequence[RunFault]) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -14,7 +15,19 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-OF_TEXTS = ("begin", "end", "run", "k", "count", "r", "i", "rows")  # names that the text around a tick's lines has
+NAME = re.compile(r"[A-Za-z_]\w*")  # a name in a line of a text
+
+OF_TEXTS = (
+    "begin",
+    "end",
+    "run",
+    "k",
+    "count",
+    "r",
+    "i",
+    "rows",
+    "tick",
+)  # names that the text around a tick's lines has
 OF_PYTHON = ("abs", "float", "int", "math", "max", "min", "range")
 
 

@@ -91,6 +91,7 @@ class Wirer:
             bodies=list(self._bodies()),
             plants=list(self._plant_wires()),
             width=self.parts.layout.width,
+            every=self.parts.every,
             columns=self._columns() if record else None,
         )
 

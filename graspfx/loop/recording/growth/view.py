@@ -91,7 +91,7 @@ class GraspView:
 def grasps(recording: History) -> Iterator[GraspView]:
     """List each object with its fingers, up to a fault."""
     layout = recording.layout
-    rows = min([len(recording), *(fault.tick for fault in recording.faults)])
+    rows = min([len(recording), *(recording.header.rows_before(fault.tick) for fault in recording.faults)])
     for number, name in enumerate(layout.objects):
         fingers = np.flatnonzero(np.array(layout.finger_objects) == number)
         if fingers.size and rows:
