@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.attributes import FORMAT, format_of, header_of, layout_of, outcome_of
+from graspfx.loop.recording.attributes import format_of, header_of, layout_of, outcome_of
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.journal import Content, is_journal, read_journal
 from graspfx.loop.recording.layout import Layout

@@ -149,7 +149,7 @@ def _is_regular(journal: Journal) -> bool:
     """Tell whether the blocks of a part are all rows, of one size but for the last, one behind the other."""
     end = journal.start
     for piece in journal.pieces:
-        if piece.offset != end or piece.count != journal.pieces[0].count and piece is not journal.pieces[-1]:
+        if piece.offset != end or (piece.count != journal.pieces[0].count and piece is not journal.pieces[-1]):
             return False
         if piece.count > journal.pieces[0].count:
             return False

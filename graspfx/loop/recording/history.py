@@ -108,8 +108,8 @@ class History:
 
     @property
     def rows(self) -> FloatArray:
-        """All rows, (N, width), read-only; of a recording on a disk they are read, all of them, whenever it is asked."""
-        return self.part(0, len(self)).store.read(0, len(self), slice(0, self.layout.width))
+        """All rows, (N, width), read-only; those on a disk are read each time, all of them."""
+        return self.store.read(0, len(self), slice(0, self.layout.width))
 
     @property
     def is_stored(self) -> bool:
@@ -129,7 +129,8 @@ class History:
     def read(self, column: str, first: int, stop: int) -> FloatArray:
         """Give a column of the layout in the rows from one up to another."""
         entry = self.layout.columns[column]
-        return self.store.read(first, stop, entry.where).reshape(-1, *entry.shape)
+        values = self.store.read(first, stop, entry.where)
+        return values.reshape(len(values), *entry.shape)
 
     def array(self, column: str) -> FloatArray:
         """View a column of the layout, or give what follows from columns by its name in `Layout.derived`, (N, ...).

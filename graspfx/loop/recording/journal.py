@@ -165,11 +165,11 @@ class Journal:
                 return
 
     def _append(self, kind: bytes, content: bytes) -> None:
-        head, digest = self._head(kind, b"", memoryview(content), b"")
+        head, digest = self._head(kind, b"", content, b"")
         self._put([memoryview(head), memoryview(content)])
         self._digest = digest
 
-    def _head(self, kind: bytes, fill: bytes, content: memoryview, total: bytes) -> tuple[bytes, bytes]:
+    def _head(self, kind: bytes, fill: bytes, content: bytes | memoryview, total: bytes) -> tuple[bytes, bytes]:
         digest = _digest(self._digest, kind, fill + total if kind == ROWS else content)
         head = HEAD.pack(kind, len(fill) + len(content), digest)
         return head + CHECK.pack(crc32(head)), digest
@@ -267,6 +267,8 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
         if kind == HEADER:
             wide = int(json.loads(content).get("wide", 0))
         yield kind, content, start
+        if kind == OUTCOME:
+            return  # behind it is what makes the part HDF5, if the process ended in the middle of that
         start, digest = end, next_digest
 
 
@@ -279,7 +281,7 @@ def _digested(kind: bytes, content: bytes, wide: int) -> bytes:
     return content[:fill] + rows_sum(memoryview(content)[fill:], wide)
 
 
-def _digest(before: bytes, kind: bytes, content: bytes) -> bytes:
+def _digest(before: bytes, kind: bytes, content: bytes | memoryview) -> bytes:
     digest = blake2b(before + kind, digest_size=16)
     digest.update(content)
     return digest.digest()
