@@ -104,7 +104,8 @@ def run(
             more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
             both = 2 * (size + more / every)  # the part, and the recording from it
             _require_room(ticks, both, f"the disk of {file.parent}", free)
-            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite))
+            packed = scene_.record.compression
+            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
         with Recorder(servo.layout, header, sinks, keep=out is None, ticks=ticks) as recorder:
             began = perf_counter()
             with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: servo.ticks):
