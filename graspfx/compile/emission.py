@@ -56,6 +56,11 @@ def emitted(text: str, level: int = FULL, *, lanes: bool = False, wide: bool = F
     return bytes(machine.emit_object(module))
 
 
+def best(text: str, *, lanes: bool, wide: bool = False) -> bytes:
+    """Emit the best machine code; arguments as of `emitted`."""
+    return emitted(text, LANES if lanes else FULL, lanes=lanes, wide=wide)
+
+
 def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
     """Load machine code; the engine that holds it lives as long as anybody may call it.
 
@@ -106,7 +111,8 @@ def platform() -> tuple[str, ...]:
 def _back_end() -> str:
     """Digest the sources of the back end: code that another version of it made is not used."""
     here = Path(__file__)
-    sources = sorted([*(here.parent / "llvm").glob("*.py"), *(here.parent / "lanes").glob("*.py"), here, here.with_name("native.py")])
+    folders = [here.with_name("llvm"), here.with_name("lanes")]
+    sources = sorted([*(file for folder in folders for file in folder.glob("*.py")), here, here.with_name("native.py")])
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 

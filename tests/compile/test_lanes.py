@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from graspfx.compile.native import compiled, interpreted, side_by_side
+from graspfx.compile.emission import side_by_side
+from graspfx.compile.native import compiled, interpreted
 from graspfx.errors import InputError
 from tests.support.branching_programs import SIZE, Writer
 

@@ -26,8 +26,8 @@ from graspfx.compile.llvm.llvm_expressions import (
     Expressions,
     Tuple,
     Value,
-    _flat,
     _harmless,
+    flat,
 )
 from graspfx.errors import GraspFXError
 
@@ -267,7 +267,7 @@ class LaneExpressions(Expressions):
             name, arguments, [None if isinstance(a, Array) else self.shape_of(a) for a in arguments], masked=masked,
             why=lambda text: self.cannot(node, text),
         )  # fmt: skip
-        operands = [text for part in _flat(arguments) for text in self.operand(part)]
+        operands = [text for part in flat(arguments) for text in self.operand(part)]
         if self.mask is not None:
             operands.append(code.typed(self.mask))
         text = f'call {self.shape_text(function.result)} @"{function.name}"({", ".join(operands)})'

@@ -9,9 +9,10 @@ from graspfx.compile.lanes.lane_code import by_lane, lane_declarations
 from graspfx.compile.lanes.lane_expressions import LaneFunction
 from graspfx.compile.lanes.lane_loops import LaneLoops
 from graspfx.compile.lanes.lane_shapes import Shape
-from graspfx.compile.llvm.llvm import ENTRY, INTRINSICS, LlvmProgram, _declared, _is_array
+from graspfx.compile.llvm.llvm import INTRINSICS, LlvmProgram, _is_array, declared
 from graspfx.compile.llvm.llvm_arithmetic import INT, Number
 from graspfx.compile.llvm.llvm_expressions import Array, Value
+from graspfx.compile.llvm.method import ENTRY
 from graspfx.errors import GraspFXError, InputError
 
 
@@ -98,7 +99,7 @@ def lane_program(source: str, lanes: int, shared: Mapping[str, int] | None = Non
     texts = [
         INTRINSICS,
         lane_declarations(lanes),
-        *map(_declared, sorted(module.libm)),
+        *map(declared, sorted(module.libm)),
         *(by_lane(name, lanes) for name in sorted(module.libm)),
         *module.texts,
         _entry(function, values, common),
