@@ -65,8 +65,8 @@ def run(A, B, out, k, x):
 
 def test_a_program_calls_kernels_for_the_types_of_its_arguments() -> None:
     """A truth value and a tuple go over to the other machine code and back."""
-    kernels = {"shift": shift, "grade": grade, "ends": ends}
-    names: dict[str, Any] = dict(kernels)
+    kernels: dict[str, Any] = {"shift": shift, "grade": grade, "ends": ends}
+    names = dict(kernels)
     exec(SOURCE, names)
     native = joined(SOURCE, kernels, ["A", "B", "out"], floats=["x"])
     for k, x in ((0, 0.5), (2, 1.0), (3, 9.0)):
