@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.lane_text import ROWS, TAKEN, lane_text
+from graspfx.batch.lane_text import ROWS, TAKEN, lane_text, taking_text
 from graspfx.batch.lanes import LATE_LOW, LOW, MEASURES
 from graspfx.batch.statistics import empty
 from graspfx.compile.emission import side_by_side
@@ -22,7 +23,10 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
+More = Callable[[FloatArray], FloatArray]
+
 ALIGNED = 64  # bytes
+BLOCK = 1024  # rows that are recorded at a time to compute what follows from them
 
 
 @dataclass
@@ -108,11 +112,36 @@ class LaneBuffers:
         self.begin(members)
         if job.columns:
             self.measures[: len(self.blank)] = self.blank
-        self.program.long(0, half, LOW)
-        self.program.long(half, job.ticks - half, LATE_LOW)
+        if job.more is None:
+            self.program.long(0, half, LOW)
+            self.program.long(half, job.ticks - half, LATE_LOW)
+        else:
+            self._measure_rows(job.more(self.arenas(self.lanes)))
         shape = (len(members), len(job.columns), MEASURES)
         measures[members] = self.measures[: len(self.blank)].T[: len(members)].reshape(shape)
         faults[members] = self.faults()[: len(members)]
+
+    def _measure_rows(self, more: More) -> None:
+        """Record some rows at a time, compute what follows from them, and take both into measures."""
+        job, half, columns = self.job, self.job.ticks // 2, list(self.job.columns)
+        rows = self.rows.reshape(-1, job.width, self.lanes)
+        wide = aligned(len(rows) * len(columns) * self.lanes).reshape(len(rows), len(columns), self.lanes)
+        text = taking_text(len(columns), job.statistics)
+        taking = compiled(text, wide=True, lanes=self.lanes).bind(wide.reshape(-1), self.measures.reshape(-1)).long
+        own = [(place, column) for place, column in enumerate(columns) if column < job.width]
+        further = [(place, column - job.width) for place, column in enumerate(columns) if column >= job.width]
+        k = 0
+        for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
+            while k < end:
+                count = min(len(rows), end - k)
+                self.program.long(k, count, 0)
+                extra = more(rows[:count])
+                for place, column in own:
+                    wide[:count, place] = rows[:count, column]
+                for place, column in further:
+                    wide[:count, place] = extra[:, column]
+                taking(k, count, low)
+                k += count
 
     def faults(self) -> Index:
         """List the tick of each lane's first fault, -1 for none."""

@@ -29,11 +29,19 @@ def lane_text(source: str, columns: Sequence[int] | None, statistics: Collection
         wanted = {column: place for place, column in enumerate(dict.fromkeys(columns))}
         loop.body = [kept for each in loop.body if (kept := _kept(each, wanted)) is not None]
         places = [wanted[column] for column in columns]
-        loop.body += ast.parse("\n".join(_measured(places, statistics))).body
+        last = next(i for i, each in enumerate(loop.body) if ast.unparse(each) == "k = k + 1")
+        loop.body[last:last] = ast.parse("\n".join(_measured(places, statistics))).body
         run.args.args = [
             ast.arg({"r": "low"}.get(a.arg, a.arg)) for a in _with_measures(run.args.args, some=bool(places))
         ]
     return f"{ast.unparse(ast.fix_missing_locations(tree))}\n"
+
+
+def taking_text(columns: int, statistics: Collection[str]) -> str:
+    """Write the program of `run(rows, measures, k, count, low)`, which takes rows of some columns into measures."""
+    lines = [line.replace(f"{ROWS}[", f"{ROWS}[i * {columns} + ") for line in _measured(range(columns), statistics)]
+    body = "\n".join(f"        {line}" for line in [*lines, "k = k + 1"])
+    return f"def run({ROWS}, {TAKEN}, k, count, low):\n    for i in range(count):\n{body}\n"
 
 
 def _with_measures(parameters: Sequence[ast.arg], *, some: bool) -> list[ast.arg]:

@@ -13,9 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.lane_runs import ALIGNED, LaneBuffers, LaneRuns
-from graspfx.batch.lanes import FIRST, LANES, LATE_LOW, LOW, MEASURES, LanesText, lanes_text
-from graspfx.batch.statistics import empty, take
+from graspfx.batch.lane_runs import BLOCK, LaneBuffers, LaneRuns
+from graspfx.batch.lanes import LANES, MEASURES, LanesText, lanes_text
+from graspfx.batch.single_runs import Ended, SingleRuns
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
 from graspfx.compile.records import start_of
@@ -30,7 +30,6 @@ from graspfx.loop.tick.script import Tick
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-BLOCK = 1024  # rows that are written at a time
 MOST = 64  # blocks of lanes that a thread takes at a time, at most
 APIECE = 8  # variants that it takes at a time to run one by one
 WORTH = 3_000_000  # ticks of all variants for which straight lines are compiled
@@ -38,8 +37,8 @@ LOOK = 200_000  # and for which they are looked for
 LARGEST = 1000  # operations of a tick as a straight line: longer ones are rarely the same for long
 LANES_WORTH = 10_000_000  # ticks of all variants for which a program for lanes is compiled
 LANES_LOOK = 50_000  # and for which one is taken from the cache
-MOST_ROWS = 2**28  # bytes of a block's rows
-LONG = 10_000_000  # and for which a program is worth the time that the best code takes to be made
+MOST_ROWS = 2**28  # bytes of the rows of a block of lanes that are recorded whole
+MOST_LANES = 8  # of a block
 
 
 More = Callable[[FloatArray], FloatArray]
@@ -60,19 +59,6 @@ class Beginnings(Protocol):
         """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How one variant ended, when its rows are kept: rows, the tick of its fault or -1, and its buffers, (arena,).
-
-    `told` is what the buffers held after the tick of its fault, of which its words give the figures.
-    """
-
-    rows: FloatArray
-    fault: int
-    arena: FloatArray
-    arena_copy: FloatArray
-
-
 @dataclass
 class Job:
     """Variants of one program.
@@ -88,9 +74,9 @@ class Job:
         ticks: N.
         varying: entries of the arena that are not the same in all variants.
         constant: by buffer, the entry from which on no run writes it.
-        look: at the arena of every variant when its run is over; then they run one by one.
-        more: makes for a variant's arena what computes further numbers of rows (r, width), whose places are behind
-            those of a row; then they run one by one, too.
+        look: at the arena of every variant when its run is over.
+        more: makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
+            places are behind those of a row.
     """
 
     tick: Tick
@@ -122,11 +108,11 @@ class Job:
         self.spent += perf_counter() - began
         if len(rest):
             lanes = self._lane_runs(len(rest) * self.ticks, measuring=True)
-            single = None if lanes is not None else _Single(self)
+            single = self._single if lanes is None else None
             began = perf_counter()
             if lanes is not None:
                 self._in_lanes(lanes, rest, measures, faults, threads)
-            elif single is not None:
+            if single is not None:
                 _shared(
                     lambda members: single.measure(members, measures, faults),
                     [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)],
@@ -138,6 +124,8 @@ class Job:
     def recorded(self, threads: int) -> Iterator[Ended]:
         """Run every variant in turn, with its rows."""
         lanes = self._lane_runs(self.variants * self.ticks, measuring=False)
+        if lanes is None:
+            self._single  # noqa: B018 (compiled before threads ask for it)
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
             count = 8 if lanes is None else lanes.lanes
@@ -163,22 +151,18 @@ class Job:
         ]  # fmt: skip
 
     @cached_property
-    def _single(self) -> _Single:
-        return _Single(self)
+    def _single(self) -> SingleRuns:
+        return SingleRuns(self)
 
     # Lanes under masks --------------------------------------------------------------------------------------------
 
     def _lane_runs(self, work: int, *, measuring: bool) -> LaneRuns | None:
         """Make the program for lanes, if so many ticks are worth it."""
-        few = self.variants < 2 or work < LANES_LOOK or self.ticks > LARGEST_TICK
-        if (
-            few
-            or self.more is not None
-            or self.ticks * self.width * 8 * ALIGNED > (2 * MOST_ROWS if not measuring else np.inf)
-        ):
+        whole = not measuring and self.ticks * self.width * 8 * MOST_LANES > MOST_ROWS
+        if self.variants < 2 or work < LANES_LOOK or self.ticks > LARGEST_TICK or whole:
             return None
         try:
-            return LaneRuns(self, measuring, make=work >= LANES_WORTH)
+            return LaneRuns(self, measuring and self.more is None, make=work >= LANES_WORTH)
         except (LookupError, InputError):
             return None
 
@@ -188,7 +172,7 @@ class Job:
 
         def run(members: Index) -> None:
             if not hasattr(buffers, "own"):
-                buffers.own = lanes.bound(1)
+                buffers.own = lanes.bound(1 if self.more is None else min(BLOCK, self.ticks))
             own: LaneBuffers = buffers.own
             for k in range(0, len(members), lanes.lanes):
                 own.measure(members[k : k + lanes.lanes], measures, faults)
@@ -281,74 +265,6 @@ class Job:
 @lru_cache(8)
 def _traceable(source: str) -> Traceable:
     return Traceable(source)
-
-
-class _Single:
-    """The program for one variant at a time; each thread has buffers of its own."""
-
-    def __init__(self, job: Job) -> None:
-        self.job = job
-        self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
-        text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
-        source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
-        self.taking = compiled(source)
-
-    def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
-        """Run variants and note their measures and faults."""
-        job = self.job
-        arena, run, rows = self._bound(min(BLOCK, job.ticks))
-        begin = job.begin.arenas(members)
-        columns = np.array(job.columns, dtype=float)
-        sums = empty(len(columns))
-        wide = rows if job.more is None else np.zeros((len(rows), max(job.width, *job.columns) + 1))
-        buffers = {"rows": wide.reshape(-1), "columns": columns, "found": sums.reshape(-1)}
-        taking = self.taking.bind(*(buffers[name] for name in self.taking.arrays)).long
-        half = job.ticks // 2
-        for variant, arrays in zip(members.tolist(), begin, strict=True):
-            arena[:] = arrays
-            sums[...] = empty(len(columns))
-            more = None if job.more is None else job.more(arena)
-            k = 0
-            for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
-                while k < end:
-                    count = run(k, min(len(rows), end - k), 0)
-                    if more is not None:
-                        extra = more(rows[:count])
-                        wide[:count, : job.width] = rows[:count]
-                        wide[:count, job.width : job.width + extra.shape[1]] = extra
-                    if k == 0:
-                        sums[:, FIRST] = wide[0, list(job.columns)]
-                    taking(count, wide.shape[1], len(columns), low)
-                    k += count
-            measures[variant] = sums
-            faults[variant] = self._fault(arena)
-            if job.look is not None:
-                with job.looking:
-                    job.look(arena)
-
-    def record(self, variant: int) -> Ended:
-        """Run one variant and record its rows."""
-        arena, run, rows = self._bound(self.job.ticks)
-        arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
-        k, copy = 0, arena
-        while k < self.job.ticks:
-            k += run(k, min(BLOCK, self.job.ticks - k), k)
-            if copy is arena and self._fault(arena) >= 0:
-                copy = arena.copy()
-        return Ended(rows, self._fault(arena), arena, copy)
-
-    def _fault(self, arena: FloatArray) -> int:
-        own = arena[self.job.places[self.job.tick.own_name]]
-        servo = ServoState(own)
-        return servo.tick if servo.faulted else -1
-
-    def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
-        """Bind the program to an arena, and give the rows that it writes."""
-        job = self.job
-        arena = np.zeros(max(place.stop for place in job.places.values()))
-        rows = np.zeros((count, job.width))
-        arrays = {name: arena[place] for name, place in job.places.items()} | {"rows": rows.reshape(-1)}
-        return arena, self.program.bind(*(arrays[name] for name in self.program.arrays)).long, rows
 
 
 def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:

@@ -90,6 +90,18 @@ COUPLE_ROWS = Engine(direct_modes.couple_rows)
 MODE_ROWS = Engine(direct_modes.mode_rows)
 
 
+def warm() -> None:
+    """Compile the kernels, unless they are in the cache.
+
+    Raises:
+        MissingPackageError: no LLVM.
+    """
+    from graspfx.compile.machine import compiled
+
+    for engine in (COUPLE, COUPLE_ROWS, MODE_ROWS):
+        compiled(engine.kernel)
+
+
 class Workspace:
     """Workspace of one thread for the forces of n contacts: a block that stays, with the kernel bound to it."""
 

@@ -40,7 +40,7 @@ class Writer:
         kinds = ["number", "number", "whole", "entry", "more", "tuple"]
         kinds += ["if", "if", "if", "while", "for", "for"] * (depth > 0) + ["call", "call"] * bool(self.functions)
         kinds += ["leave", "leave"] * (self.loops > 0) + ["return"] * returns
-        r, inner = self.random, {"depth": depth - 1, "returns": returns}
+        r = self.random
         match r.choice(kinds):
             case "number":
                 return [f"{r.choice(FLOATS)} = {self.number(3)}"]
@@ -56,17 +56,19 @@ class Writer:
                 target = f"{r.choice(FLOATS)}, {r.choice(INTS)}"
                 return [f"{target} = {r.choice(self.functions)}(A, {self.number(1)}, {self.whole(1)}, n)"]
             case "if":
-                lines = [f"if {self.test(2)}:", *indented(self.block(**inner))]
-                return [*lines, "else:", *indented(self.block(**inner))] if r.random() < 0.5 else lines
+                lines = [f"if {self.test(2)}:", *indented(self.block(depth - 1, returns=returns))]
+                return (
+                    [*lines, "else:", *indented(self.block(depth - 1, returns=returns))] if r.random() < 0.5 else lines
+                )
             case "while":
                 count = f"w{depth}"
                 self.loops += 1
-                body = [f"{count} += 1", *self.block(**inner)]
+                body = [f"{count} += 1", *self.block(depth - 1, returns=returns)]
                 self.loops -= 1
                 return [f"{count} = 0", f"while {count} < {r.randint(2, 5)} and {self.test(1)}:", *indented(body)]
             case "for":
                 self.loops += 1
-                body = self.block(**inner)
+                body = self.block(depth - 1, returns=returns)
                 self.loops -= 1
                 ends = ["3", "n", f"abs({self.whole(1)}) % 4", "1, 4", "4, 0, -1", f"int(A[{self.index()}] > 0.5) + 2"]
                 return [f"for {r.choice(('k', *INTS))} in range({r.choice(ends)}):", *indented(body)]
@@ -83,9 +85,10 @@ class Writer:
             return r.choice([*FLOATS, *FLOATS, f"A[{self.index()}]", "0.5", "-1.25", "0.0", "n", r.choice(INTS)])
         a, b = self.number(depth - 1), self.number(depth - 1)
         return r.choice([
-            f"({a} + {b})", f"({a} - {b})", f"({a} * {b})", f"abs({a})", f"-{a}" if a[0] != "-" else a, f"min({a}, {b})",
+            f"({a} + {b})", f"({a} - {b})", f"({a} * {b})", f"abs({a})", f"-{a}" if a[0] != "-" else a,
+            f"min({a}, {b})", f"float({self.whole(depth - 1)})",
             f"max({a}, {b}, 0.25)", f"({a} if {self.test(depth - 1)} else {b})", f"math.sqrt(abs({a}))",
-            f"math.sin({a})" if depth < 2 else a, f"({a} / {b} if {b} != 0.0 else {a})", f"float({self.whole(depth - 1)})",
+            f"math.sin({a})" if depth < 2 else a, f"({a} / {b} if {b} != 0.0 else {a})",
             f"math.copysign({a}, {b} if {b} == {b} else 1.0)",
         ])  # fmt: skip
 
@@ -112,7 +115,9 @@ class Writer:
 
     def index(self) -> str:
         r = self.random
-        return r.choice([str(r.randrange(SIZE)), str(r.randrange(SIZE)), f"({r.choice(INTS)} + {r.randint(0, 9)}) % {SIZE}"])
+        return r.choice(
+            [str(r.randrange(SIZE)), str(r.randrange(SIZE)), f"({r.choice(INTS)} + {r.randint(0, 9)}) % {SIZE}"]
+        )
 
 
 def indented(lines: list[str]) -> list[str]:
