@@ -40,9 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = parse(words)
-        with loudness(options), _progress(options), _plain_warnings(), unchanged():
-            with granted(getattr(options, "trust", False)):
-                code: int = options.command(options)
+        trust = granted(getattr(options, "trust", False))
+        with loudness(options), _progress(options), _plain_warnings(), unchanged(), trust:
+            code: int = options.command(options)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
