@@ -15,9 +15,9 @@ from graspfx import installed, plugins
 from graspfx.build.scene_cache import FORMAT, PLAIN, data_files, digests, is_self_contained
 from graspfx.compile import cache
 from graspfx.compile.own_sources import source_stamps, stamps_in
-from graspfx.scene.memory import CheckedTable
 from graspfx.scene.model import Scene
 from graspfx.scene.source import Source
+from graspfx.scene.table_memory import CheckedTable
 
 SEPARATOR = b"\n"  # after the names and digests of data files, before the scene
 

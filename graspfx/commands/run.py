@@ -116,7 +116,7 @@ def _made(options: Namespace) -> tuple[Scene, list[str]]:
     with waiting(f"checking {options.scene}"):
         from graspfx.build.scene_memory import SceneMemory
         from graspfx.scene.load import load
-        from graspfx.scene.memory import remembering
+        from graspfx.scene.table_memory import remembering
 
         memory = SceneMemory()
         with remembering(memory):

@@ -15,10 +15,10 @@ from graspfx.card import Card, Carded
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.lines import KeyLines
-from graspfx.scene.memory import current_memory
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
 from graspfx.scene.scene_card import scene_card
 from graspfx.scene.source import Source
+from graspfx.scene.table_memory import current_memory
 from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.scene_table import SceneTable
 

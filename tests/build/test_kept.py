@@ -19,7 +19,7 @@ from graspfx.build.scene_memory import SceneMemory, _canonical
 from graspfx.compile import cache
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.load import load
-from graspfx.scene.memory import remembering
+from graspfx.scene.table_memory import remembering
 
 TABLES = sorted(path.stem for path in plugins.shelf("scenes").glob("*.toml"))
 
