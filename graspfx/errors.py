@@ -9,6 +9,7 @@ from difflib import get_close_matches
 __all__ = [  # noqa: RUF022 (the base, then as users meet them)
     "GraspFXError",
     "InputError",
+    "KernelError",
     "UnknownNameError",
     "SceneError",
     "Fault",
@@ -39,6 +40,10 @@ class InputError(GraspFXError, ValueError):
         self.name, self.given, self.expected, self.do = name, given, expected, do
         text = f"{name}: given {abbreviate(given)}, expected {expected}"
         super().__init__(f"{text}; {do}" if do else text)
+
+
+class KernelError(InputError):
+    """A fault of a kernel by which machine code would read or write what is not its own; it names the file and line."""
 
 
 class UnknownNameError(GraspFXError, KeyError):

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
-from graspfx.batch.many import Ended, Job
+from graspfx.batch.many import Job
 from graspfx.batch.measured_columns import columns_of, divider, is_quantity, split_of
+from graspfx.batch.single_runs import Ended
 from graspfx.batch.statistics import STATISTICS, Statistics, statistic
 from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
@@ -338,6 +339,7 @@ class Runs:
             group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
             ticks,
             group.varying,
+            group.program.constant,
             group.program.check_activity if any(part.grasped.matrices for part in servo.objects) else None,
         )  # fmt: skip
 

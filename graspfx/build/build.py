@@ -19,6 +19,7 @@ from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
 from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.selection import chosen_layout
 from graspfx.loop.servo import Servo
 
 if TYPE_CHECKING:
@@ -29,7 +30,13 @@ FloatArray = NDArray[np.float64]
 
 @contextmanager
 def build(
-    scene: Scene, *, engine: str = "", record: bool = True, hardware: bool = True, live: Collection[str] = ()
+    scene: Scene,
+    *,
+    engine: str = "",
+    record: bool = True,
+    chosen: bool = False,
+    hardware: bool = True,
+    live: Collection[str] = (),
 ) -> Iterator[Servo]:
     """Build a servo ready to tick; devices and bodies are closed at the end, whatever happens.
 
@@ -39,6 +46,7 @@ def build(
         scene: what to build.
         engine: instead of the scene's own.
         record: whether its ticks are recorded.
+        chosen: whether they write the columns and ticks alone that the scene's `record` asks for; else all.
         hardware: whether devices that are no simulations are opened too; else it is not to tick, only to be looked at.
         live: keys that may change in mid-run (`graspfx.build.live`): no program folds in what they reach.
 
@@ -65,9 +73,12 @@ def build(
                 wire.device.open(scene.period)
         stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
         observers = list(_observers(parts, objects, movers))
+        layout, every = make_layout(parts), 1
+        if chosen:
+            layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         yield Servo(
-            scene.period, make_layout(parts), stations, objects, movers, plants, observers, engine or scene.engine,
-            record=record,
+            scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,
+            record=record, every=every,
         )  # fmt: skip
 
 

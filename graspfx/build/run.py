@@ -24,6 +24,7 @@ from graspfx.loop.recording.header import Header, machine, now, versions
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
+from graspfx.loop.recording.selection import chosen_layout
 from graspfx.numeric import number
 from graspfx.progress import waiting
 from graspfx.scene.tables.reading import Readable
@@ -84,12 +85,15 @@ def run(
     parts = resolve(scene_)
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     warn_of_axes(parts)
-    layout = make_layout(parts)
-    size = 8 * layout.width  # bytes of a tick
-    ticks = _ticks(scene_, duration, size if out is not None else 2 * size)  # blocks, then all of them in one piece
+    layout = chosen_layout(make_layout(parts), scene_.record.columns)
+    every = scene_.record.every
+    size = 8 * layout.width / every  # bytes of a tick
+    ticks = ticks_of(scene_.duration if duration is None else duration, scene_.period)
+    if out is None:
+        require_memory(ticks, size)
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
-    with build(scene_) as servo:
+    with build(scene_, chosen=True) as servo:
         header = header_of(parts, servo.objects)
         sinks: list[Sink] = []
         if out is not None:
@@ -97,11 +101,12 @@ def run(
 
             file = make_folder(out) / NAME
             free = shutil.disk_usage(file.parent).free
-            derived = 8 * sum(math.prod(column.shape) for column in layout.forces)
-            both = 2 * size + derived  # the part, and the recording from it
+            more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
+            both = 2 * (size + more / every)  # the part, and the recording from it
             _require_room(ticks, both, f"the disk of {file.parent}", free)
-            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite))
-        with Recorder(servo.layout, header, sinks, keep=out is None) as recorder:
+            packed = scene_.record.compression
+            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
+        with Recorder(servo.layout, header, sinks, keep=out is None, ticks=ticks) as recorder:
             began = perf_counter()
             with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: servo.ticks):
                 servo.run(ticks, recorder, stop)
@@ -114,7 +119,7 @@ def run(
     if out is not None:
         log.info("wrote %s", file)
     how = finished.outcome
-    log.info("%d ticks in %.3g s, %s; faults: %d", len(finished), took, how.engine, len(how.faults))
+    log.info("%d ticks in %.3g s, %s; faults: %d", finished.ticks, took, how.engine, len(how.faults))
     finished._beside = plugins.upward("Recording.beside")(scene_)
     return finished
 
@@ -137,13 +142,6 @@ def warn_of_axes(parts: Parts) -> None:
         warnings.warn(text, ActiveCouplingWarning, stacklevel=3)
 
 
-def _ticks(scene: Scene, duration: float | None, size: int) -> int:
-    seconds = scene.duration if duration is None else duration
-    ticks = ticks_of(seconds, scene.period)
-    require_memory(ticks, size)
-    return ticks
-
-
 def ticks_of(duration: float, period: float) -> int:
     """Count the whole periods in a time.
 
@@ -157,17 +155,17 @@ def ticks_of(duration: float, period: float) -> int:
     return round(ratio)
 
 
-def require_memory(ticks: float, size: int) -> None:
+def require_memory(ticks: float, size: float) -> None:
     """Raise InputError where so many ticks of so many bytes have no room in memory."""
     _require_room(ticks, size, "this machine's memory", _memory())
 
 
-def _require_room(ticks: float, size: int, where: str, limit: float) -> None:
+def _require_room(ticks: float, size: float, where: str, limit: float) -> None:
     if ticks * size > limit:
         raise InputError(
             "duration",
             ticks,
-            f"at most {limit / size:.3g} periods: each takes {size} bytes to record, and {where} has room for "
+            f"at most {limit / size:.3g} periods: each takes {size:g} bytes to record, and {where} has room for "
             f"{limit / 1e9:.3g} GB, not {ticks * size / 1e9:.3g} GB",
             "make the duration shorter or the period longer",
         )
@@ -201,6 +199,7 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
         ),
         machine=machine(),
         frames=meshes,
+        every=scene.record.every,
         split=split_rules(objects),
     )
 

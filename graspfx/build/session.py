@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -25,9 +26,10 @@ from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.recording.by_name import by_name
 from graspfx.loop.recording.header import SPLIT, RunFault
-from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
+from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
+from graspfx.loop.recording.selection import Selection, chosen_layout
 from graspfx.loop.recording.two_parts import RowSplit, Split
 from graspfx.numeric import number
 from graspfx.scene.load import to_scene
@@ -125,12 +127,21 @@ class Session(Carded):
             for key in keys:
                 require_value(scene, key)
             header, sinks = header_of(parts, self.servo.objects), list[Sink]()
+            self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
+            whole = self.servo.layout
+            selection = Selection(whole, chosen_layout(whole, scene.record.columns), scene.record.every)
             if out is not None:
                 from graspfx.loop.recording.sink import FileSink
 
-                sinks.append(FileSink(make_folder(out) / NAME, self.servo.layout, header, overwrite=overwrite))
-            self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
-            self._recorder = stack.enter_context(Recorder(self.servo.layout, header, sinks))
+                sinks.append(
+                    FileSink(
+                        make_folder(out) / NAME, selection.layout, header, overwrite=overwrite,
+                        compression=scene.record.compression,
+                    )
+                )  # fmt: skip
+            recorder = Recorder(whole, header, sinks, keep=out is None, selection=selection)
+            self._place = None if out is None else Path(out) / NAME
+            self._recorder = stack.enter_context(recorder)
             self._stack = stack.pop_all()
 
     def _card(self) -> Card:
@@ -164,7 +175,8 @@ class Session(Carded):
         if self._finished is not None:
             return
         with self._stack:
-            self._finished = self._with_notes(self._recorder.finish(**self._outcome(complete)))
+            recording = self._recorder.finish(**self._outcome(complete))
+            self._finished = self._with_notes(recording if self._place is None else Recording.load(self._place))
             keep_lowerings()  # of kernels that were called
 
     def _outcome(self, complete: bool) -> dict[str, Any]:
@@ -193,7 +205,8 @@ class Session(Carded):
         if count < 1.0 or count % 1.0 or isinstance(ticks, bool | np.bool_):
             raise InputError("ticks", ticks, WHOLE)
         self._require_open()
-        require_memory(self.tick + count, 16 * self.servo.layout.width)
+        if self._place is None:
+            require_memory(self.tick + count, 8 * self._recorder.recorded.width / self._recorder.header.every)
         began = perf_counter()
         try:
             self.servo.run(int(count), self._recorder)
@@ -224,8 +237,14 @@ class Session(Carded):
             return self._finished
         state = self.tick, len(self._recorder.changes)
         if self._so_far is None or self._so_far[:2] != state:
-            self._so_far = (*state, self._with_notes(self._recorder.recording(**self._outcome(complete=False))))
+            self._so_far = (*state, self._with_notes(self._recording_so_far()))
         return self._so_far[2]
+
+    def _recording_so_far(self) -> Recording:
+        if self._place is None:
+            return self._recorder.recording(**self._outcome(complete=False))
+        self._recorder.flush()
+        return Recording.load(part_of(self._place))
 
     @property
     def position(self) -> FloatArray:

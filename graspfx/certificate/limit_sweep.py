@@ -16,7 +16,8 @@ from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
 from graspfx.analysis.stability.modal import together
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, reduced
-from graspfx.certificate.whole_loop import bounded, reach
+from graspfx.certificate.reach import reach
+from graspfx.certificate.whole_loop import Line, WholeLoop, bounded
 from graspfx.errors import InputError
 from graspfx.progress import waiting
 from graspfx.scene.model import Scene
@@ -185,7 +186,8 @@ def _point(scene: Scene, at: str) -> tuple[float, float, float]:
     # from one hundredth of what a bare mass allows: the first loss above whatever is stable
     stiffness = loop.conventional(1.0)
     if loop.pads is None:
-        edge = reach(loop.linear, lambda s: s * unit * stiffness)
+        line = Line(np.zeros_like(stiffness), unit * stiffness)
+        edge = reach(WholeLoop(loop.linear, [stiffness]), line)
     else:
         edge = reach(loop.linear, lambda s: loop.conventional(s * unit))
     return internal, external, unit * edge.factor

@@ -68,7 +68,7 @@ def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **
 def say_source(request: Path, file: Path, recording: Recording) -> None:
     """Note which file was read where that is not what was asked for, or not all there is."""
     if is_part(file):
-        seconds = len(recording) * recording.period
+        seconds = recording.end
         note([f"{file} is read, of a run that goes on or was killed: {seconds:g} s of it" + _instead_of(request, file)])
     elif part_of(file).is_file():
         note([f"{file} is read; {part_of(file).name} beside it is of a later run, which goes on or was killed"])

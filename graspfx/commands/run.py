@@ -81,7 +81,7 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
     with interruptible() as stop:
         recording = run(scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop)
     if not recording.outcome.complete:
-        simulated, duration = len(recording) * scene.period, options.duration or scene.duration
+        simulated, duration = recording.end, options.duration or scene.duration
         print(f"interrupted after {simulated:g} of {duration:g} s; {folder / NAME} holds them", file=sys.stderr)
         return INTERRUPTED, False
     file = folder / NAME

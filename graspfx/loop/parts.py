@@ -65,6 +65,7 @@ class Parts:
     movers: Sequence[BodyGroup]
     plants: Sequence[PlantWiring]
     observers: Sequence[Observer]
+    every: int = 1  # ticks from one recorded row to the next
 
 
 def guest_of(body: object) -> Guest | None:

@@ -66,6 +66,8 @@ def _replace(holder: Any, at: Key, path: list[str], value: Any) -> Iterator[Key 
     if not part:
         yield "an override needs a key between its dots"
     elif isinstance(holder, dict):
+        if rest and not at and part == "record" and isinstance(holder.get(part), list | str):
+            holder[part] = {"columns": holder[part]}  # a list of columns is the table with them
         is_item = len(at) == 1 and at[0] in LISTS and number_of(part, [holder]) == 0
         if rest and part not in holder and (part in ("*", "0") or is_item):
             yield from _replace(holder, at, rest, value)  # a lone table as a list of one

@@ -121,7 +121,7 @@ def sheet(
             names = fresh
         for axes in drawing.panels[-1]:
             panel(axes, x="time [s]")
-        drawing.panels[0, 0].set_xlim(0.0, max(len(each) * each.period for each in recordings))
+        drawing.panels[0, 0].set_xlim(0.0, max(each.end for each in recordings))
         drawing.letters()
         _add_titles(drawing, recordings, titles, labels)
     return drawing

@@ -70,7 +70,7 @@ def _lost(recording: Recording) -> Iterator[str]:
 def _chatter(recording: Recording) -> Iterator[str]:
     touching = recording.touching
     touches = (touching[1:] & ~touching[:-1]).sum(axis=0)
-    often = np.flatnonzero(touches > max(MOST_TOUCHES, FASTEST * len(recording) * recording.period))
+    often = np.flatnonzero(touches > max(MOST_TOUCHES, FASTEST * recording.end))
     if often.size:
         names = ", ".join(recording.layout.fingers[i] for i in often)
         verb = "touches and lets" if often.size == 1 else "touch and let"

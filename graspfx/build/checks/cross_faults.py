@@ -15,6 +15,7 @@ from graspfx.build import bodies
 from graspfx.build.checks.hand_faults import own_hand_faults, shared_hand_faults
 from graspfx.build.checks.lengths import length_faults as _length
 from graspfx.build.checks.meeting import meeting_faults
+from graspfx.build.checks.recorded import record_faults
 from graspfx.build.checks.settings import reason, setting_faults
 from graspfx.build.checks.solids import mass_faults, shape_faults
 from graspfx.build.checks.touching import (
@@ -98,6 +99,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
             yield _gain(scene, share, quantity)
         yield _stiff(scene, share)
         yield contact_axes_faults(scene, share)
+    yield record_faults(scene)
     yield _fade(scene)
     yield _blend(scene)
 

@@ -130,7 +130,7 @@ def differences(
     g, texts = grip.grasped, []
     force = recording.finger_force[:, fingers]
     largest = max(float(np.abs(force[-1]).max(initial=0.0)), 1e-9)
-    before = force[-min(len(force), round(LAST / recording.period) + 1) :]
+    before = force[-min(len(force), round(LAST / recording.row_period) + 1) :]
     change = float(np.abs(before - force[-1]).max(initial=0.0)) / largest
     if change > CALM:
         texts.append(f"the recording is not at rest at its end: forces change by {100 * change:.2g} % in {LAST:g} s")

@@ -14,8 +14,15 @@ import numpy as np
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 
-FORMAT = 3  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
-NAMES = ("fingers", "objects", "finger_objects", "predicted", "absent")  # of a layout's fields that are tuples
+FORMAT = 4  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
+NAMES = (
+    "fingers",
+    "objects",
+    "finger_objects",
+    "predicted",
+    "absent",
+    "omitted",
+)  # of a layout's fields that are tuples
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
@@ -36,6 +43,7 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
         "fade_shortfall": float(outcome.fade_shortfall),
         "fade_needed": float(outcome.fade_needed),
         "blended": int(outcome.blended),
+        **({"ticks": int(outcome.ticks)} if outcome.ticks else {}),
         **({"changes": changes_text(outcome.changes)} if outcome.changes else {}),
     }
 
@@ -84,6 +92,9 @@ def header_of(attributes: Mapping[str, Any]) -> Header:
     for key in ("scene_table", "overrides", "versions", "machine", "frames", "split"):
         fields[key] = json.loads(fields.get(key, "{}"))
     fields["period"] = float(fields["period"])
+    fields["every"] = int(fields.get("every", 1))
+    if fields["every"] < 1:
+        raise ValueError(f"a row every {fields['every']} ticks")
     if not 0.0 < fields["period"] < math.inf:
         raise ValueError(f"a period of {fields['period']} s")
     return Header(**fields)
@@ -100,6 +111,7 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
         fade_shortfall=float(attributes.get("fade_shortfall", 0.0)),
         fade_needed=float(attributes.get("fade_needed", 0.0)),
         blended=int(attributes.get("blended", 0)),
+        ticks=int(attributes.get("ticks", 0)),
         engine=engine if isinstance(engine, str) else bytes(engine).decode(),
         changes=tuple(changes_of(attributes.get("changes", "[]"))),
     )

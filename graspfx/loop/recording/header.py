@@ -30,6 +30,7 @@ class Header:
             mass along the principal axes: `position` (3,) [m] and `orientation`, a quaternion x, y, z, w.
         split: by object, what P of its grasp is made of besides the columns: a `SplitRule` as a table. Empty in a
             recording of formats 1 and 2.
+        every: ticks from one row to the next; row k is of tick k `every`.
     """
 
     period: float
@@ -45,6 +46,11 @@ class Header:
     machine: Mapping[str, str] = field(default_factory=dict)
     frames: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     split: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    every: int = 1
+
+    def rows_before(self, tick: int) -> int:
+        """Count the rows of the ticks before one: the number of the first row from that tick on."""
+        return -(-tick // self.every)
 
 
 class RunFault(NamedTuple):
@@ -79,9 +85,12 @@ class Outcome:
     wall_time: float | None = None  # [s]
     complete: bool = True
     fade_shortfall: float = 0.0  # by how much free fingers began to fade too near the surface, at most [m]
-    engine: str = ""  # that ran the ticks: interpreted, compiled, or compiled after some of them; empty if not known
+    engine: str = (
+        ""  # that ran the ticks: generic, compiled, compiled after some of them, or interpreted; empty if not known
+    )
     fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
+    ticks: int = 0  # that were run, where not each has a row; else as many as rows
     changes: tuple[KeyChange, ...] = ()  # of keys, and SPLIT, in mid-run; the header's tables are those of the start
 
 

@@ -48,6 +48,7 @@ class Layout:
         torsion_axes: whether torsion acts along another axis than the normal.
         predicted: numbers of the objects whose split needs where the implicit integrator predicts their centre.
         absent: names of columns that a recording of an earlier format does not have.
+        omitted: names of columns that the scene's `record` leaves out.
     """
 
     dimensions: int
@@ -65,6 +66,7 @@ class Layout:
     torsion_axes: bool = False
     predicted: tuple[int, ...] = ()
     absent: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()
 
     @cached_property
     def columns(self) -> MappingProxyType[str, Column]:
@@ -72,7 +74,7 @@ class Layout:
         columns: dict[str, Column] = {}
         start = 0
         for name, axes, unit, meaning in self._quantities():
-            if name in self.absent:
+            if name in self.absent or name in self.omitted:
                 continue
             shape = tuple(count for _, count in axes)
             where = slice(start, start + prod(shape))
@@ -88,6 +90,8 @@ class Layout:
     @property
     def forces(self) -> tuple[Column, ...]:
         """Variables that follow from a row, and stand in a file beside its columns: the parts of forces and moments."""
+        if not set(self.omitted).isdisjoint(self.sources_of("internal_force")):
+            return ()
         n, names = ("finger", len(self.fingers)), ["force", "moment"] if self.moments else ["force"]
         axes = {"force": (n, ("axis", self.dimensions)), "moment": (n, ("turn", 3))}
         parts = {"internal": "that squeezes the object", "external": "that moves the object"}
@@ -110,7 +114,18 @@ class Layout:
             "external_displacement": "the rigid motion of the contacts in e, P'e",
         }
         parts = (Column(name, slice(0, 0), shape, names, "m", meaning) for name, meaning in meanings.items())
-        return (*(() if self.limits else (displayed,)), *self.forces, *parts)
+        all_ = (*(() if self.limits else (displayed,)), *self.forces, *parts)
+        return tuple(each for each in all_ if set(self.omitted).isdisjoint(self.sources_of(each.name)))
+
+    def sources_of(self, name: str) -> tuple[str, ...]:
+        """List the columns, as far as the scene has them, that a variable follows from."""
+        if name == "displayed_force":
+            return ("finger_force",)
+        displacement = name.endswith("displacement")
+        own = ("finger_position", "torsion_displacement") if displacement else ("finger_force", "finger_moment")
+        wanted = {*own, "contact_position", "gap", "contact_normal", "torsion_axis"}
+        wanted |= {f"objects/{thing}/{place}" for thing in self.objects for place in ("position", "centre")}
+        return tuple(each for each, *_ in self._quantities() if each in wanted)
 
     def is_essential(self, name: str) -> bool:
         """Tell whether no recording can lack a column."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -10,20 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.recording.attributes import as_stored
+from graspfx.loop.recording.courier import Courier
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.selection import Selection
 
 FloatArray = NDArray[np.float64]
 
-LARGEST_BLOCK = 1024  # rows
+BLOCK = 1 << 20  # bytes that go to the sinks at once,
+SECOND = 1.0  # or fewer after so long [s]: a clock decides when rows are written, never which
 
 
 class Sink(Protocol):
-    """Where full blocks of rows go."""
+    """Where blocks of rows go."""
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault]) -> None:
-        """Write rows (r, width), and the faults since the last write."""
+        """Write rows (r, width), and the faults since the last write; the array holds others afterwards."""
 
     def close(self, outcome: Outcome) -> None: ...
 
@@ -37,18 +42,21 @@ class SinkOfChanges(Sink, Protocol):
 
 
 class Recorder:
-    """Takes rows into blocks allocated beforehand; full blocks leave between ticks.
+    """Takes rows into blocks allocated beforehand; blocks leave for the sinks between ticks.
 
-    `space()` tells where the next rows go; once they are written `take(count)` keeps them, and `drain()` hands a full
-    block to the sinks and does nothing otherwise. Used as a context manager it closes the sinks also when the run
-    breaks off.
+    `space()` tells where the next ticks write; once they have, `take(count)` keeps them, and `drain()` hands what is
+    full, or a second old, to the sinks and does nothing otherwise. Used as a context manager it closes the sinks also
+    when the run breaks off.
 
     Args:
-        layout: the columns of a row.
+        layout: the columns of a row that ticks write.
         header: of the recording.
-        sinks: where blocks go besides memory.
-        block: rows in a block; about one second of the run if not given.
+        sinks: where blocks go besides memory; where they alone have the rows, they write in a thread of their own.
+        block: rows in a block; all of a run in memory whose length is known, else about 1 MB if not given.
         keep: the rows in memory too, for `finish` to make a recording of them; else only the sinks have them.
+        ticks: of the whole run, if that is known.
+        selection: what is recorded of rows that ticks write whole, one for each; if not given, they write what is
+            recorded, every `header.every` ticks.
     """
 
     def __init__(
@@ -59,28 +67,61 @@ class Recorder:
         block: int | None = None,
         *,
         keep: bool = True,
+        ticks: int | None = None,
+        selection: Selection | None = None,
     ) -> None:
-        self.layout, self.header = layout, header
+        self.layout, self.header, self.ticks = layout, header, 0
         self.faults: list[RunFault] = []
         self.changes: list[KeyChange] = []
-        self._sinks = tuple(sinks)
-        self._size = block or max(1, min(LARGEST_BLOCK, round(1.0 / header.period)))
-        self._keep = keep
-        self._blocks: list[FloatArray] = []
-        self._full: list[FloatArray] = []  # on their way to the sinks
+        self._selection = None if selection is None or selection.is_whole else selection
+        self._every = header.every if self._selection is None else 1
+        self._sinks, self._keep, self._courier = tuple(sinks), keep, Courier()
+        self._size = block or self._block_size(ticks)
+        self._blocks: list[FloatArray] = []  # that are kept
+        self._spares: list[FloatArray] = []
+        self._ready: list[tuple[FloatArray, int]] = []  # rows for the sinks, and the tick of the first
         self._faults_written = self._changes_written = 0
-        self._open()
+        self._block = np.empty((self._size, layout.width))
+        self._first = self._sent = 0  # numbers of the block's first row, and of the first that is not for the sinks yet
+        self._time = time.monotonic()  # of the last writing
         self._outcome: Outcome | None = None
 
+    def _block_size(self, ticks: int | None) -> int:
+        size = max(1, BLOCK // (8 * max(self.layout.width, 1)))
+        if ticks is None:
+            return size
+        rows = max(1, -(-ticks // self._every))
+        return rows if self._keep and not self._sinks and self._selection is None else min(rows, size)
+
+    @property
+    def recorded(self) -> Layout:
+        """Columns of what is recorded."""
+        return self.layout if self._selection is None else self._selection.layout
+
+    @property
+    def used(self) -> int:
+        """Rows of the block so far."""
+        return -(-self.ticks // self._every) - self._first
+
+    @property
+    def row(self) -> FloatArray:
+        """The last row that a tick wrote."""
+        row: FloatArray = self._block[max(self.used, 1) - 1]
+        return row
+
     def space(self) -> tuple[FloatArray, int, int]:
-        """Give a block of rows (r, width), the first free one and the count of free ones; one at least."""
+        """Give a block of rows (r, width), the place in it of the next tick, and for how many ticks there is room.
+
+        The tick at place r writes row r; with a row every m ticks, row r / m if m divides r.
+        """
         if self.used == self._size:
             self._turn()
-        return self._block, self.used, self._size - self.used
+        place = self.ticks - self._first * self._every
+        return self._block, place, self._size * self._every - place
 
     def take(self, count: int) -> None:
-        """Keep that many rows more of the block."""
-        self.used += count
+        """Keep what that many ticks more have written."""
+        self.ticks += count
 
     def fault(self, k: int, message: str) -> None:
         self.faults.append(RunFault(k, message))
@@ -90,14 +131,17 @@ class Recorder:
         self.changes += [KeyChange(k, key, as_stored(value)) for key, value in values.items()]
 
     def drain(self) -> None:
-        """Hand full blocks to the sinks; call it between ticks."""
-        if self.used == self._size:
-            self._turn()
-        while self._full:
-            block = self._full.pop(0)
-            if self._keep:
-                self._blocks.append(block)
-            self._write(block)
+        """Hand what is full, or a second old, to the sinks; call it between ticks.
+
+        Raises:
+            RecordingError: a sink cannot take it; maybe of rows before.
+        """
+        if not self._sinks:
+            return
+        if self.used == self._size or time.monotonic() - self._time >= SECOND:
+            self._set_out()
+        while self._ready:
+            self._send(*self._ready.pop(0))
 
     def finish(
         self, wall_time: float | None = None, *, complete: bool = True, engine: str = "", **coupling: Any
@@ -110,27 +154,44 @@ class Recorder:
             engine: that ran the ticks.
             coupling: what the objects' couplings tell, as `Outcome` has it.
         """
-        self.drain()
-        rest = self._block[: self.used]
         self._outcome = self._so_far(wall_time, complete=complete, engine=engine, **coupling)
         try:
-            if self.used or len(self.faults) > self._faults_written or len(self.changes) > self._changes_written:
-                self._write(rest)
+            self._courier.end()
+            self._set_out()
+            for rows, tick in self._ready:
+                self._write(rows, tick, *self._news())
+            if len(self.faults) > self._faults_written or len(self.changes) > self._changes_written:
+                self._write(self._block[:0], self.ticks, *self._news())
         finally:
             for sink in self._sinks:
                 sink.close(self._outcome)
-        return Recording(self._rows(), self.layout, self.header, self._outcome)
+        return Recording(self._rows(), self.recorded, self.header, self._outcome)
+
+    def flush(self) -> None:
+        """Write all rows so far, and wait until they are with the system."""
+        self._set_out()
+        self.drain()
+        self._courier.end()
 
     def recording(self, **outcome: Any) -> Recording:
         """Give the recording of the retained rows so far, a copy, while the run goes on; `outcome` as of `finish`."""
-        return Recording(self._rows(), self.layout, self.header, self._so_far(**outcome))
+        return Recording(self._rows().copy(), self.recorded, self.header, self._so_far(**outcome))
 
     def _so_far(self, wall_time: float | None = None, *, complete: bool = True, **outcome: Any) -> Outcome:
-        return Outcome(tuple(self.faults), wall_time, complete, changes=tuple(self.changes), **outcome)
+        ticks = self.ticks if self.header.every > 1 else 0
+        return Outcome(
+            tuple(self.faults), wall_time, complete, ticks=ticks, changes=tuple(self.changes), **outcome
+        )  # fmt: skip
 
     def _rows(self) -> FloatArray:
-        rest = [*self._full, self._block[: self.used]] if self._keep else []
-        return np.concatenate([np.empty((0, self.layout.width)), *self._blocks, *rest])
+        """Give the retained rows: a view where there is one block."""
+        rest = self._cut(self._block[: self.used], self._first)
+        if not self._keep:
+            return np.empty((0, self.recorded.width))
+        return np.concatenate([*self._blocks, rest]) if self._blocks else rest
+
+    def _cut(self, rows: FloatArray, tick: int) -> FloatArray:
+        return rows if self._selection is None else self._selection.cut(rows, tick)
 
     def __enter__(self) -> Self:
         return self
@@ -141,18 +202,49 @@ class Recorder:
         if self._outcome is None:
             self.finish(complete=False)
 
-    def _open(self) -> None:
-        self._block = np.zeros((self._size, self.layout.width))
-        self.used = 0
-
     def _turn(self) -> None:
-        self._full.append(self._block)
-        self._open()
+        """Go on in another block."""
+        self._set_out()
+        if self._keep:
+            self._blocks.append(self._cut(self._block, self._first))
+        self._first += self._size
+        spare = None
+        with suppress(IndexError):
+            spare = self._spares.pop()
+        self._block = np.empty((self._size, self.layout.width)) if spare is None else spare
 
-    def _write(self, rows: FloatArray) -> None:
+    def _set_out(self) -> None:
+        """Set the block's rows that are not for the sinks yet among those that are."""
+        first, used = self._sent - self._first, self.used
+        if self._sinks and used > first:
+            self._ready.append((self._block[first:used], self._sent))
+        self._sent, self._time = self._first + used, time.monotonic()
+
+    def _news(self) -> tuple[list[RunFault], list[KeyChange]]:
         faults, changes = self.faults[self._faults_written :], self.changes[self._changes_written :]
         self._faults_written, self._changes_written = len(self.faults), len(self.changes)
+        return faults, changes
+
+    def _send(self, rows: FloatArray, tick: int) -> None:
+        """Write rows: in the thread where nobody else needs them."""
+        faults, changes = self._news()
+        if self._keep:
+            self._write(rows, tick, faults, changes)
+            return
+
+        def job() -> None:
+            self._write(rows, tick, faults, changes)
+            if tick % self._size + len(rows) == self._size:  # the end of a block
+                assert isinstance(rows.base, np.ndarray)
+                self._spares.append(rows.base)
+
+        self._courier.give(job)
+
+    def _write(
+        self, rows: FloatArray, tick: int, faults: Sequence[RunFault], changes: Sequence[KeyChange]
+    ) -> None:  # fmt: skip
+        part = self._cut(rows, tick)
         for sink in self._sinks:
             if changes and isinstance(sink, SinkOfChanges):
                 sink.note(changes)
-            sink.write(rows, faults)
+            sink.write(part, faults)

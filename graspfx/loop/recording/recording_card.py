@@ -36,13 +36,15 @@ def _rows(history: Any) -> Iterator[tuple[str, str]]:
     header, layout, outcome, ticks = history.header, history.layout, history.outcome, len(history)
     engine = f", {outcome.engine}" if outcome.engine else ""
     broken = "" if outcome.complete else "; NOT complete: the run broke off, goes on or was killed"
-    seconds = f"{ticks * history.period:g} s"
-    yield "time", f"{seconds}, {counted(ticks, 'tick')} of {1e3 * history.period:g} ms{engine}{broken}"
+    seconds = f"{history.end:g} s"
+    fewer = f", a row every {header.every}" if header.every > 1 else ""
+    yield "time", f"{seconds}, {counted(history.ticks, 'tick')} of {1e3 * history.period:g} ms{fewer}{engine}{broken}"
+    yield "left out", listed(layout.omitted)
     yield "set", listed(f"{key} = {value!r}" for key, value in header.overrides.items())
     devices = "simulated" if layout.simulated else "real"
     space = counted(layout.dimensions, "dimension")
     yield "fingers", f"{len(layout.fingers)} in {space}, {devices}: {listed(layout.fingers)}"
-    if ticks:
+    if ticks and not {"touching", "finger_force"} & set(layout.omitted):
         touching = 100.0 * history.touching.mean(axis=0)
         yield "touching", listed(f"{each:.0f} %" for each in touching) + " of the time"
         peak = np.linalg.norm(history.finger_force, axis=2).max(axis=0)

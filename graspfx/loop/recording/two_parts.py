@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,8 +38,8 @@ class RowSplit:
     Args:
         rows: (r, width).
         layout: their columns.
-        splits: how forces divide, each from a tick on.
-        start: tick of the first row.
+        splits: how forces divide, each from a row of the recording on.
+        start: number of the first row in it.
     """
 
     rows: FloatArray
@@ -128,7 +129,7 @@ class RowSplit:
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""
-        ends = [*(tick - self.start for tick, _ in self.splits[1:]), len(self.rows)]
+        ends = [*(row - self.start for row, _ in self.splits[1:]), len(self.rows)]
         first = 0
         for (_, split), end in zip(self.splits, ends, strict=True):
             last = min(max(first, end), len(self.rows))
@@ -171,7 +172,7 @@ def _rule_of(split: Split, name: str) -> SplitRule:
 
 
 def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, Split]]:
-    """List how a run's forces divide, each from a tick on.
+    """List how a run's forces divide, each from a row on.
 
     Raises:
         RecordingError: the recording does not say it.
@@ -181,7 +182,28 @@ def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, S
             "this recording does not say how its forces divide into external and internal ones, as an earlier GraspFX "
             "made it: run its scene again"
         )
-    return [(0, header.split), *((change.tick, change.value) for change in changes if change.key == SPLIT)]
+    later = [(header.rows_before(change.tick), change.value) for change in changes if change.key == SPLIT]
+    return [(0, header.split), *later]
+
+
+def wide_width(layout: Layout, header: Header) -> int:
+    """Count the numbers of a row in a file: those of the layout, and the forces that follow from them."""
+    return layout.width + (sum(prod(column.shape) for column in layout.forces) if header.split else 0)
+
+
+def wide_rows(
+    rows: FloatArray, layout: Layout, header: Header, changes: Sequence[KeyChange], start: int
+) -> FloatArray:  # fmt: skip
+    """Write behind rows (r, width) of a recording, of which `start` is the first, the forces that follow from them."""
+    wide = np.empty((len(rows), wide_width(layout, header)))
+    wide[:, : layout.width] = rows
+    if wide.shape[1] > layout.width and len(rows):
+        parts, place = RowSplit(rows, layout, splits_of(header, changes), start).forces(), layout.width
+        for column in layout.forces:
+            size = prod(column.shape)
+            wide[:, place : place + size] = parts[column.name].reshape(len(rows), size)
+            place += size
+    return wide
 
 
 def work(force: FloatArray, tip: FloatArray, device_energy: FloatArray, faults: Sequence[RunFault]) -> FloatArray:

@@ -50,7 +50,7 @@ def end(scene: Wiring, k: int, r: int, rows: FloatArray) -> None:
     """Run the rest of tick k, recorded in row r."""
     if scene.faulted[0] != 0.0:
         stop(scene)
-    record(scene, r, rows)
+    record(scene, k, r, rows)
     move(scene, k)
     advance(scene, k)
 
@@ -198,12 +198,17 @@ def stop(scene: Wiring) -> None:
 
 
 @stage
-def record(scene: Wiring, r: int, rows: FloatArray) -> None:
-    """Write a row."""
+def record(scene: Wiring, k: int, r: int, rows: FloatArray) -> None:
+    """Write a row, if this tick has one."""
     if scene.columns is not None:
-        row = r * scene.width
-        for column, memory, entry in scene.columns:
-            rows[row + column] = memory[entry]
+        if scene.every == 1:
+            row = r * scene.width
+            for column, memory, entry in scene.columns:
+                rows[row + column] = memory[entry]
+        elif k % scene.every == 0:
+            row = r // scene.every * scene.width
+            for column, memory, entry in scene.columns:
+                rows[row + column] = memory[entry]
 
 
 # Move -----------------------------------------------------------------------------------------------------------------

@@ -174,4 +174,5 @@ class Wiring:
     bodies: Sequence[BodyWires | GuestWires]
     plants: Sequence[PlantWires]
     width: int  # of a recorded row
+    every: int  # ticks from one recorded row to the next
     columns: Sequence[tuple[int, FloatArray, int]] | None  # each with the entry that it shows; None without recording

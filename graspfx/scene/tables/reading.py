@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from graspfx.scene.tables.part_tables import Coupling, Finger, Object
+    from graspfx.scene.tables.record_table import Record
 
 WIDTHS = {1: 1, 2: 3, 3: 6}  # w, the freedoms of an object
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -26,6 +27,7 @@ class Readable:
         object: tuple[Object, ...]
         coupling: Coupling
         finger: tuple[Finger, ...]
+        record: Record
 
     @property
     def finger_names(self) -> tuple[str, ...]:

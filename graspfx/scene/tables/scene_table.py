@@ -14,6 +14,7 @@ from graspfx.scene.tables.hands import AnySharedHand
 from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle, SharedDevice, World
 from graspfx.scene.tables.preset_table import Preset
 from graspfx.scene.tables.reading import Readable
+from graspfx.scene.tables.record_table import Record
 
 
 def _no_switch(value: Any) -> Any:
@@ -32,15 +33,19 @@ def _table_or_list(value: Any) -> Any:
     return [value] if isinstance(value, Mapping | Object) else value
 
 
+def _columns(value: Any) -> Any:
+    return {"columns": value} if isinstance(value, str | list | tuple) else value
+
+
 class SceneTable(Readable, Table):
     """A whole scene, each field on its own; what the fields must be to one another is checked elsewhere."""
 
     title: Annotated[str, AfterValidator(_writable)] = ""
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(description="d")
     period: Positive = Field(description="T [s]")
-    engine: Literal["auto", "compiled", "interpreted"] = Field(
+    engine: Literal["auto", "generic", "compiled", "interpreted"] = Field(
         default="auto",
-        description="whether ticks run compiled, as they stand, or as the length of the run makes it worth",
+        description="what runs the ticks: kernels that all scenes share, a program of this scene, the script itself",
     )
     duration: Positive = Field(description="[s]")
     gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")
@@ -51,4 +56,5 @@ class SceneTable(Readable, Table):
     hand: tuple[AnySharedHand, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
     world: World = World()
+    record: Annotated[Record, BeforeValidator(_columns)] = Record()
     preset: dict[Name, Preset] = Field(default_factory=dict, description="by name")

@@ -172,7 +172,7 @@ def _tick(recording: Recording, time: float | None) -> int:
             return N - 1
         many = recording.touching.sum(axis=1)
         return int(np.where(many == many[total > 0.0].max(), total, -1.0).argmax())
-    k = round(time / recording.period) if np.isfinite(time) else -1
+    k = round(time / recording.row_period) if np.isfinite(time) else -1
     if not 0 <= k < N:
         raise InputError("time", time, f"a time from 0 to {recording.time[-1]:g} s, which the recording holds")
     return k

@@ -96,7 +96,7 @@ def stops(grasp: GraspView, logs: FloatArray, stretch: Stretch, end_time: float,
     end = float(logs[stretch.first + stretch.length - 1])
     if stretch.growth > CERTAIN or len(after) < stretch.length or float(after.max()) > end + NEW:
         return False
-    period = grasp.recording.period
+    period = grasp.recording.row_period
     rows = slice(round(end_time / period), grasp.rows)
     on = grasp.recording.touching[rows, grasp.fingers]
     return bool((on == on[0]).all()) and size < SMALL * grasp.depth(rows.start, rows.stop)

@@ -107,7 +107,7 @@ def growths(recording: History) -> list[Growth]:
 
 
 def _grown(grasp: GraspView) -> Growth | None:
-    period = grasp.recording.period
+    period = grasp.recording.row_period
     candidates: list[Growth] = []
     hands: Drive | None = None
     above: Octave | None = None
@@ -143,7 +143,7 @@ def _grown(grasp: GraspView) -> Growth | None:
 def _rung(grasp: GraspView) -> Growth | None:
     """Find oscillations that grew too fast to be seen growing, and ring."""
     layout = grasp.recording.layout
-    period = grasp.recording.period
+    period = grasp.recording.row_period
     hands: Drive | None = None
     for first, stop, count in touches(grasp.recording.touching[: grasp.rows, grasp.fingers]):
         ring = ringing(grasp.displacement(first, stop), first, count, grasp.noise(first, stop))
@@ -168,7 +168,7 @@ def _content(x: FloatArray, turn: float) -> float:
 
 
 def _divergence(grasp: GraspView, away: Divergence) -> Growth:
-    period, d = grasp.recording.period, grasp.recording.layout.dimensions
+    period, d = grasp.recording.row_period, grasp.recording.layout.dimensions
     rows = round(away.begin / period), min(round(away.end / period), grasp.rows)
     last = float(np.linalg.norm(away.swing.reshape(-1, d), axis=1).max())
     rate = math.log(away.z) / away.octave.step
@@ -187,7 +187,7 @@ def _led(away: Divergence, hands: Drive) -> bool:
 
 def _growth(grasp: GraspView, octave: Octave, logs: FloatArray, stretch: Stretch, z: complex) -> Growth:
     y = octave.windows(stretch.first, stretch.length)
-    period = grasp.recording.period
+    period = grasp.recording.row_period
     frequency = abs(float(np.angle(z))) / (2.0 * math.pi * octave.step)
     rate = math.log(abs(z)) / octave.step
     begin, end = octave.time(stretch.first), octave.time(stretch.first + stretch.length)

@@ -1,0 +1,23 @@
+"""The table `record` of a scene: which columns a recording has, of which ticks, and how its file is compressed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from graspfx.scene.tables.fields import Table
+
+
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+class Record(Table):
+    """What is recorded; a list is the table of these columns."""
+
+    columns: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        default=(), description="names of variables as in the file, or of groups of them; all if not given"
+    )
+    every: Annotated[int, Field(strict=True, ge=1)] = Field(default=1, description="ticks from one row to the next")
+    compression: Literal["none", "lzf", "gzip"] = Field(default="none", description="of the file, when the run ends")
