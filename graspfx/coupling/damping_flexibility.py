@@ -20,7 +20,7 @@ from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
 from graspfx.cones.factors import eliminate_rows, factor_definite, lower, solve_factored
 from graspfx.cones.friction import friction_force_flexible
-from graspfx.cones.problem import FrictionProblem
+from graspfx.cones.problem import FrictionProblem, dot4, leading
 from graspfx.coupling.contact_frames import in_frame
 from graspfx.coupling.depth import compliance, is_whole
 from graspfx.coupling.flexibility import combine_modes, factor
@@ -145,36 +145,29 @@ def add_up(
     """Compute V'A^-1 V, V'V of the elastic columns, V'R^-1 V of the damping's, and V'e and V'e' of all columns."""
     state, p = grasp.recoil, grasp.mode_count
     for j in range(count):
-        state.stretch[j] = 0.0
-        state.rate[j] = 0.0
+        e = rate = 0.0
+        for contact in problem.contacts:
+            v = leading(contact.modes[j].motion, d)
+            e += dot4(v, contact.displacement)
+            rate += dot4(v, contact.base_force)
+        state.stretch[j], state.rate[j] = e, rate
         for k in range(j + 1):
-            state.gram[j, k] = 0.0
-    if soft:
-        for j in range(max(near, far)):
-            for k in range(j + 1):
-                state.near[j, k] = 0.0
-                state.far[j, k] = 0.0
-    for i, finger in enumerate(grasp.fingers):
-        contact = problem.contacts[i]
-        if contact.status < 0:
-            continue
-        modes = contact.modes
-        own = 1.0 / base + (contact.compliance if problem.compliant else 0.0)
-        part = damping_part(grasp, finger, kid) if soft else 1.0
-        for j in range(count):
-            for a in range(d):
-                v = modes[j].motion[a]
-                state.stretch[j] += v * contact.displacement[a]
-                state.rate[j] += v * contact.base_force[a]
-            for k in range(j + 1):
-                total = 0.0
-                for a in range(d):
-                    total += modes[j].motion[a] * modes[k].motion[a]
-                state.gram[j, k] += own * total
-                if soft and j < near:
-                    state.near[j, k] += total
-                if soft and k >= near:
-                    state.far[j - near, k - near] += total / part
+            total = whole = rest = 0.0
+            for i, finger in enumerate(grasp.fingers):
+                contact = problem.contacts[i]
+                both = dot4(leading(contact.modes[j].motion, d), leading(contact.modes[k].motion, d))
+                if soft:
+                    total += (1.0 / base + contact.compliance) * both
+                    whole += both
+                    if k >= near:
+                        rest += both / damping_part(grasp, finger, kid)
+                else:
+                    total += both
+            state.gram[j, k] = total if soft else total / base
+            if soft and j < near:
+                state.near[j, k] = whole
+            if soft and k >= near:
+                state.far[j - near, k - near] = rest
     if not soft:
         for j in range(near):
             for k in range(j + 1):
