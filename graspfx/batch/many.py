@@ -94,6 +94,12 @@ class Job:
     looking: Lock = field(default_factory=Lock)
     side_by_side: int = 0  # variants that ran as straight lines
     spent: float = 0.0  # on runs [s]
+    done: int = 0  # variants that have run
+
+    def count(self, members: Index) -> None:
+        """Count variants that have run."""
+        with self.looking:
+            self.done += len(members)
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
         """Give measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
@@ -113,8 +119,13 @@ class Job:
             if lanes is not None:
                 self._in_lanes(lanes, rest, measures, faults, threads)
             if single is not None:
+
+                def alone(members: Index) -> None:
+                    single.measure(members, measures, faults)
+                    self.count(members)
+
                 _shared(
-                    lambda members: single.measure(members, measures, faults),
+                    alone,
                     [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)],
                     threads,
                 )
@@ -176,6 +187,7 @@ class Job:
             own: LaneBuffers = buffers.own
             for k in range(0, len(members), lanes.lanes):
                 own.measure(members[k : k + lanes.lanes], measures, faults)
+                self.count(members[k : k + lanes.lanes])
                 if self.look is not None:
                     with self.looking:
                         for arena in own.arenas(len(members[k : k + lanes.lanes])):
@@ -240,6 +252,7 @@ class Job:
             left.append(bad)
             count[0] += len(members)
             count[1] += len(bad)
+            self.count(members)
 
         numbers = np.arange(self.variants)
         span = LANES * min(MOST, max(1, self.variants // (4 * threads * LANES)))
