@@ -272,7 +272,7 @@ class Job:
     def _source(self, *, pausing: bool) -> str:
         script = self.tick.script
         text = whole_text(self.tick, pausing=pausing)
-        return program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen)
+        return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)
 
 
 @lru_cache(8)

@@ -403,7 +403,7 @@ def _structure(tick: Tick) -> str:
     parts = (
         whole_text(tick),
         [(name, array.size) for name, array in script.arrays.items()],
-        sorted((name, k, value.hex()) for (name, k), value in script.frozen.items()),
+        sorted((name, k, value.hex()) for (name, k), value in script.fixed.items()),
         [(kernel.__module__, kernel.__qualname__) for kernel in script.kernels.values()],
     )
     return sha256(repr(parts).encode()).hexdigest()

@@ -30,7 +30,12 @@ FloatArray = NDArray[np.float64]
 
 @contextmanager
 def build(
-    scene: Scene, *, engine: str = "", record: bool = True, chosen: bool = False, hardware: bool = True,
+    scene: Scene,
+    *,
+    engine: str = "",
+    record: bool = True,
+    chosen: bool = False,
+    hardware: bool = True,
     live: Collection[str] = (),
 ) -> Iterator[Servo]:
     """Build a servo ready to tick; devices and bodies are closed at the end, whatever happens.

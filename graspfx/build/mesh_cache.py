@@ -31,9 +31,9 @@ def through_cache(
     entry = load_arrays(key)
     if entry is None:
         mesh, unit = make()
-        table = {"shell": mesh.shell, "notes": mesh.notes, "mass": unit.mass.hex()}
+        head = {"shell": mesh.shell, "notes": mesh.notes, "mass": unit.mass.hex()}
         arrays = mesh.vertices, mesh.faces, mesh.data, *(getattr(unit, name) for name in SHARES)
-        store_arrays(key, table, arrays)
+        store_arrays(key, head, arrays)
         return mesh, unit
     from graspfx.surfaces.triangles.mesh import MassProperties, Mesh
 

@@ -31,6 +31,7 @@ from graspfx.scene.tables.reading import Readable
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
+    from graspfx.scene.source import Source
 
 
 def run(
@@ -103,10 +104,11 @@ def run(
             more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
             both = 2 * (size + more / every)  # the part, and the recording from it
             _require_room(ticks, both, f"the disk of {file.parent}", free)
-            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite))
+            packed = scene_.record.compression
+            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
         with Recorder(servo.layout, header, sinks, keep=out is None, ticks=ticks) as recorder:
             began = perf_counter()
-            with waiting(f"running {source_name(scene_)}", ticks, "ticks", lambda: servo.ticks):
+            with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: servo.ticks):
                 servo.run(ticks, recorder, stop)
             took, complete = perf_counter() - began, servo.ticks == ticks
             keep_lowerings()  # of kernels that were called
@@ -182,7 +184,7 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
     scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,
-        scene=source_name(scene),
+        scene=source_name(source),
         scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
         scene_table=scene.to_dict(),
         scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
@@ -202,9 +204,8 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
     )
 
 
-def source_name(scene: Readable) -> str:
+def source_name(source: Source) -> str:
     """Name a scene as on the shelf: after its file, or as it stands in messages."""
-    source = scene.source
     return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 

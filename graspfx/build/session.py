@@ -133,7 +133,12 @@ class Session(Carded):
             if out is not None:
                 from graspfx.loop.recording.sink import FileSink
 
-                sinks.append(FileSink(make_folder(out) / NAME, selection.layout, header, overwrite=overwrite))
+                sinks.append(
+                    FileSink(
+                        make_folder(out) / NAME, selection.layout, header, overwrite=overwrite,
+                        compression=scene.record.compression,
+                    )
+                )  # fmt: skip
             recorder = Recorder(whole, header, sinks, keep=out is None, selection=selection)
             self._place = None if out is None else Path(out) / NAME
             self._recorder = stack.enter_context(recorder)

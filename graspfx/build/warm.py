@@ -15,6 +15,7 @@ from graspfx.compile.generic import library
 from graspfx.coupling import two_forces
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError
+from graspfx.grasp import point_sets
 from graspfx.loop.tick.library import LIBRARY
 from graspfx.loop.tick.programs import Compiled
 from graspfx.scene.load import load
@@ -59,8 +60,9 @@ def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> 
 
 
 def warm_kernels() -> Warmed:
-    """Compile the kernels that all scenes start with, unless they are in the cache."""
+    """Compile the kernels that all scenes start with, and those of `gx.Split`, unless they are in the cache."""
     began = perf_counter()
+    point_sets.warm()
     kernels = library(LIBRARY)
     state = CANNOT if kernels.note else CACHED if kernels.cached else COMPILED
     return Warmed(KERNELS, state, perf_counter() - began, kernels.size, kernels.note)

@@ -142,11 +142,11 @@ def standing_limits(loop: Linearised) -> Iterator[Limit]:
     yield Limit(mode, gain, gain * edge.factor, edge.factor, edge.frequency, False)
 
 
-def pushing_limits(scene: Scene, loop: Linearised) -> Iterator[Limit]:
+def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
     """Find limits of every set of fingers that may touch without the others; none where contacts cannot be left."""
     n = len(loop.fingers)
     if scene.coupling.contact == "attached" or n == 1:
-        return
+        return []
     sizes: Sequence[int] = range(1, n) if n <= ALL_SETS else [1]
     sets = [places for size in sizes for places in combinations(range(n), size)]
     free = np.array(scene.free(next(thing for thing in scene.object if thing.name == loop.objects[0])), dtype=bool)
@@ -154,12 +154,14 @@ def pushing_limits(scene: Scene, loop: Linearised) -> Iterator[Limit]:
     loops = {k: list(_pushes(scene, loop, tuple(loop.fingers[i] for i in sets[k]))) for k in dict.fromkeys(alike)}
     answers = iter(reaches([_all_scaled(linear) for each in loops.values() for linear in each]))
     edges = {k: [(_stiffest(linear), next(answers)) for linear in each] for k, each in loops.items()}
+    rows = []
     for places, k in zip(sets, alike, strict=True):
         pushers = [loop.fingers[i] for i in places]
         least = min(edge.factor for _, edge in edges[k])
         gain, edge = next(pair for pair in edges[k] if pair[1].factor <= least * (1.0 + TIE))
         who = ", ".join(scene.finger_names[i] for i in pushers)
-        yield Limit(f"pushing with {who}", gain, gain * edge.factor, edge.factor, edge.frequency, False)
+        rows.append(Limit(f"pushing with {who}", gain, gain * edge.factor, edge.factor, edge.frequency, False))
+    return rows
 
 
 def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterator[Linearisation]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
@@ -14,13 +14,15 @@ from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.tick.engine import LOADING, SPECIALISING
-from graspfx.loop.tick.engine_text import sources
+from graspfx.loop.tick.engine_text import sources, texts
 from graspfx.loop.tick.programs import Compiled
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo
+    from graspfx.loop.tick.script import Tick
     from graspfx.scene.model import Scene
 
+WORD = re.compile(r"[A-Za-z_]\w*")
 KERNEL = re.compile(r"^def (\w+)_\d+\(", re.MULTILINE)
 INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
@@ -34,7 +36,8 @@ class Prospect:
         guests: bodies that other software moves.
         ahead: hands that are none, which cost no call.
         calls: of the program, for each tick; 0 where one call does many of them.
-        kernels: that are left in its program.
+        calls_of_text: the kernels that the text of its tick calls.
+        kernels: that are left in its program; None where that has not been specialised yet, which a look is not worth.
         size: of its machine code in the cache [bytes]; None if it is not there.
         llvm: whether there is LLVM to compile it.
     """
@@ -43,13 +46,14 @@ class Prospect:
     guests: tuple[str, ...]
     foreseen: tuple[str, ...]
     calls: int
-    kernels: frozenset[str]
+    calls_of_text: frozenset[str]
+    kernels: frozenset[str] | None
     size: int | None
     llvm: bool
 
 
 def prospect(scene: Scene) -> Prospect:
-    """Build the scene and specialise its program; nothing moves.
+    """Build the scene; nothing moves, and no program is specialised.
 
     Raises:
         GraspFXError: it cannot be built, or a part of it is not what it says.
@@ -62,7 +66,8 @@ def prospect(scene: Scene) -> Prospect:
             guests=tuple(guests(servo)),
             foreseen=tuple(looked_ahead(servo)),
             calls=2 if tick.ports else int(bool(tick.guests or tick.bodies or tick.plants)),
-            kernels=kernels(servo),
+            calls_of_text=_calls_of_text(tick),
+            kernels=_kernels_before(servo),
             size=_size(servo) if llvm else None,
             llvm=llvm,
         )
@@ -70,7 +75,24 @@ def prospect(scene: Scene) -> Prospect:
 
 def kernels(servo: Servo) -> frozenset[str]:
     """List the names of the kernels in a servo's program."""
-    return frozenset(name for source in sources(servo.script).values() for name in KERNEL.findall(source))
+    return _names(sources(servo.script))
+
+
+def _calls_of_text(tick: Tick) -> frozenset[str]:
+    words = {word for text in texts(tick).values() for word in WORD.findall(text)}
+    return frozenset(kernel.__name__ for name, kernel in tick.script.kernels.items() if name in words)
+
+
+def _kernels_before(servo: Servo) -> frozenset[str] | None:
+    """List them if the program has been specialised before."""
+    try:
+        return _names(sources(servo.script, make=False))
+    except LookupError:
+        return None
+
+
+def _names(programs: Mapping[str, str]) -> frozenset[str]:
+    return frozenset(name for source in programs.values() for name in KERNEL.findall(source))
 
 
 def engine_plan(scene: Scene) -> list[PlanRow]:
@@ -110,7 +132,10 @@ def _listed(parts: Collection[str]) -> str:
 
 
 def _program(facts: Prospect) -> PlanRow:
-    text = f"{len(facts.kernels)} kernels, specialised for this scene"
+    if facts.kernels is None:
+        text = f"a tick that calls {len(facts.calls_of_text)} kernels, to be specialised for this scene"
+    else:
+        text = f"{len(facts.kernels)} kernels, specialised for this scene"
     if facts.size is not None:
         return PlanRow("program", True, f"{text}; compiled, {1e-3 * facts.size:.0f} kB in {folder_text()}")
     if not facts.llvm:

@@ -56,6 +56,11 @@ def emitted(text: str, level: int = FULL, *, lanes: bool = False, wide: bool = F
     return bytes(machine.emit_object(module))
 
 
+def best(text: str, *, lanes: bool, wide: bool = False) -> bytes:
+    """Emit the best machine code; arguments as of `emitted`."""
+    return emitted(text, LANES if lanes else FULL, lanes=lanes, wide=wide)
+
+
 def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
     """Load machine code; the engine that holds it lives as long as anybody may call it.
 

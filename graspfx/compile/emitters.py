@@ -15,7 +15,7 @@ from typing import IO
 
 from graspfx import log
 from graspfx.compile.child import start
-from graspfx.compile.emission import emitted
+from graspfx.compile.emission import best
 
 WORKER = "graspfx.compile.emitter"
 
@@ -55,19 +55,20 @@ class Emitters:
         if self._title and _is_watched():
             print(file=sys.stderr)
 
-    def emit(self, texts: Sequence[str]) -> list[bytes]:
-        """Emit the machine code of each text, the longest first."""
+    def emit(self, texts: Sequence[tuple[str, bool]]) -> list[bytes]:
+        """Emit the machine code of each text, the longest first; each says whether it has loops over lanes."""
         left: SimpleQueue[int] = SimpleQueue()
-        for k in sorted(range(len(texts)), key=lambda k: -len(texts[k])):
+        for k in sorted(range(len(texts)), key=lambda k: -len(texts[k][0])):
             left.put(k)
         machines: dict[int, bytes] = {}
 
         def work(process: subprocess.Popen[bytes] | None) -> None:
             while not left.empty():
                 k = left.get()
-                machine = None if process is None else _ask(process, texts[k])
+                text, lanes = texts[k]
+                machine = None if process is None else _ask(process, text, lanes=lanes)
                 if machine is None:
-                    process, machine = None, emitted(texts[k])
+                    process, machine = None, best(text, lanes=lanes)
                 machines[k] = machine
                 with self._lock:
                     self._done += 1
@@ -86,11 +87,11 @@ class Emitters:
             print(f"\r{self._title}{f': {done} of {count}' if count else ' ...'}", end="", file=sys.stderr, flush=True)
 
 
-def _ask(process: subprocess.Popen[bytes], text: str) -> bytes | None:
+def _ask(process: subprocess.Popen[bytes], text: str, *, lanes: bool) -> bytes | None:
     """Ask a process for the machine code of a text; None where it has ended."""
     assert process.stdin is not None and process.stdout is not None
     try:
-        process.stdin.write(json.dumps(text).encode() + b"\n")
+        process.stdin.write(json.dumps([text, lanes]).encode() + b"\n")
         process.stdin.flush()
         return read_block(process.stdout)
     except OSError:

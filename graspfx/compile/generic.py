@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -27,6 +27,7 @@ TYPES = {"int": "i64", "float": "double", "bool": "i1"}  # by the annotation of 
 UNROLL = 400  # statements of a loop that is written out: over axes, of which there are three at most
 
 Kernel = Callable[..., Any]
+_SINGLES: dict[tuple[Kernel, tuple[str, ...]], Library] = {}  # loaded in this process
 _loading = RLock()
 
 
@@ -106,24 +107,39 @@ def library(names: tuple[str, ...]) -> Library:
     Args:
         names: their modules' and their own, with a point between, for the types of arguments that they declare.
     """
-    kernels: dict[str, tuple[Kernel, tuple[str, ...]]] = {}
     key = _key("library", *names)
-
-    def ask() -> dict[str, tuple[Kernel, tuple[str, ...]]]:
-        for name in names:
-            module, _, kernel = name.rpartition(".")
-            function = getattr(import_module(module), kernel)
-            kernels[name] = function, _declared_types(function)
-        return kernels
-
-    return _library(key, ask, "compiling kernels, once per version and machine")
+    home = _from_disk(key)
+    if home is not None:
+        return home
+    with alone(disk.lock_folder(), "kernels") as waited:
+        home = _from_disk(key) if waited else None  # another process has compiled them meanwhile
+        return home or _compiled(key, dict(_kernels(names)), "compiling kernels, once per version and machine")
 
 
-@cache
-def single(kernel: Kernel, types: tuple[str, ...]) -> Library:
-    """Load the library of one kernel for these types of arguments, or compile it."""
-    key = _key("kernel", *identity(kernel), *types)
-    return _library(key, lambda: {kernel_name(kernel): (kernel, types)}, "")
+def _kernels(names: Iterable[str]) -> Iterator[tuple[str, tuple[Kernel, tuple[str, ...]]]]:
+    """Import kernels by their names, with the types of arguments that they declare."""
+    for name in names:
+        module, _, kernel = name.rpartition(".")
+        function = getattr(import_module(module), kernel)
+        yield name, (function, _declared_types(function))
+
+
+def single(kernel: Kernel, types: tuple[str, ...], *, make: bool = True) -> Library:
+    """Load the library of one kernel for these types of arguments, or compile it.
+
+    Args:
+        kernel: the function.
+        types: of the arguments.
+        make: whether to compile what is not in the cache; else a LookupError.
+    """
+    home = _SINGLES.get((kernel, types))
+    if home is None:
+        key = _key("kernel", *identity(kernel), *types)
+        home = _from_disk(key)
+        if home is None and not make:
+            raise LookupError("not compiled yet")
+        home = _SINGLES[kernel, types] = home or _compiled(key, {kernel_name(kernel): (kernel, types)}, "")
+    return home
 
 
 def _key(*parts: str) -> str:
@@ -133,15 +149,6 @@ def _key(*parts: str) -> str:
 def _declared_types(kernel: Kernel) -> tuple[str, ...]:
     parameters = signature(source_function(kernel)).parameters.values()
     return tuple(TYPES.get(str(parameter.annotation), "ptr") for parameter in parameters)
-
-
-def _library(key: str, kernels: Callable[[], Mapping[str, tuple[Kernel, tuple[str, ...]]]], title: str) -> Library:
-    before = _from_disk(key)
-    if before is not None or not title:
-        return before or _compiled(key, kernels(), title)
-    with alone(disk.lock_folder(), "kernels") as waited:
-        before = _from_disk(key) if waited else None  # another process has compiled them meanwhile
-        return before or _compiled(key, kernels(), title)
 
 
 def _from_disk(key: str) -> Library | None:
@@ -170,7 +177,7 @@ def _compiled(key: str, kernels: Mapping[str, tuple[Kernel, tuple[str, ...]]], t
         keep_lowerings()
         prefix = f"gx.{hashlib.sha256(source.encode()).hexdigest()[:16]}"
         text = library_text(source, entries, prefix)
-        machines = emitters.emit([part.text for part in text.parts])
+        machines = emitters.emit([(part.text, part.lanes) for part in text.parts])
     parts, at = [], 0
     for part, machine in zip(text.parts, machines, strict=True):
         parts.append((part.exports, part.needs, part.libm, at, at + len(machine)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Sequence
 from functools import partial
 from inspect import signature
@@ -13,41 +12,47 @@ from typing import Any
 
 import numpy as np
 
-from graspfx.compile import kernel_texts as store
+from graspfx.compile.emission import require_llvm
+from graspfx.compile.footprints import note_compiled
+from graspfx.compile.generic import kernel_name, single
+from graspfx.compile.joined import joined
 from graspfx.compile.kernel import source_function
-from graspfx.compile.kernel_texts import KernelText
 from graspfx.compile.native import Bound, Native
-from graspfx.compile.native import compiled as program
-from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Dynamic, Memory, TupleValue
 
 _MACHINES: dict[Any, Machine] = {}
-NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its other parameters are buffers
+NUMBERS = {"int": "i64", "float": "double", "bool": "i64"}  # a kernel's numbers by annotation; others are buffers
 
 
 class Machine:
     """`kernel(...)` compiled: the same arguments, of which buffers are arrays or memoryviews of floats.
 
-    A kernel on records takes a buffer and an offset for each. It gives what the kernel gives, numbers as floats.
+    A kernel on records takes a buffer and an offset for each; two buffers may be the same memory. It gives what the
+    kernel gives, numbers as floats.
 
     Args:
         make: whether to compile what is not in the cache; else a LookupError.
     """
 
     def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
-        text = store.find(kernel)
-        if text is None:
-            if not make:
-                raise LookupError("not compiled yet")
-            text = _specialised(source_function(kernel))
-            store.add(kernel, text)
-        self._names = [name for name, kind in text.parameters if kind not in NUMBERS]
-        self._number_places = [k for k, (_, kind) in enumerate(text.parameters) if kind in NUMBERS]
-        self._buffer_places = [k for k, (_, kind) in enumerate(text.parameters) if kind not in NUMBERS]
-        self._results = text.results
+        parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
+        numbers = [name for name, kind in parameters if kind in NUMBERS]
+        self._names = [name for name, kind in parameters if kind not in NUMBERS]
+        self._number_places = [k for k, (_, kind) in enumerate(parameters) if kind in NUMBERS]
+        self._buffer_places = [k for k, (_, kind) in enumerate(parameters) if kind not in NUMBERS]
         self._last = local()
-        floats = [name for name, kind in text.parameters if kind == "float"]
-        self._native: Native = program(text.source, floats, make=make)
+        require_llvm()
+        types = tuple(NUMBERS.get(kind, "ptr") for _, kind in parameters)
+        symbol = single(kernel, types, make=make).find(kernel_name(kernel), types)
+        assert symbol is not None
+        self._results = len(symbol.result) if isinstance(symbol.result, tuple) else int(symbol.result is not None)
+        call = f"kernel_({', '.join(name for name, _ in parameters)})"
+        targets = ", ".join(f"results_[{k}]" for k in range(self._results))
+        head = f"def entry({', '.join([*self._names, 'results_', *numbers])}):"
+        source = f"{head}\n    {targets + ' = ' if targets else ''}{call}"
+        floats = [name for name, kind in parameters if kind == "float"]
+        self._native: Native = joined(source, {"kernel_": kernel}, [*self._names, "results_"], floats=floats)
+        if not self._native.cached:
+            note_compiled(kernel)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
         """Bind the kernel to these arguments, for any number of calls; its result is not returned."""
@@ -85,24 +90,6 @@ class Machine:
         results = np.empty(max(self._results, 1))
         by_name = {**dict(zip(self._names, buffers, strict=True)), "results_": results}
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
-
-
-def _specialised(kernel: FunctionType) -> KernelText:
-    """Specialise a kernel, for nothing that is known, and an entry that calls it and leaves its results."""
-    kinds = tuple((p.name, str(p.annotation)) for p in signature(kernel).parameters.values())
-    numbers = [name for name, kind in kinds if kind in NUMBERS]
-    buffers = {name: Memory(name, 0) for name, kind in kinds if kind not in NUMBERS}
-    specialised = Program({})
-    result = specialised.add(
-        kernel, [buffers.get(name) or Dynamic(ast.Name(name, ast.Load())) for name, _ in kinds]
-    ).result
-    results = 0 if result is None else len(result.parts) if isinstance(result, TupleValue) else 1
-    call = f"{kernel.__name__}({', '.join(name for name, _ in kinds)})"
-    targets = ", ".join(f"results_[{k}]" for k in range(results))
-    text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
-    names = {kernel.__name__: kernel, "results_": Memory("results_", 0), **buffers}
-    specialised.add_text(text, names, [Dynamic(ast.Name(name, ast.Load())) for name in numbers])
-    return KernelText(specialised.source(), kinds, results, tuple(sorted(specialised.files)))
 
 
 def compiled(kernel: Any, *, make: bool = True) -> Machine:

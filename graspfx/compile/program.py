@@ -38,10 +38,7 @@ def program_source(
         unroll: most statements of a loop that is written out.
         make: whether to specialise what is not kept yet; else a LookupError.
     """
-    roots = {name: identity(kernel) for name, kernel in sorted(kernels.items())}
-    numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    request = json.dumps([source_digest(), text, roots, list(arrays), numbers, unroll])
-    key = hashlib.sha256(f"program {request}".encode()).hexdigest()
+    key = program_key(text, kernels, arrays, frozen, unroll=unroll)
     content = disk.load(key)
     if content is not None:
         entry = json.loads(content)
@@ -56,6 +53,21 @@ def program_source(
     keep_lowerings()
     disk.store(key, json.dumps({"sources": foreign_sources(program), "source": source}).encode())
     return source
+
+
+def program_key(
+    text: str,
+    kernels: Mapping[str, Callable[..., Any]],
+    arrays: Sequence[str],
+    frozen: Mapping[tuple[str, int], float],
+    *,
+    unroll: int = UNROLL,
+) -> str:
+    """Name what a program is made from; arguments as of `program_source`."""
+    roots = {name: identity(kernel) for name, kernel in sorted(kernels.items())}
+    numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
+    request = json.dumps([source_digest(), text, roots, list(arrays), numbers, unroll])
+    return hashlib.sha256(f"program {request}".encode()).hexdigest()
 
 
 def specialise(

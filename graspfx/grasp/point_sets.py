@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile import kernel_texts
+from graspfx.compile.footprints import was_compiled
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.compile.records import size_for
 from graspfx.grasp import direct, direct_modes
@@ -64,7 +64,7 @@ class Engine:
             self._next = math.inf
             return
         make = self._work >= COMPILE
-        if make or kernel_texts.find(self.kernel) is not None:
+        if make or was_compiled(self.kernel):
             from graspfx.compile.machine import compiled  # takes as long to import as thousands of interpreted calls
 
             try:
@@ -88,6 +88,18 @@ class Engine:
 COUPLE = Engine(direct.couple)
 COUPLE_ROWS = Engine(direct_modes.couple_rows)
 MODE_ROWS = Engine(direct_modes.mode_rows)
+
+
+def warm() -> None:
+    """Compile the kernels, unless they are in the cache.
+
+    Raises:
+        MissingPackageError: no LLVM.
+    """
+    from graspfx.compile.machine import compiled
+
+    for engine in (COUPLE, COUPLE_ROWS, MODE_ROWS):
+        compiled(engine.kernel)
 
 
 class Workspace:

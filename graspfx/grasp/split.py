@@ -375,15 +375,15 @@ def _row_space(A: FloatArray, absolute: float = 0.0, relative: float = 0.0) -> t
     values, rows = np.linalg.svd(A, full_matrices=False)[1:]
     noise = max(A.shape[-2:]) * EPS
     least = np.maximum(absolute, max(relative, noise) * values[..., :1])
-    kept = values > least
+    counting = values > least
     lengths = np.sqrt((A**2).sum(axis=-1))
     independent = lengths > least
-    graded = independent.sum(axis=-1) == kept.sum(axis=-1)
+    graded = independent.sum(axis=-1) == counting.sum(axis=-1)
     if graded.any():
         # rows of very different length, each accurate in itself: unit rows keep that accuracy
         unit = np.where(independent, 1.0 / np.where(independent, lengths, 1.0), 0.0)[..., None] * A
         rows = np.where(graded[..., None, None], np.linalg.svd(unit, full_matrices=False)[2], rows)
-    return _transposed(rows * kept[..., None]), values * kept
+    return _transposed(rows * counting[..., None]), values * counting
 
 
 def _transposed(A: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from graspfx.loop.plant import FusedPlant
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick.engine import ENGINES
+from graspfx.loop.tick.engine import engine_for
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
 from graspfx.loop.tick.programs import Engine, Generic, Interpreted
@@ -161,7 +161,7 @@ class Servo:
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
             if self._kind not in (Interpreted.name, Generic.name):
                 self.watch.fold(self.parts, self._tick)
-            self._engine = ENGINES[self._kind](self._tick)
+            self._engine = engine_for(self._kind, self._tick)
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.bench.case import Method, each, is_installed
-from graspfx.compile.machine import compiled
+from graspfx.grasp import point_sets
 from graspfx.grasp.point_sets import COUPLE, COUPLE_ROWS, LOAD, MODE_ROWS
 
 FloatArray = NDArray[np.float64]
@@ -33,8 +33,8 @@ def force_method(
 def load_machine_code() -> None:
     """Bring the calls of a `Split` to where a loop of a user has them after some milliseconds: to machine code."""
     if is_installed("llvmlite"):
+        point_sets.warm()
         for engine in (COUPLE, COUPLE_ROWS, MODE_ROWS):
-            compiled(engine.kernel)
             engine.machine(LOAD)
 
 

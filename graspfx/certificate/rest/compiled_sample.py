@@ -1,4 +1,4 @@
-"""The sample of a grasp as machine code, compiled once for all grasps: the bits of the kernel that Python runs."""
+"""The sample of a grasp as machine code, that of the generic kernels: the bits of the kernel that Python runs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.sample import sample
+from graspfx.loop.tick.library import LIBRARY
 
 if TYPE_CHECKING:
     from graspfx.compile.native import Native
 
-TEXT = "def entry():\n    return sample(grasp, 0)\n"
+TEXT = "def entry(grasp):\n    return sample(grasp, 0)\n"
 
 
 def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
@@ -24,16 +25,11 @@ def compiled_sample(grasped: GraspedObject) -> Callable[[], int]:
     if find_spec("llvmlite") is None:
         return grasped.sample
     run = _program().bind(grasped.block).brief
-
-    def compute() -> int:
-        return int(run())
-
-    return compute
+    return lambda: int(run())
 
 
 @cache
 def _program() -> Native:
-    from graspfx.compile.native import compiled
-    from graspfx.compile.program import program_source
+    from graspfx.compile.joined import joined
 
-    return compiled(program_source(TEXT, {"sample": sample}, ["grasp"], {}))
+    return joined(TEXT, {"sample": sample}, ["grasp"], LIBRARY)

@@ -40,12 +40,14 @@ class Part:
         exports: the functions that it has for others.
         needs: those of other modules that it calls.
         libm: functions of the platform's library that it calls.
+        lanes: whether it has loops over lanes, of which the turns may be done side by side.
     """
 
     text: str
     exports: tuple[str, ...]
     needs: tuple[str, ...]
     libm: tuple[str, ...]
+    lanes: bool
 
 
 class LibraryText(NamedTuple):
@@ -143,8 +145,10 @@ def _part(name: str, texts: Mapping[str, str], heads: Mapping[str, None], prefix
     body = body.replace(f'define internal {_head(texts[name])} @"{prefix}.', f'define {_head(texts[name])} @"{prefix}.')
     libm = tuple(sorted(set(LIBRARY.findall(body))))
     declarations = [CALLED.sub(renamed, _declaration(texts[other])) for other in needs]
-    lines = [INTRINSICS, *map(declared, libm), *declarations, body, *(notes if "!llvm." in body else ())]
-    return Part("\n".join(lines) + "\n", (f"{prefix}.{name}",), tuple(f"{prefix}.{other}" for other in needs), libm)
+    lanes = "!llvm." in body
+    lines = [INTRINSICS, *map(declared, libm), *declarations, body, *(notes if lanes else ())]
+    others = tuple(f"{prefix}.{other}" for other in needs)
+    return Part("\n".join(lines) + "\n", (f"{prefix}.{name}",), others, libm, lanes)
 
 
 def _head(text: str) -> str:

@@ -134,7 +134,8 @@ def llvm_program(
     numbers = tuple(FLOAT if name in floats else INT for name in names[len(arrays) :])
 
     module = Module(trees, checked=checked, externals=externals)
-    parameters: list[Array | Number] = [Array(name, f"%p{k}") for k, name in enumerate(arrays)]
+    alone = externals is None  # else a kernel may be called with the same memory twice
+    parameters: list[Array | Number] = [Array(name if alone else "any", f"%p{k}") for k, name in enumerate(arrays)]
     parameters += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
 
     def why(text: str) -> GraspFXError:
@@ -146,7 +147,7 @@ def llvm_program(
         *map(declared, sorted(module.libm)),
         *module.symbols.values(),
         *module.texts,
-        _entry(function, parameters),
+        _entry(function, parameters, "noalias " if alone else ""),
         *module.notes,
     ]
     if checked:
@@ -174,8 +175,8 @@ def declared(name: str) -> str:
     return f"declare double @graspfx_{name}({arguments}) nounwind willreturn nofree nosync memory(none)"
 
 
-def _entry(function: LlvmFunction, values: Sequence[Array | Number]) -> str:
-    parameters = ", ".join(f"ptr noalias {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
+def _entry(function: LlvmFunction, values: Sequence[Array | Number], alone: str) -> str:
+    parameters = ", ".join(f"ptr {alone}{a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
     arguments = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
     call = f'call {result_type(function.result)} @"{function.name}"({arguments})'
     match function.result:

@@ -73,8 +73,8 @@ class Program:
         if key not in self._specialised and list(self._specialised.values()).count(None) < DEEPEST:
             self._specialised[key] = None
             self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
-            kernel = Kernel(definition(function), function.__globals__, code.co_filename)
             written = getattr(function, "__written__", None)
+            kernel = Kernel(definition(function), function.__globals__, code.co_filename, written)
             new = self._make(kernel, arguments, f"{function.__name__}_{len(self._specialised)}")
             source = (written or function).__code__
             vars(new.node).update(origin=(source.co_filename, source.co_firstlineno), written=written)

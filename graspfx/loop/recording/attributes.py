@@ -14,8 +14,15 @@ import numpy as np
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 
-FORMAT = 3  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
-NAMES = ("fingers", "objects", "finger_objects", "predicted", "absent", "omitted")  # of a layout's fields that are tuples
+FORMAT = 4  # counts up with each change that an older reader cannot read; docs/how-to/recording.md says what changed
+NAMES = (
+    "fingers",
+    "objects",
+    "finger_objects",
+    "predicted",
+    "absent",
+    "omitted",
+)  # of a layout's fields that are tuples
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -23,3 +23,27 @@ class _Parts(dict[str, T]):
 
     def __missing__(self, name: object) -> T:
         raise UnknownNameError(self._kind, str(name), self)
+
+
+class PartsOnDemand(Mapping[str, T]):
+    """Parts that are made whenever they are asked for.
+
+    Args:
+        kind: of a part, for the error of an unknown one.
+        keys: by name, what each is made from.
+        make: makes it.
+    """
+
+    def __init__(self, kind: str, keys: Mapping[str, str], make: Callable[[str], T]) -> None:
+        self._kind, self._keys, self._make = kind, keys, make
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self._keys:
+            raise UnknownNameError(self._kind, str(name), self._keys)
+        return self._make(self._keys[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)

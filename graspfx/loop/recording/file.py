@@ -13,23 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
-from graspfx.loop.recording.attributes import FORMAT, format_of, header_of, layout_of, outcome_of
+from graspfx.loop.recording.attributes import format_of, header_of, layout_of, outcome_of
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.journal import Content, is_journal, read_journal
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.places import recording_file
 from graspfx.loop.recording.seal import has_digest
+from graspfx.loop.recording.store import MemoryRows, PackedRows, Piece, RowStore, StoredRows
 
 FloatArray = NDArray[np.float64]
 
 SEALS = 2  # the first format whose files end in a digest
+BLOCKS = 4  # the first with its rows in blocks
+ROWS, PIECES = "rows/rows", "rows/pieces"
 SUPERBLOCK, VERSION, FLAGS, END = 48, 8, 11, slice(28, 36)  # HDF5 File Format Specification 3.0, II.A
 # what HDF5, JSON and the making of a layout from it raise where bytes have gone bad, or something else was put there
 UNREADABLE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 
 
-def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome]:
-    """Read rows, layout, header and outcome of a recording; of a run that was killed, as far as it was written.
+def read(path: str | PathLike[str]) -> tuple[RowStore, Layout, Header, Outcome]:
+    """Open rows, read layout, header and outcome of a recording; of a run that was killed, as far as it was written.
 
     Args:
         path: of the file, of its part, or of the folder in which it is recording.h5; a part is read where there is no
@@ -51,12 +54,31 @@ def read(path: str | PathLike[str]) -> tuple[FloatArray, Layout, Header, Outcome
 
 def _read_hdf5(place: Path) -> Content:
     whole = has_digest(place)  # before HDF5 looks at bytes that may have been changed
-    with _opened(place) as file:
+    file = _opened(place)
+    try:
         number = format_of(file.attrs)
         if number >= SEALS and not whole:
             raise ValueError("it was changed since it was written: its digest is gone")
         layout = _drop_columns(layout_of(file.attrs), file, number)
-        return Content(_rows(file, layout), layout, header_of(file.attrs), _outcome(file))
+        header, outcome = header_of(file.attrs), _outcome(file)
+        if number >= BLOCKS and PIECES not in file and ROWS in file:
+            return Content(PackedRows(file, file[ROWS]), layout, header, outcome)
+        rows = _stored_rows(place, file) if number >= BLOCKS else MemoryRows(_rows(file, layout))
+        file.close()
+        return Content(rows, layout, header, outcome)
+    except BaseException:
+        file.close()
+        raise
+
+
+def _stored_rows(place: Path, file: Any) -> RowStore:
+    """Open the rows of a file, block by block."""
+    table = file[PIECES]
+    pieces = [
+        Piece(int(each["first"]), int(each["count"]), int(each["offset"]), int(each["lead"]), each["check"].tobytes())
+        for each in table[:]
+    ]
+    return StoredRows(place, int(table.attrs["wide"]), pieces)
 
 
 def _opened(place: Path) -> Any:
@@ -84,7 +106,7 @@ def _left_open(place: Path) -> bool:
 
 def _drop_columns(layout: Layout, file: Any, number: int) -> Layout:
     """Leave columns out of a layout that came later than the file's format."""
-    if number == FORMAT:
+    if number >= 3:
         return layout
     absent = [name for name in layout.columns if name not in file and not layout.is_essential(name)]
     return replace(layout, absent=(*layout.absent, *absent)) if absent else layout

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.card import Card, Carded
 from graspfx.errors import RecordingError, UnknownNameError
-from graspfx.loop.recording.by_name import by_name
+from graspfx.loop.recording.by_name import PartsOnDemand, by_name
 from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.store import BLOCK, MemoryRows, RowStore
 from graspfx.spatial import Quaternion, Vector, rotate
 
 if TYPE_CHECKING:
@@ -27,27 +27,46 @@ BoolArray = NDArray[np.bool_]
 Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
 
 
-@dataclass(frozen=True, repr=False)
 class ObjectMotion(Carded):
-    """One object over time.
+    """One object over time."""
 
-    Attributes:
-        position: (N, d) [m].
-        velocity: (N, d) [m/s].
-        orientation: (N,) an angle [rad], (N, 4) a quaternion x y z w, or None on a line.
-        angular_velocity: (N,) or (N, 3) [rad/s], or None on a line.
-        wrench: (N, w), of the fingers on the object about its centre [N, N m].
-        law: (N,), that the elastic force satisfies, 0 Coulomb's and 1 the associated one; None without a coefficient.
-        residual: (N,), of that law [N]; None without a coefficient.
-    """
+    def __init__(self, history: History, name: str) -> None:
+        self._history, self._at = history, f"objects/{name}/"
 
-    position: FloatArray
-    velocity: FloatArray
-    orientation: FloatArray | None
-    angular_velocity: FloatArray | None
-    wrench: FloatArray
-    law: NDArray[np.int8] | None = None
-    residual: FloatArray | None = None
+    @property
+    def position(self) -> FloatArray:
+        """Positions of its centre, (N, d) [m]."""
+        return self._history.array(self._at + "position")
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocities of its centre, (N, d) [m/s]."""
+        return self._history.array(self._at + "velocity")
+
+    @property
+    def orientation(self) -> FloatArray | None:
+        """Angles (N,) [rad] in a plane, quaternions x y z w (N, 4) in space, or None on a line."""
+        return self._history.optional(self._at + "orientation")
+
+    @property
+    def angular_velocity(self) -> FloatArray | None:
+        """Angular velocities, (N,) or (N, 3) [rad/s], or None on a line."""
+        return self._history.optional(self._at + "angular_velocity")
+
+    @property
+    def wrench(self) -> FloatArray:
+        """Wrenches of the fingers on the object about its centre, (N, w) [N, N m]."""
+        return self._history.array(self._at + "wrench")
+
+    @cached_property
+    def law(self) -> NDArray[np.int8] | None:
+        """Law that the elastic force satisfies, (N,), 0 Coulomb's, 1 the associated one; None without a coefficient."""
+        return self._history._whole(self._at + "law")
+
+    @property
+    def residual(self) -> FloatArray | None:
+        """Residuals of that law, (N,) [N]; None without a coefficient."""
+        return self._history.optional(self._at + "residual")
 
     def _card(self) -> Card:
         from graspfx.loop.recording.recording_card import motion_card
@@ -59,22 +78,59 @@ class History:
     """A run's rows under their names: row k of each array holds what was read at k T and what was computed from that.
 
     Args:
-        rows: (N, width), read-only from here on.
+        rows: (N, width), read-only from here on; or where they are, to be read as they are asked for.
         layout: its columns.
         header: what was known before the run.
         outcome: how it went.
+        start: number of the first row, of a piece of a recording.
     """
 
-    def __init__(self, rows: FloatArray, layout: Layout, header: Header, outcome: Outcome | None = None) -> None:
-        if rows.ndim != 2 or rows.shape[1] != layout.width:
-            raise RecordingError(f"rows of shape {rows.shape} do not fit a layout of {layout.width} columns")
-        self.rows = rows
-        self.rows.flags.writeable = False
+    def __init__(
+        self,
+        rows: FloatArray | RowStore,
+        layout: Layout,
+        header: Header,
+        outcome: Outcome | None = None,
+        *,
+        start: int = 0,
+    ) -> None:
+        if isinstance(rows, np.ndarray):
+            if rows.ndim != 2 or rows.shape[1] != layout.width:
+                raise RecordingError(f"rows of shape {rows.shape} do not fit a layout of {layout.width} columns")
+            rows = MemoryRows(rows)
+        self.store, self.start = rows, start
+        self._arrays: WeakValueDictionary[str, FloatArray] = WeakValueDictionary()
         self.layout, self.header, self.outcome = layout, header, outcome or Outcome()
         self._beside: Beside | None = None  # what a certificate says of a growing mode, where the scene is at hand
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.store)
+
+    @property
+    def rows(self) -> FloatArray:
+        """All rows, (N, width), read-only; those on a disk are read each time, all of them."""
+        return self.store.read(0, len(self), slice(0, self.layout.width))
+
+    @property
+    def is_stored(self) -> bool:
+        """True where the rows are on a disk."""
+        return not isinstance(self.store, MemoryRows)
+
+    def part(self, first: int, stop: int) -> Self:
+        """Give the rows from one up to another as a recording in memory; of one in memory, views."""
+        rows = self.store.read(first, stop, slice(0, self.layout.width))
+        return type(self)(rows, self.layout, self.header, self.outcome, start=self.start + first)
+
+    def parts(self) -> Iterator[Self]:
+        """Give the recording in parts of about 1 MB, in order."""
+        step = max(1, BLOCK // (8 * max(self.layout.width, 1)))
+        yield from (self.part(k, min(k + step, len(self))) for k in range(0, len(self), step))
+
+    def read(self, column: str, first: int, stop: int) -> FloatArray:
+        """Give a column of the layout in the rows from one up to another."""
+        entry = self.layout.columns[column]
+        values = self.store.read(first, stop, entry.where)
+        return values.reshape(len(values), *entry.shape)
 
     def array(self, column: str) -> FloatArray:
         """View a column of the layout, or give what follows from columns by its name in `Layout.derived`, (N, ...).
@@ -89,7 +145,10 @@ class History:
                 return np.asarray(getattr(self, column))
             self.require(str(column))
             raise UnknownNameError("column", str(column), [*self.layout.columns, *derived])
-        return self.rows[:, entry.where].reshape(len(self.rows), *entry.shape)
+        values = self._arrays.get(entry.name)
+        if values is None:
+            values = self._arrays[entry.name] = self.read(entry.name, 0, len(self))
+        return values
 
     def optional(self, column: str) -> FloatArray | None:
         """View a column; None if the scene has no such quantity.
@@ -120,7 +179,7 @@ class History:
     @cached_property
     def time(self) -> FloatArray:
         """Times of the rows, (N,) [s]: tick x T."""
-        return np.arange(0, len(self) * self.header.every, self.header.every, dtype=np.float64) * self.header.period
+        return self.header.every * np.arange(self.start, self.start + len(self), dtype=np.float64) * self.header.period
 
     @property
     def finger_position(self) -> FloatArray:
@@ -225,7 +284,9 @@ class History:
     @cached_property
     def external_displacement(self) -> FloatArray:
         """P' e of e = p - c, the rigid motion of the contacts in it, (N, n, d) [m]; as `external_force`."""
-        return self._row_split.external_displacements()
+        if not self.is_stored:
+            return self._row_split.external_displacements()
+        return _joined([each._row_split.external_displacements() for each in self.parts()], self)
 
     @cached_property
     def internal_displacement(self) -> FloatArray:
@@ -265,31 +326,23 @@ class History:
 
     @cached_property
     def _external(self) -> tuple[FloatArray, FloatArray | None]:
-        return self._row_split.external_forces()
+        if not self.is_stored:
+            return self._row_split.external_forces()
+        parts = [each._row_split.external_forces() for each in self.parts()]
+        moments = [moment for _, moment in parts if moment is not None]
+        return _joined([force for force, _ in parts], self), _joined(moments, self) if self.layout.moments else None
 
     @property
     def _row_split(self) -> RowSplit:
         from graspfx.loop.recording.two_parts import RowSplit, splits_of
 
         self.require(*self.layout.sources_of("internal_force"))
-        return RowSplit(self.rows, self.layout, splits_of(self.header, self.outcome.changes))
+        return RowSplit(self.rows, self.layout, splits_of(self.header, self.outcome.changes), self.start)
 
     @cached_property
     def objects(self) -> Mapping[str, ObjectMotion]:
         """Each object's motion, by its name; another name raises UnknownNameError, a KeyError."""
-        motions = {}
-        for name in self.layout.objects:
-            at = f"objects/{name}/"
-            motions[name] = ObjectMotion(
-                position=self.array(at + "position"),
-                velocity=self.array(at + "velocity"),
-                orientation=self.optional(at + "orientation"),
-                angular_velocity=self.optional(at + "angular_velocity"),
-                wrench=self.array(at + "wrench"),
-                law=self._whole(at + "law"),
-                residual=self.optional(at + "residual"),
-            )
-        return by_name("object", motions)
+        return by_name("object", {name: ObjectMotion(self, name) for name in self.layout.objects})
 
     @cached_property
     def energy(self) -> Mapping[str, Mapping[str, FloatArray]]:
@@ -297,13 +350,14 @@ class History:
 
         Empty unless the scene asks for it (`coupling.passivity`). The names are those of `loop.recording.layout`.
         """
-        quantities: dict[str, dict[str, FloatArray]] = {}
-        for name in self.layout.objects:
-            at = f"objects/{name}/energy/"
-            books = {column.removeprefix(at): self.array(column) for column in self.layout.columns if at in column}
-            if books:
-                quantities[name] = books
-        return by_name("object with a ledger, which coupling.passivity asks for,", quantities)
+        ledgers = {name: self._ledger(name) for name in self.layout.objects}
+        kind = "object with a ledger (coupling.passivity asks for one)"
+        return by_name(kind, {name: ledger for name, ledger in ledgers.items() if ledger})
+
+    def _ledger(self, name: str) -> Mapping[str, FloatArray]:
+        at = f"objects/{name}/energy/"
+        names = [column for column in self.layout.columns if column.startswith(at)]
+        return PartsOnDemand("energy", {column.removeprefix(at): column for column in names}, self.array)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
         """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.
@@ -388,3 +442,9 @@ class History:
     def scene_text(self) -> str:
         """The scene file, verbatim."""
         return self.header.scene_text
+
+
+def _joined(parts: Sequence[FloatArray], history: History) -> FloatArray:
+    if parts:
+        return np.concatenate(parts)
+    return np.empty((0, len(history.layout.fingers), history.layout.dimensions))

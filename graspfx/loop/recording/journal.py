@@ -33,25 +33,28 @@ from graspfx.loop.recording.attributes import (
     layout_of,
     outcome_of,
 )
+from graspfx.loop.recording.check import NUMBER, check_of, rows_sum
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.lock import claim, release
 from graspfx.loop.recording.places import sync_folder
+from graspfx.loop.recording.store import MemoryRows, Piece, RowStore, StoredRows
 
 FloatArray = NDArray[np.float64]
 
-HEADER, ROWS, FAULTS, CHANGES, OUTCOME = b"GFXJ", b"rows", b"flts", b"chgs", b"done"
+HEADER, ROWS, FAULTS, CHANGES, OUTCOME = b"GFXJ", b"blck", b"flts", b"chgs", b"done"
+OLD_ROWS = b"rows"  # of formats 1 to 3: a digest of every byte, and no numbers that follow from a row
 HEAD = struct.Struct("<4sQ16s")  # kind, bytes that follow, digest over the digest before and what follows
 CHECK = struct.Struct("<I")  # of the head itself
-NUMBER = np.dtype("<f8")
+PAGE = 4096  # bytes: the header's block is a multiple of them
 SYNC = 1.0  # [s] between two times that the disk is told to keep what it has
 SECTOR = 512  # bytes that a disk writes at once: as many zeros at a file's end were never written
 
 
 class Content(NamedTuple):
-    """A part that was read: its rows, and what it says of them."""
+    """A recording that was opened: its rows, and what it says of them."""
 
-    rows: FloatArray
+    rows: RowStore
     layout: Layout
     header: Header
     outcome: Outcome
@@ -64,16 +67,19 @@ class Journal:
         path: of the part; one of a run that was killed is replaced.
         layout: the columns.
         header: of the recording.
+        wide: numbers of a row here: those of the layout, and what follows from them.
 
     Raises:
         RecordingError: another run writes it, or it cannot be written.
     """
 
-    def __init__(self, path: Path, layout: Layout, header: Header) -> None:
-        self.path, self._width, self.rows = path, layout.width, 0
-        self._end, self._digest = 0, b""
-        self._is_new, self._sync_time = True, time.monotonic()  # the disk may not have its name yet
-        text = json.dumps(description(layout, header)).encode()
+    def __init__(self, path: Path, layout: Layout, header: Header, wide: int | None = None) -> None:
+        self.path, self.wide, self.rows = path, wide or layout.width, 0
+        self.end, self._digest = 0, b""
+        self.pieces: list[Piece] = []
+        self.is_synced, self._sync_time = False, time.monotonic()  # the disk may not have its name yet
+        text = json.dumps(description(layout, header) | {"wide": self.wide}).encode()
+        text += b" " * (-(len(text) + HEAD.size + CHECK.size) % PAGE)
         try:
             self.file = claim(path)
             while os.fstat(self.file.fileno()).st_size > 0:  # of a run that was killed: to empty it would take longer
@@ -82,24 +88,35 @@ class Journal:
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
         try:
-            self._append([(HEADER, text)])
+            self._append(HEADER, text)
         except OSError as error:
             release(self.file, path)
             raise RecordingError(f"{path}: cannot be written; {error.strerror}") from error
+        self.start = self.outcome_start = self.end  # of what follows the header
+
+    @property
+    def lead(self) -> int:
+        """Bytes of a block before its rows: as many as some rows take, so that the blocks are an array of rows."""
+        size = NUMBER.itemsize * max(self.wide, 1)
+        return -(-(HEAD.size + CHECK.size) // size) * size
 
     def write(self, rows: FloatArray, faults: Sequence[RunFault], changes: Sequence[KeyChange] = ()) -> None:
-        """Append rows (r, width), the faults and the changes since the last ones; the disk gets them once a second.
+        """Append rows (r, wide), the faults and the changes since the last ones; the disk gets them once a second.
 
         Raises:
-            OSError: they do not fit; what was there before stays.
+            OSError: they do not fit; as many of the rows as do, and all that was there before, stay.
         """
-        blocks = [(FAULTS, json.dumps(faults).encode())] if faults else []
+        if faults:
+            self._append(FAULTS, json.dumps(faults).encode())
         if changes:
-            blocks.append((CHANGES, changes_text(changes).encode()))
+            self._append(CHANGES, changes_text(changes).encode())
         if len(rows):
-            blocks.append((ROWS, np.ascontiguousarray(rows, NUMBER).tobytes()))
-        self._append(blocks)
-        self.rows += len(rows)
+            whole = np.ascontiguousarray(rows, NUMBER)
+            try:
+                self._append_rows(whole)
+            except OSError:
+                self._append_some(whole)
+                raise
         if time.monotonic() - self._sync_time >= SYNC:
             self.sync()
 
@@ -109,38 +126,68 @@ class Journal:
         Raises:
             OSError: it does not fit.
         """
-        self._append([(OUTCOME, json.dumps(conclusion(replace(outcome, changes=()))).encode())])  # they stand there
-        self.sync()
+        text = json.dumps(conclusion(replace(outcome, changes=()))).encode()  # these stand there
+        self.outcome_start = self.end
+        self._append(OUTCOME, text)
+        if self.is_synced:
+            self.sync()
 
     def sync(self) -> None:
         """Make the disk keep what was written so far."""
         os.fsync(self.file.fileno())
-        if self._is_new:
+        if not self.is_synced:
             sync_folder(self.path.parent)
-        self._is_new, self._sync_time = False, time.monotonic()
+        self.is_synced, self._sync_time = True, time.monotonic()
 
     def blocks(self) -> Iterator[FloatArray]:
         """Read the rows written so far, block by block; also of a part that was removed meanwhile."""
-        for kind, content in _blocks(self.file):
-            if kind == ROWS:
-                yield np.frombuffer(content, NUMBER).reshape(-1, self._width)
+        for piece in self.pieces:
+            self.file.seek(piece.offset + piece.lead)
+            content = _read(self.file, piece.count * self.wide * NUMBER.itemsize)
+            yield np.frombuffer(content, NUMBER).reshape(-1, self.wide)
 
-    def _append(self, blocks: Sequence[tuple[bytes, bytes]]) -> None:
-        digest, text = self._digest, bytearray()
-        for kind, content in blocks:
-            digest = _digest(digest, kind, content)
-            head = HEAD.pack(kind, len(content), digest)
-            text += head + CHECK.pack(crc32(head)) + content
+    def _append_rows(self, rows: FloatArray) -> None:
+        content, fill = memoryview(rows.reshape(-1)).cast("B"), bytes(self.lead - HEAD.size - CHECK.size)
+        total = rows_sum(content, self.wide)
+        head, digest = self._head(ROWS, fill, content, total)
+        piece = Piece(self.rows, len(rows), self.end, self.lead, check_of(head + fill, total))
+        self._put([memoryview(head + fill), content])
+        self._digest = digest
+        self.pieces.append(piece)
+        self.rows += len(rows)
+
+    def _append_some(self, rows: FloatArray) -> None:
+        """Append the first half of rows that do not fit, or half of these, as long as there are any."""
+        while len(rows) > 1:
+            rows = rows[: len(rows) // 2]
+            with suppress(OSError):
+                self._append_rows(rows)
+                return
+
+    def _append(self, kind: bytes, content: bytes) -> None:
+        head, digest = self._head(kind, b"", content, b"")
+        self._put([memoryview(head), memoryview(content)])
+        self._digest = digest
+
+    def _head(self, kind: bytes, fill: bytes, content: bytes | memoryview, total: bytes) -> tuple[bytes, bytes]:
+        digest = _digest(self._digest, kind, fill + total if kind == ROWS else content)
+        head = HEAD.pack(kind, len(fill) + len(content), digest)
+        return head + CHECK.pack(crc32(head)), digest
+
+    def _put(self, parts: Sequence[memoryview]) -> None:
+        """Write at the end; nothing is left of what does not fit."""
+        size = sum(map(len, parts))
         try:
-            self.file.seek(self._end)
-            view = memoryview(text)
-            while view:
-                view = view[self.file.write(view) :]
+            self.file.seek(self.end)
+            for part in parts:
+                view = part
+                while view:
+                    view = view[self.file.write(view) :]
         except BaseException:
             with suppress(OSError):
-                self.file.truncate(self._end)
+                self.file.truncate(self.end)
             raise
-        self._end, self._digest = self._end + len(text), digest
+        self.end += size
 
 
 def is_journal(path: Path) -> bool:
@@ -150,7 +197,7 @@ def is_journal(path: Path) -> bool:
 
 
 def read_journal(path: Path) -> Content:
-    """Read all whole blocks of a part.
+    """Read all whole blocks of a part, of rows where they are.
 
     Raises:
         RecordingError: there is none, or one was changed.
@@ -160,13 +207,17 @@ def read_journal(path: Path) -> Content:
     ending: Mapping[str, Any] = {"wall_time": "nan", "complete": 0}
     faults: list[RunFault] = []
     changes: list[KeyChange] = []
-    rows: list[bytes] = []
+    old_rows: list[bytes] = []
+    pieces: list[Piece] = []
     with FileIO(path) as file:
-        for kind, content in _blocks(file):
+        for kind, content, start in _blocks(file):
             if kind == HEADER:
                 attributes = json.loads(content)
-            elif kind == ROWS:
-                rows.append(content)
+                format_of(attributes)
+            elif kind == OLD_ROWS:
+                old_rows.append(content)
+            elif kind == ROWS and attributes is not None:
+                pieces.append(_piece(pieces, start, len(content), int(attributes["wide"])))
             elif kind == FAULTS:
                 faults += [RunFault(int(tick), str(message)) for tick, message in json.loads(content)]
             elif kind == CHANGES:
@@ -175,20 +226,31 @@ def read_journal(path: Path) -> Content:
                 ending = json.loads(content)
     if attributes is None:
         raise RecordingError(f"{path}: holds nothing; its run ended before the first row")
-    format_of(attributes)
     layout = layout_of(attributes)
-    numbers = np.frombuffer(bytearray().join(rows), NUMBER).astype(np.float64, copy=False)
     outcome = replace(outcome_of(ending, faults), changes=tuple(changes))
-    return Content(numbers.reshape(-1, layout.width), layout, header_of(attributes), outcome)
+    if "wide" in attributes:
+        rows: RowStore = StoredRows(path, int(attributes["wide"]), pieces)
+    else:
+        numbers = np.frombuffer(bytearray().join(old_rows), NUMBER).astype(np.float64, copy=False)
+        rows = MemoryRows(numbers.reshape(-1, layout.width))
+    return Content(rows, layout, header_of(attributes), outcome)
 
 
-def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes]]:
-    """Read each block's kind and content, as far as they are whole: the last one may have been cut short.
+def _piece(before: Sequence[Piece], start: int, size: int, wide: int) -> Piece:
+    """Find the rows in a block of that size, which begins at `start`."""
+    row, head = NUMBER.itemsize * max(wide, 1), HEAD.size + CHECK.size
+    lead = -(-head // row) * row
+    first = before[-1].first + before[-1].count if before else 0
+    return Piece(first, (size - (lead - head)) // row, start, lead)
+
+
+def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes, int]]:
+    """Read each block's kind, content and place, as far as they are whole: the last one may have been cut short.
 
     Raises:
         RecordingError: a block was changed.
     """
-    start, digest, size = 0, b"", os.fstat(file.fileno()).st_size
+    start, digest, size, wide = 0, b"", os.fstat(file.fileno()).st_size, 0
     while start + HEAD.size + CHECK.size <= size:
         file.seek(start)
         head, check = _read(file, HEAD.size), _read(file, CHECK.size)
@@ -198,15 +260,28 @@ def _blocks(file: FileIO) -> Iterator[tuple[bytes, bytes]]:
         if is_whole and end > size:
             return  # cut short, as by a kill in the middle of a write
         content = _read(file, length) if is_whole else b""
-        if not is_whole or _digest(digest, kind, content) != next_digest:
+        if not is_whole or _digest(digest, kind, _digested(kind, content, wide)) != next_digest:
             if _ends_in_zeros(file, start):
                 return
             raise RecordingError(f"{file.name!s}: its bytes were changed after byte {start}")
-        yield kind, content
+        if kind == HEADER:
+            wide = int(json.loads(content).get("wide", 0))
+        yield kind, content, start
+        if kind == OUTCOME:
+            return  # behind it is what makes the part HDF5, if the process ended in the middle of that
         start, digest = end, next_digest
 
 
-def _digest(before: bytes, kind: bytes, content: bytes) -> bytes:
+def _digested(kind: bytes, content: bytes, wide: int) -> bytes:
+    """Give what a block's digest is of: its content, or what fills up its head and the sum of its rows."""
+    if kind != ROWS or not wide:
+        return content
+    row, head = NUMBER.itemsize * wide, HEAD.size + CHECK.size
+    fill = -head % row
+    return content[:fill] + rows_sum(memoryview(content)[fill:], wide)
+
+
+def _digest(before: bytes, kind: bytes, content: bytes | memoryview) -> bytes:
     digest = blake2b(before + kind, digest_size=16)
     digest.update(content)
     return digest.digest()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from graspfx import plugins
 from graspfx.card import Card, Carded
+from graspfx.errors import InputError
 from graspfx.loop.recording.history import History
 
 if TYPE_CHECKING:
@@ -139,19 +140,31 @@ class Recording(Carded, History):
         drawing: Drawing = plugins.upward("Recording.picture")(self, time, view=view, forces=forces, width=width)
         return drawing
 
-    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+    def save(
+        self,
+        path: str | PathLike[str],
+        *,
+        overwrite: bool = False,
+        compression: Literal["none", "lzf", "gzip"] = "none",
+    ) -> None:
         """Write the recording as HDF5; the file appears when it is whole.
 
         Args:
             path: of the file.
             overwrite: whether a file that is there already is replaced.
+            compression: of the rows: "lzf" is quick, "gzip" makes them smaller.
 
         Raises:
+            InputError: no such compression.
             RecordingError: the file is there already, or cannot be written.
         """
         from graspfx.loop.recording.sink import save
 
-        save(path, self.rows, self.layout, self.header, self.outcome, overwrite=overwrite)
+        if compression not in ("none", "lzf", "gzip"):
+            raise InputError("compression", compression, '"none", "lzf" or "gzip"')
+        save(
+            path, self.store, self.layout, self.header, self.outcome, overwrite=overwrite, compression=compression
+        )  # fmt: skip
 
     def to_xarray(self) -> xarray.Dataset:
         """Convert to an xarray Dataset: dimensions time, finger, axis, ..., each variable with `units` and `long_name`.

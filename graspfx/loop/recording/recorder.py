@@ -106,7 +106,8 @@ class Recorder:
     @property
     def row(self) -> FloatArray:
         """The last row that a tick wrote."""
-        return self._block[max(self.used, 1) - 1]
+        row: FloatArray = self._block[max(self.used, 1) - 1]
+        return row
 
     def space(self) -> tuple[FloatArray, int, int]:
         """Give a block of rows (r, width), the place in it of the next tick, and for how many ticks there is room.

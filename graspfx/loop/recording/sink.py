@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
@@ -18,6 +18,8 @@ from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.lock import claim, release, stands_at
 from graspfx.loop.recording.places import NAME, part_of, recording_path, require_vacancy_of
 from graspfx.loop.recording.signals import hold_signals
+from graspfx.loop.recording.store import BLOCK, RowStore
+from graspfx.loop.recording.two_parts import wide_rows, wide_width
 
 FloatArray = NDArray[np.float64]
 
@@ -40,18 +42,27 @@ class FileSink:
         layout: the columns.
         header: of the recording.
         overwrite: whether a recording, or the part of a run that was killed, may be there already.
+        compression: of the recording: "none", "lzf" or "gzip".
 
     Raises:
         RecordingError: a file is there, another run is writing there, or it cannot be written.
     """
 
-    def __init__(self, path: str | PathLike[str], layout: Layout, header: Header, *, overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        layout: Layout,
+        header: Header,
+        *,
+        overwrite: bool = False,
+        compression: str = "none",
+    ) -> None:
         self._place = recording_path(path)
         self._home = self._place.absolute().parent
         if not overwrite:
             require_vacancy_of(self._place)
-        self._journal = Journal(part_of(self._place), layout, header)
-        self._layout, self._header = layout, header
+        self._journal = Journal(part_of(self._place), layout, header, wide_width(layout, header))
+        self._layout, self._header, self._compression = layout, header, compression
         self._faults: list[RunFault] = []
         self._changes: list[KeyChange] = []
         self._failure: RecordingError | None = None
@@ -63,7 +74,7 @@ class FileSink:
         Raises:
             RecordingError: the disk takes no more; the error says where the rows are.
         """
-        self._add(np.empty((0, self._layout.width)), [], changes)
+        self._add(np.empty((0, self._journal.wide)), [], changes)
         self._changes += changes
 
     @hold_signals()
@@ -73,7 +84,7 @@ class FileSink:
         Raises:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
         """
-        self._add(rows, faults)
+        self._add(wide_rows(rows, self._layout, self._header, self._changes, self._journal.rows), faults)
         self._faults += faults
         if not stands_at(self._journal.file, self._journal.path):
             self._rescue(Outcome(tuple(self._faults), None, False, changes=tuple(self._changes)))
@@ -113,9 +124,9 @@ class FileSink:
         release(self._journal.file, part)
 
     def _convert(self, place: Path, outcome: Outcome) -> None:
-        from graspfx.loop.recording.hdf5 import write_hdf5
+        from graspfx.loop.recording.hdf5 import convert
 
-        write_hdf5(place, self._journal.blocks(), self._journal.rows, self._layout, self._header, outcome)
+        convert(self._journal, place, self._layout, self._header, outcome, self._compression)
 
     def _readable(self) -> str:
         rows = self._journal.rows
@@ -152,7 +163,14 @@ def _why(error: Exception) -> str:
 
 @hold_signals()
 def save(
-    path: str | PathLike[str], rows: FloatArray, layout: Layout, header: Header, outcome: Outcome, *, overwrite: bool
+    path: str | PathLike[str],
+    rows: RowStore,
+    layout: Layout,
+    header: Header,
+    outcome: Outcome,
+    *,
+    overwrite: bool,
+    compression: str = "none",
 ) -> None:
     """Write a recording at once.
 
@@ -168,8 +186,16 @@ def save(
         lock = claim(part_of(place))
     except OSError as error:
         raise RecordingError(f"{place}: cannot be written; {error.strerror}") from error
+    wide = wide_width(layout, header)
+
+    def blocks() -> Iterator[FloatArray]:
+        step = max(1, BLOCK // (8 * max(wide, 1)))
+        for first in range(0, len(rows), step):
+            block = rows.read(first, min(first + step, len(rows)), slice(0, layout.width))
+            yield wide_rows(block, layout, header, outcome.changes, first)
+
     try:
-        write_hdf5(place, [rows], len(rows), layout, header, outcome)
+        write_hdf5(place, blocks(), len(rows), wide, layout, header, outcome, compression)
     except FAILURES as error:
         raise RecordingError(f"{place}: cannot be written; {_why(error)}") from error
     finally:

@@ -28,14 +28,15 @@ class Stream:
         if self._failure is not None:
             raise self._failure
 
-    def finish(self) -> None:
-        """Make the disk keep all of it.
+    def finish(self, *, sync: bool = True) -> None:
+        """Make sure that all of it was written, and that the disk keeps it.
 
         Raises:
             OSError: it does not.
         """
         self.require()
-        os.fsync(self._file.fileno())
+        if sync:
+            os.fsync(self._file.fileno())
 
     def close(self) -> None:
         self._file.close()
@@ -102,3 +103,75 @@ class Stream:
         while count < len(buffer) and (more := self._file.readinto(buffer[count:])):
             count += more
         return count
+
+
+class Graft(Stream):
+    """The end of a file that goes on behind `start`, and its first bytes, which are written last of all.
+
+    What is between the two is there already, and what HDF5 writes there is dropped.
+
+    Args:
+        file: open for reading and writing; it stays open.
+        start: where the new bytes begin.
+        front: how many of the first bytes are new.
+    """
+
+    def __init__(self, file: FileIO, start: int, front: int) -> None:
+        self._file, self._start = file, start
+        self._place = self._size = 0
+        self._failure: OSError | None = None
+        self._overlay: list[tuple[int, bytes]] = []
+        self._front = bytearray(front)
+        self._place = 0
+        self._before = bytearray(front)
+        self._pull(memoryview(self._before))
+
+    def write(self, data: bytes | memoryview) -> int:
+        if self._place < len(self._front):
+            end = self._place + len(data)
+            if end > len(self._front):
+                self._failure = self._failure or OSError("HDF5 writes beyond the room for it")
+            self._front[self._place : end] = bytes(data)
+            self._place = end
+            self._size = max(self._size, end)
+            return len(data)
+        if self._place < self._start:  # a number by which room was taken
+            self._place += len(data)
+            self._size = max(self._size, self._place)
+            return len(data)
+        return super().write(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        self._size = max(self._start, self._place if size is None else size)
+        if self._failure is None:
+            try:
+                self._file.truncate(self._size)
+            except OSError as error:
+                self._failure = error
+        return self._size
+
+    def readinto(self, buffer: memoryview) -> int:
+        place, count = self._place, super().readinto(buffer)
+        if place < len(self._front):
+            part = self._front[place : place + len(buffer)]
+            buffer[: len(part)] = part
+        return count
+
+    def complete(self) -> None:
+        """Write the first bytes, with which the file becomes HDF5.
+
+        Raises:
+            OSError: it cannot.
+        """
+        self.require()
+        self._place = 0
+        self._push(memoryview(bytes(self._front)))
+
+    def withdraw(self) -> None:
+        """Take back what was written, if anything was."""
+        self._place = 0
+        self._push(memoryview(bytes(self._before)))
+        self._file.truncate(self._start)
+
+    def close(self) -> None:
+        """Close nothing: the file is another's."""

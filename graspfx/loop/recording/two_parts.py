@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -183,6 +184,26 @@ def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, S
         )
     later = [(header.rows_before(change.tick), change.value) for change in changes if change.key == SPLIT]
     return [(0, header.split), *later]
+
+
+def wide_width(layout: Layout, header: Header) -> int:
+    """Count the numbers of a row in a file: those of the layout, and the forces that follow from them."""
+    return layout.width + (sum(prod(column.shape) for column in layout.forces) if header.split else 0)
+
+
+def wide_rows(
+    rows: FloatArray, layout: Layout, header: Header, changes: Sequence[KeyChange], start: int
+) -> FloatArray:  # fmt: skip
+    """Write behind rows (r, width) of a recording, of which `start` is the first, the forces that follow from them."""
+    wide = np.empty((len(rows), wide_width(layout, header)))
+    wide[:, : layout.width] = rows
+    if wide.shape[1] > layout.width and len(rows):
+        parts, place = RowSplit(rows, layout, splits_of(header, changes), start).forces(), layout.width
+        for column in layout.forces:
+            size = prod(column.shape)
+            wide[:, place : place + size] = parts[column.name].reshape(len(rows), size)
+            place += size
+    return wide
 
 
 def work(force: FloatArray, tip: FloatArray, device_energy: FloatArray, faults: Sequence[RunFault]) -> FloatArray:

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 from graspfx import log
 from graspfx.compile.background import Request, begin
-from graspfx.errors import InputError, MissingPackageError
+from graspfx.compile.kernel_checks import check, foreign_kernels
+from graspfx.errors import InputError, KernelError, MissingPackageError
 from graspfx.loop.tick.engine_text import texts
+from graspfx.loop.tick.first_ticks import CheckedScript, FirstTicks
 from graspfx.loop.tick.programs import Compiled, Engine, FloatArray, Generic, Interpreted, Run
 from graspfx.loop.tick.script import Tick
 
@@ -111,6 +113,8 @@ def _first(tick: Tick) -> Engine:
     """Choose the engine of the first tick."""
     try:
         return Generic(tick)
+    except KernelError:
+        raise
     except (MissingPackageError, InputError) as error:
         log.info("ticks are interpreted: %s", error)
         return Interpreted(tick)
@@ -122,3 +126,17 @@ ENGINES: dict[str, Callable[[Tick], Engine]] = {
     "compiled": Compiled,
     "interpreted": Interpreted,
 }
+
+
+def engine_for(kind: str, tick: Tick) -> Engine:
+    """Make the engine of a name; the first ticks of a scene with kernels of others are checked.
+
+    Raises:
+        MissingPackageError: an engine that needs LLVM, without it.
+        InputError: a kernel that cannot be compiled, where that is asked for.
+        KernelError: a kernel of others with a fault.
+    """
+    kernels = foreign_kernels(tick.script.kernels)
+    functions = check(kernels.values())
+    engine = ENGINES[kind](tick)
+    return FirstTicks(engine, CheckedScript(tick, kernels, functions)) if kernels else engine

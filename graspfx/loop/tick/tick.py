@@ -200,12 +200,12 @@ def stop(scene: Wiring) -> None:
 @stage
 def record(scene: Wiring, k: int, r: int, rows: FloatArray) -> None:
     """Write a row, if this tick has one."""
-    if scene.columns is not None and scene.every == 1:
-        row = r * scene.width
-        for column, memory, entry in scene.columns:
-            rows[row + column] = memory[entry]
-    if scene.columns is not None and scene.every > 1:
-        if k % scene.every == 0:
+    if scene.columns is not None:
+        if scene.every == 1:
+            row = r * scene.width
+            for column, memory, entry in scene.columns:
+                rows[row + column] = memory[entry]
+        elif k % scene.every == 0:
             row = r // scene.every * scene.width
             for column, memory, entry in scene.columns:
                 rows[row + column] = memory[entry]

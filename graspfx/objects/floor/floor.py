@@ -67,12 +67,13 @@ class FloorBody(NativeBody):
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
         sizes = {"plane_count": len(planes), "feature_count": len(points)}
-        room = problem_size(len(planes) * MOST + len(points))
+        most = len(planes) * MOST + len(points)  # contacts
+        room = problem_size(most)
         self.buffer = np.zeros(size_for(FloorState, **sizes, problem_entries=room))
         floor = self._floor = FloorState(memoryview(self.buffer))
         floor.plane_count, floor.feature_count, floor.problem_entries = len(planes), len(points), room
         self.buffer[start_of(FloorState, "problem")] = problem = floor.problem_room.offset
-        set_up(self.buffer, problem, 0)
+        set_up(self.buffer, problem, most).count = 0
         self.structure = (*(start_of(FloorState, name) for name in (*sizes, "problem")), *choices(problem))
         floor.stiffness, floor.friction, floor.reach = meeting.stiffness, meeting.friction, reach(points)
         floor.damping = 2.0 * math.sqrt(meeting.stiffness * self._body.mass)

