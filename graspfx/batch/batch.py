@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
+from graspfx.batch.groups import Group
 from graspfx.batch.many import Job
 from graspfx.batch.measured_columns import columns_of, divider, is_quantity, split_of
 from graspfx.batch.single_runs import Ended
 from graspfx.batch.statistics import STATISTICS, Statistics, statistic
-from graspfx.batch.variants import Group, Variants
+from graspfx.batch.variants import Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.card import Card, Carded, counted, listed
@@ -231,7 +232,8 @@ def run_batch(
             "summary", `Recording.summary()` of each, which costs a millisecond apiece.
         measure: quantities: columns of a recording's layout; `internal_force`, `external_force`,
             `internal_displacement`, `external_displacement` and `displayed_force`, which are computed from recorded
-            rows, some microseconds each; or `object_position`, `object_velocity`, `object_orientation` and `wrench` of the first object.
+            rows, some microseconds each; or `object_position`, `object_velocity`, `object_orientation` and `wrench` of
+            the first object.
         statistics: of each number of these: first, last, mean, rms, min, max, peak (the largest magnitude) and growth
             (the peak of the second half of the run over that of the first).
         threads: as many as there are processors if not given; the result is the same.
@@ -255,7 +257,7 @@ def run_batch(
     shape, lists, numbers = grid(values, zip=zip)
     with plugins.unchanged():
         variants = Variants(scene_, lists, numbers)
-        with waiting("variants", unit="built", count=lambda: variants.builds):
+        with waiting("building variants", unit="built", count=lambda: variants.builds):
             groups = variants.groups()
     warn_of_axes(resolve(scene_))
     runs = Runs(scene_, variants, len(numbers), duration, threads)
@@ -301,7 +303,7 @@ class Runs:
             where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
             job = self._job(group, where, statistics)
             job.more = partial(divider, group, behind) if behind else None
-            with waiting("runs", job.variants, "variants", lambda job=job: job.done):
+            with waiting("running variants", job.variants, "variants", partial(getattr, job, "done")):
                 raw, faults = job.measured(self.threads)
             self.run_time += job.spent
             self.faults[group.members] = faults
