@@ -128,8 +128,8 @@ class Variants:
         for kind in np.unique(kinds[sound]):
             members = np.flatnonzero(sound & (kinds == kind))
             own_values = {key: each[members] for key, each in values.items()}
-            made = self._each(members) if len(members) <= FULL else self._spread(members, own_values, own)
-            groups_ += self._of_values(members) if made is None else made
+            spread = self._each(members) if len(members) <= FULL else self._spread(members, own_values, own)
+            groups_ += self._of_values(members) if spread is None else spread
         return groups_
 
     def _spread(self, members: Index, values: Mapping[str, FloatArray], own: Sequence[int]) -> list[Group] | None:

@@ -42,7 +42,7 @@ def values_of(scene: gx.Scene, key: str, rng: np.random.Generator) -> np.ndarray
 
 
 def faults_of(make: Callable[[], object]) -> list[str]:
-    """What is wrong with a scene."""
+    """Faults of a scene that is made."""
     try:
         make()
     except SceneError as error:

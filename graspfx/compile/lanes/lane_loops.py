@@ -79,7 +79,7 @@ class LaneLoops(LaneStatements):
         shapes: Shapes = {}
         masked = False
         while True:
-            level = Level(code.count + 1, mask, self.later_names(loop.node), masked)
+            level = Level(code.count + 1, mask, self.needs_of(loop.node), masked)
             inner = dict(scope)
             try:
                 used, shapes = (self.turn_apart if masked else self.turn_together)(loop, level, inner, shapes)
@@ -101,10 +101,10 @@ class LaneLoops(LaneStatements):
         scope.update({name: value for name, value in inner.items() if name not in (level.here, level.going)})
         return False
 
-    def later_names(self, node: ast.For | ast.While) -> Names:
+    def needs_of(self, node: ast.For | ast.While) -> Names:
         """List what lanes need that leave a loop, or only the rest of a turn."""
-        later = self.liveness.after[node]
-        return later | self.liveness.head[node] if continues(node.body) else later
+        needs = self.liveness.after[node]
+        return needs | self.liveness.head[node] if continues(node.body) else needs
 
     def heads(self, loop: Loop, scope: Scope, shapes: Shapes) -> Shapes:
         """List the variables that a loop carries from turn to turn, with their shapes so far."""
@@ -193,7 +193,7 @@ class LaneLoops(LaneStatements):
         return shapes, more
 
     def with_new(self, shapes: Shapes, inner: Scope, node: ast.For | ast.While) -> Shapes:
-        """Add the variables that a turn has set for the first time and that are needed later."""
+        """Add the variables that a turn has set for the first time and that are needed behind it."""
         live = self.liveness.head[node] | self.liveness.after[node] | self.needed()
         out = dict(shapes)
         for name in assigned([node]) | {RETURNED}:
