@@ -102,9 +102,13 @@ class Group:
         """Add numbers of entries of the program's buffers, one for each member: those that are not the same in all."""
         names = {id(array): name for name, array in self.program.tick.script.arrays.items()}
         places = self.program.places
-        numbers = {places[names[id(block)]].start + entry: values for block, entry, values in columns}
+        numbers: dict[int, FloatArray] = {}
+        for block, entry, values in columns:
+            place = places[names[id(block)]].start + entry
+            if (values.view(np.int64) != self.base[place : place + 1].view(np.int64)).any():
+                numbers[place] = values
         entries = sorted(numbers)
-        rows = np.stack([numbers[entry] for entry in entries], axis=1)
+        rows = np.stack([numbers[entry] for entry in entries], axis=1) if entries else np.empty((len(self.members), 0))
         self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
 
     def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
