@@ -300,14 +300,15 @@ class History:
         With the internal one it is `device_energy`. The parts are those of the force on the object, whose negative is
         displayed; where it is not, as in recordings of old, of what is displayed.
         """
-        return self._work(self._external_display)
+        return self._work(lambda part: part._external_display)
 
     @cached_property
     def internal_energy(self) -> FloatArray:
         """Work done so far on each fingertip by the internal part of `displayed_force`, (N, n) [J]."""
-        return self._work(self.displayed_force - self._external_display)
+        return self._work(lambda part: part.displayed_force - part._external_display)
 
-    def _work(self, force: FloatArray) -> FloatArray:
+    def _work(self, part: Callable[[Self], FloatArray]) -> FloatArray:
+        """Add up the work of a part of the displayed force."""
         from graspfx.loop.recording.two_parts import work
 
         if self.header.every > 1:
@@ -315,8 +316,19 @@ class History:
                 f"the work of each force is added up from every tick, and this recording has one row in "
                 f"{self.header.every}: set record.every = 1, or read device_energy, which the ticks add up"
             )
-        tip = self.finger_position if self.true_position is None else self.true_position
-        return work(force, tip, self.device_energy, self.faults)
+        tips = "true_position" if self.layout.simulated else "finger_position"
+        self.require(tips, "device_energy")
+        if not self.is_stored:
+            return work(part(self), self.array(tips), self.device_energy, self.faults)
+        works, before = np.zeros((len(self), len(self.layout.fingers))), 0
+        for each in self.parts():  # with the row before, of which the first step is
+            first = max(each.start - 1, 0)
+            rows = self.part(first, each.start + len(each))
+            start = works[first : first + 1] if before else None
+            done = work(part(rows), rows.array(tips), rows.device_energy, self.faults, first, start)
+            works[first : first + len(rows)] = done
+            before += len(each)
+        return works
 
     @property
     def _external_display(self) -> FloatArray:
