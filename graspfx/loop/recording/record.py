@@ -54,14 +54,9 @@ class Recording(Carded, History):
         from graspfx.loop.recording.growth.growth import losses
         from graspfx.loop.recording.summary import summarise
 
-        needs = (
-            "finger_position",
-            "contact_position",
-            "touching",
-            *(["true_position"] if self.layout.simulated else []),
-        )
-        places = [f"objects/{name}/position" for name in self.layout.objects]
-        is_seen = {*needs, *places}.isdisjoint(self.layout.omitted)
+        needs = {"finger_position", "contact_position", "touching", "true_position"}
+        needs |= {f"objects/{name}/position" for name in self.layout.objects}
+        is_seen = needs.isdisjoint(self.layout.omitted)
         return summarise(self, losses(self) if is_seen else [])
 
     def plot(

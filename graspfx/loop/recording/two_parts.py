@@ -23,7 +23,7 @@ Split = Mapping[str, Mapping[str, Any]]  # of each object, its `SplitRule` as a 
 
 
 class GraspRows(NamedTuple):
-    """Rows in which a grasp's rule is the same: the rows, the rule, the numbers of its fingers, its contacts and its own."""
+    """Rows in which a grasp's rule is the same: the rows, the rule, the numbers of its fingers, and its contacts."""
 
     rows: slice
     rule: SplitRule

@@ -104,7 +104,7 @@ def test_a_session_records_what_is_asked_for_and_shows_every_tick(tmp_path: Path
 
 def test_energies_over_fewer_rows_are_refused_where_they_would_be_wrong() -> None:
     some = run({"record.every": 2})
-    with pytest.raises(RecordingError, match="one row in 2: set record.every = 1, or read device_energy"):
+    with pytest.raises(RecordingError, match=r"one row in 2: set record\.every = 1, or read device_energy"):
         _ = some.internal_energy
 
 
