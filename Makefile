@@ -105,6 +105,7 @@ endif
 
 $(RUN_READY): $(INTERPRETER) pyproject.toml
 	$(INSTALL) --editable .
+	$(BIN)/graspfx warmup --kernels
 	@touch $@
 
 $(WORK_READY): $(INTERPRETER) pyproject.toml

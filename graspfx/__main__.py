@@ -8,11 +8,11 @@ import sys
 import warnings
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib import import_module
 from typing import NoReturn
 
-from graspfx import __version__
+from graspfx import __version__, progress
 from graspfx.commands.arguments import separate
 from graspfx.commands.loudness import add_loudness, is_quiet, loudness
 from graspfx.commands.output import CODES, INTERRUPTED, WRONG
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = parse(words)
-        with loudness(options), _plain_warnings(), granted(getattr(options, "trust", False)):
+        with loudness(options), _progress(options), _plain_warnings(), granted(getattr(options, "trust", False)):
             code: int = options.command(options)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither
@@ -106,6 +106,16 @@ def program() -> int:
     return code
 
 
+def _progress(options: Namespace) -> AbstractContextManager[None]:
+    """Show waits on the terminal where a user looks on: nobody does who asks for JSON, for quiet, or for messages."""
+    silent = is_quiet() or getattr(options, "json", False) or getattr(options, "verbose", 0)
+    if silent or sys.stderr is None or not sys.stderr.isatty():
+        return nullcontext()
+    from graspfx.show.progress_line import progress_line
+
+    return progress_line(sys.stderr)
+
+
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
     """Print a warning as one line, once."""
@@ -115,6 +125,7 @@ def _plain_warnings() -> Iterator[None]:
         text = " ".join(str(message).split())
         if text not in texts and not is_quiet():
             texts.add(text)
+            progress.clear()
             print(f"warning: {text}", file=sys.stderr)
 
     with warnings.catch_warnings():

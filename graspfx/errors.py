@@ -9,6 +9,7 @@ from difflib import get_close_matches
 __all__ = [  # noqa: RUF022 (the base, then as users meet them)
     "GraspFXError",
     "InputError",
+    "KernelError",
     "UnknownNameError",
     "SceneError",
     "Fault",
@@ -39,6 +40,10 @@ class InputError(GraspFXError, ValueError):
         self.name, self.given, self.expected, self.do = name, given, expected, do
         text = f"{name}: given {abbreviate(given)}, expected {expected}"
         super().__init__(f"{text}; {do}" if do else text)
+
+
+class KernelError(InputError):
+    """A fault of a kernel by which machine code would read or write what is not its own; it names the file and line."""
 
 
 class UnknownNameError(GraspFXError, KeyError):
@@ -105,9 +110,25 @@ def __dir__() -> list[str]:
 
 
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
-    """Find the name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only."""
-    matches = get_close_matches(name, list(names), n=1, cutoff=likeness)
-    return matches[0] if matches else None
+    """Find the name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only.
+
+    A name is near that holds the other one, or is a slip or two of the pen away: one, and one more for every three
+    letters. Letters that two words happen to share make them no misspelling of one another.
+    """
+    for match in get_close_matches(name, list(names), n=3, cutoff=likeness):
+        if name in match or match in name or slips(name, match) <= 1 + len(name) // 3:
+            return match
+    return None
+
+
+def slips(name: str, other: str) -> int:
+    """Count the letters that are to be put in, left out or exchanged to make one word of another (Levenshtein)."""
+    row = list(range(len(other) + 1))
+    for i, letter in enumerate(name, start=1):
+        last, row[0] = row[0], i
+        for j, each in enumerate(other, start=1):
+            last, row[j] = row[j], min(row[j] + 1, row[j - 1] + 1, last + (letter != each))
+    return row[-1]
 
 
 def abbreviate(value: object, limit: int = 60) -> str:

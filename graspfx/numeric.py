@@ -10,6 +10,8 @@ from graspfx.errors import InputError
 FloatArray = NDArray[np.float64]
 
 LARGEST = 1e40  # in SI units; the squares and products that formulas take of it are still numbers
+FINITE = 1e300
+FEW = 100  # numbers that Python adds up before numpy has looked at them
 SMALLEST = 1e-60  # of what must be above zero; its inverse is still a number
 
 
@@ -39,6 +41,8 @@ def finite(name: str, argument: object, expected: str = "", do: str = "", *, lar
         InputError: as `real`, and what is not finite or too large.
     """
     value = real(name, argument, expected, do)
+    if value.size <= FEW and sum(map(abs, value.ravel().tolist())) <= min(largest, FINITE):
+        return value  # none is NaN or more than their sum
     expected = expected or "finite values"
     if not np.isfinite(value).all():
         raise InputError(name, argument, expected, do or "find where the NaN or infinity comes from")

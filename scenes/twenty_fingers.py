@@ -6,11 +6,19 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import graspfx as gx
 
 POTATO = Path(__file__).parent / "meshes" / "potato.ply"  # [mm]
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad]
+
+
+def corners(file: Path) -> NDArray[np.float64]:
+    """Read the vertices of a binary PLY file, (V, 3): numbers of four bytes, which stand before its triangles."""
+    head, _, body = file.read_bytes().partition(b"end_header\n")
+    count = int(head.partition(b"element vertex ")[2].split()[0])
+    return np.frombuffer(body, "<f4", 3 * count).reshape(-1, 3).astype(np.float64)
 
 
 def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, friction: float = 0.6) -> gx.Scene:
@@ -24,9 +32,7 @@ def scene(fingers: int = 20, squeeze: float = 0.006, radius: float = 0.0, fricti
         radius: of the balls that the fingertips are [m]; 0: points.
         friction: coefficient mu.
     """
-    import trimesh
-
-    vertices = 0.001 * np.asarray(trimesh.load(POTATO).vertices)  # (V, 3) [m], 1 mm apart
+    vertices = 0.001 * corners(POTATO)  # (V, 3) [m], 1 mm apart
     i = np.arange(fingers)
     z = 1.0 - (2.0 * i + 1.0) / fingers
     around = np.sqrt(1.0 - z * z)

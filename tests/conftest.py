@@ -30,9 +30,9 @@ settings.load_profile("graspfx")
 def programs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Compile the loop as for users; where a test is marked `quick` in a tenth of the time, to the same bits."""
     if request.node.get_closest_marker("quick"):
-        from graspfx.loop.tick import engine
+        from graspfx.loop.tick import engine, programs
 
-        monkeypatch.setitem(engine.ENGINES, "compiled", partial(engine.Compiled, quick=True))
+        monkeypatch.setitem(engine.ENGINES, "compiled", partial(programs.Compiled, quick=True))
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses

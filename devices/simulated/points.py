@@ -107,18 +107,19 @@ class PointPlant(HeldPlant):  # type: ignore[misc] # mypy does not see the shelf
 
     @property
     def structure(self) -> Index:
-        """Counts, whether targets stand still, and the groups of coupled fingers: how many, their table and members.
+        """Counts, and whether targets stand still unless the plant is `live`: then that goes with the hand."""
+        names = ("fingers", "dimensions") + (() if self.live else ("still",))
+        return np.array([layout(PointPlantState)[name].place(self._block) for name in names])
 
-        Counts alone of a plant that is `live`: the others go with the hand's gains.
-        """
+    @property
+    def grouping(self) -> Index:
+        """Entries that follow from masses and gains: groups of coupled fingers, their table and their members."""
         block = self._block
-        names = ("fingers", "dimensions") + (() if self.live else ("still", "group_count"))
-        counts = [layout(PointPlantState)[name].place(block) for name in names]
         if self.live:
-            return np.array(counts)
+            return np.zeros(0, dtype=np.intp)
+        count = layout(PointPlantState)["group_count"].place(block)
         groups = np.arange(block.groups.offset, block.groups[block.group_count].offset)
-        members = block.members.offset + np.arange(self.position.size)
-        return np.concatenate([counts, groups, members])
+        return np.concatenate([[count], groups, block.members.offset + np.arange(self.position.size)])
 
     def adopt(self, other: PointPlant) -> None:
         """Take over the masses and dampings of another plant of the same structure; `hold` comes next."""

@@ -181,6 +181,15 @@ class Linearisation(Carded):
         names = self.__dataclass_fields__
         return Linearisation(**({name: getattr(self, name) for name in names} | changes))
 
+    def with_arrays(self, **arrays: Any) -> Linearisation:
+        """Copy the linearisation with some fields changed to what is computed from its own: nothing is checked.
+
+        Each is an array of the shape that its field has, which `with_changes` would make of a number or a diagonal.
+        """
+        copy = object.__new__(Linearisation)
+        copy._set(**(vars(self) | arrays))
+        return copy
+
 
 @runtime_checkable
 class Linearisable(Protocol):

@@ -13,6 +13,8 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
+DEFINITE = 1e-4  # of the largest pivot of Cholesky's factor: the least one of a matrix that is far from singular
+
 
 def pushing(
     subject: Subject, fingers: ArrayLike, *, released: ArrayLike | None = None
@@ -47,17 +49,18 @@ def pushing(
 def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisation:
     """Restrict the loop to the device coordinates `a` (m,), a mask, the others without force; no preload."""
     block = np.ix_(a, a)
-    return linear.with_changes(
+    G = linear.G[:, a]
+    return linear.with_arrays(
         mass=linear.mass[a],
         friction=linear.friction[a],
-        G=linear.G[:, a],
+        G=G,
         stiffness=condensed(linear.stiffness, a),
         damping=condensed(linear.damping, a),
         hand_stiffness=linear.hand_stiffness[block],
         hand_damping=linear.hand_damping[block],
         delay=linear.delay[a],
         preload=None,
-        G_displacement=None,
+        G_displacement=G,
         G_contact=None,
     )
 
@@ -65,4 +68,19 @@ def without_freedoms(linear: Linearisation, a: NDArray[np.bool_]) -> Linearisati
 def condensed(K: FloatArray, without_freedoms: NDArray[np.bool_]) -> FloatArray:
     """Compute K_aa - K_ab K_bb^+ K_ba, a the remaining coordinates and b those without force."""
     a, b = without_freedoms, ~without_freedoms
-    return K[np.ix_(a, a)] - K[np.ix_(a, b)] @ np.linalg.pinv(K[np.ix_(b, b)]) @ K[np.ix_(b, a)]
+    K_ab, K_ba = K[np.ix_(a, b)], K[np.ix_(b, a)]
+    if not K_ab.any() or not K_ba.any():
+        return K[np.ix_(a, a)]
+    return np.asarray(K[np.ix_(a, a)] - K_ab @ _solution(K[np.ix_(b, b)], K_ba))
+
+
+def _solution(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Compute A^+ B; of a positive definite A that is not near a singular one without its singular values."""
+    if (A == A.T).all():
+        try:
+            pivots = np.diag(np.linalg.cholesky(A))
+        except np.linalg.LinAlgError:
+            pivots = np.zeros(1)
+        if pivots.min() > DEFINITE * pivots.max():
+            return np.asarray(np.linalg.solve(A, B))
+    return np.asarray(np.linalg.pinv(A) @ B)

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
-from graspfx.batch.many import Ended, Job
+from graspfx.batch.many import Job
 from graspfx.batch.measured_columns import columns_of, divider, is_quantity, split_of
+from graspfx.batch.single_runs import Ended
 from graspfx.batch.statistics import STATISTICS, Statistics, statistic
 from graspfx.batch.variants import Group, Variants
 from graspfx.build.resolve import resolve
@@ -28,6 +29,7 @@ from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.selection import Selection, chosen_layout
 from graspfx.scene.overrides import overridden
 
 if TYPE_CHECKING:
@@ -313,8 +315,10 @@ class Runs:
         results: list[Any] = [None] * len(self.faults)
         header = header_of(resolve(self.scene))
         for group in groups:
-            layout = group.program.servo.layout
+            layout, record = group.program.servo.layout, self.scene.record
+            selection = Selection(layout, chosen_layout(layout, record.columns), record.every)
             job = self._job(group, [], ())
+            ticks = job.ticks if record.every > 1 else 0  # which the rows do not tell
             require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
             for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
                 self.faults[member] = ended.fault
@@ -322,7 +326,8 @@ class Runs:
                 if job.look is not None:
                     job.look(ended.arena)
                 own = replace(self._header(header, group, member), split=split_of(group, ended.arena))
-                results[member] = make(Recording(ended.rows, layout, own, outcome))
+                rows = selection.cut(ended.rows)
+                results[member] = make(Recording(rows, selection.layout, own, replace(outcome, ticks=ticks)))
             self.run_time += job.spent
         return results
 
@@ -338,6 +343,7 @@ class Runs:
             group.program.tick, group.program.places, group, len(group.members), width, columns, statistics,
             ticks,
             group.varying,
+            group.program.constant,
             group.program.check_activity if any(part.grasped.matrices for part in servo.objects) else None,
         )  # fmt: skip
 

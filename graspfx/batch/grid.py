@@ -21,7 +21,10 @@ def grid(
     for key, items in values.items():
         if isinstance(items, str | bytes) or not isinstance(items, Iterable):
             raise InputError(f"values[{key!r}]", items, "a list of values")
-    lists = {str(key): [_plain(value) for value in items] for key, items in values.items()}
+    lists = {
+        str(key): items.tolist() if isinstance(items, np.ndarray) else [_plain(value) for value in items]
+        for key, items in values.items()
+    }
     if not lists or not all(lists.values()):
         raise InputError("values", dict(values), "at least one key, with a list of values each")
     if "duration" in lists:
@@ -29,11 +32,19 @@ def grid(
     lengths = [len(items) for items in lists.values()]
     if zip and len(set(lengths)) > 1:
         raise InputError("values", {key: len(items) for key, items in lists.items()}, "lists of one length with zip")
-    first = {key: {repr(value): k for k, value in reversed(list(enumerate(items)))} for key, items in lists.items()}
-    alike = [np.array([first[key][repr(value)] for value in items]) for key, items in lists.items()]
+    alike = [_first_alike(items) for items in lists.values()]
     axes = np.tile(np.arange(lengths[0]), (len(lengths), 1)) if zip else np.indices(lengths).reshape(len(lengths), -1)
     numbers = np.array([same[axis] for same, axis in builtins.zip(alike, axes, strict=True)]).T
     return (lengths[0],) if zip else tuple(lengths), lists, np.ascontiguousarray(numbers)
+
+
+def _first_alike(items: Sequence[Any]) -> IndexArray:
+    """Give for each value the number of the first that is written like it."""
+    if all(type(value) is float for value in items):
+        _, first, which = np.unique(np.array(items).view(np.int64), return_index=True, return_inverse=True)
+        return np.asarray(first[which.ravel()])
+    written = {repr(value): k for k, value in reversed(list(enumerate(items)))}
+    return np.array([written[repr(value)] for value in items])
 
 
 def _plain(value: Any) -> Any:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
-from threading import Lock
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache, partial
+from threading import Lock, local
 from time import perf_counter
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.lanes import FIRST, LANES, LATE_LOW, LOW, MEASURES, LanesText, lanes_text
-from graspfx.batch.statistics import empty, take
+from graspfx.batch.lane_runs import BLOCK, LaneBuffers, LaneRuns
+from graspfx.batch.lanes import LANES, MEASURES, LanesText, lanes_text
+from graspfx.batch.single_runs import Ended, SingleRuns
 from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
 from graspfx.compile.records import start_of
@@ -21,20 +23,22 @@ from graspfx.compile.straight.bounds import LARGEST_TICK
 from graspfx.compile.straight.straight import NotSteadyError, written_down
 from graspfx.compile.straight.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
-from graspfx.loop.tick.engine import whole_text
+from graspfx.loop.tick.engine_text import whole_text
 from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Tick
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-BLOCK = 1024  # rows that are written at a time
 MOST = 64  # blocks of lanes that a thread takes at a time, at most
 APIECE = 8  # variants that it takes at a time to run one by one
 WORTH = 3_000_000  # ticks of all variants for which straight lines are compiled
 LOOK = 200_000  # and for which they are looked for
 LARGEST = 1000  # operations of a tick as a straight line: longer ones are rarely the same for long
-LONG = 10_000_000  # and for which a program is worth the time that the best code takes to be made
+LANES_WORTH = 10_000_000  # ticks of all variants for which a program for lanes is compiled
+LANES_LOOK = 50_000  # and for which one is taken from the cache
+MOST_ROWS = 2**28  # bytes of the rows of a block of lanes that are recorded whole
+MOST_LANES = 8  # of a block
 
 
 More = Callable[[FloatArray], FloatArray]
@@ -51,18 +55,8 @@ class Beginnings(Protocol):
         """Give one entry that varies, (v,)."""
         ...
 
-
-@dataclass(frozen=True)
-class Ended:
-    """How one variant ended, when its rows are kept: rows, the tick of its fault or -1, and its buffers, (arena,).
-
-    `told` is what the buffers held after the tick of its fault, of which its words give the figures.
-    """
-
-    rows: FloatArray
-    fault: int
-    arena: FloatArray
-    arena_copy: FloatArray
+    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
 
 
 @dataclass
@@ -79,9 +73,10 @@ class Job:
         statistics: that are asked for.
         ticks: N.
         varying: entries of the arena that are not the same in all variants.
-        look: at the arena of every variant when its run is over; then they run one by one.
-        more: makes for a variant's arena what computes further numbers of rows (r, width), whose places are behind
-            those of a row; then they run one by one, too.
+        constant: by buffer, the entry from which on no run writes it.
+        look: at the arena of every variant when its run is over.
+        more: makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
+            places are behind those of a row.
     """
 
     tick: Tick
@@ -93,9 +88,11 @@ class Job:
     statistics: Collection[str]
     ticks: int
     varying: Index
+    constant: Mapping[str, int] = field(default_factory=dict)
     look: Callable[[FloatArray], None] | None = None
     more: Callable[[FloatArray], More] | None = None
-    side_by_side: int = 0  # variants that ran side by side
+    looking: Lock = field(default_factory=Lock)
+    side_by_side: int = 0  # variants that ran as straight lines
     spent: float = 0.0  # on runs [s]
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
@@ -103,32 +100,94 @@ class Job:
         measures = np.empty((self.variants, len(self.columns), MEASURES))
         faults = np.full(self.variants, -1)
         rest = np.arange(self.variants)
-        lanes, single = self._lanes(), _Single(self)
+        lines = self._lines()
         began = perf_counter()
-        if lanes is not None:
-            rest = self._side_by_side(*lanes, measures, threads)
+        if lines is not None:
+            rest = self._in_lines(*lines, measures, threads)
             self.side_by_side = self.variants - len(rest)
-
-        def one(members: Index) -> None:
-            single.measure(members, measures, faults)
-
-        _shared(one, [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)], threads)
         self.spent += perf_counter() - began
+        if len(rest):
+            lanes = self._lane_runs(len(rest) * self.ticks, measuring=True)
+            single = self._single if lanes is None else None
+            began = perf_counter()
+            if lanes is not None:
+                self._in_lanes(lanes, rest, measures, faults, threads)
+            if single is not None:
+                _shared(
+                    lambda members: single.measure(members, measures, faults),
+                    [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)],
+                    threads,
+                )
+            self.spent += perf_counter() - began
         return measures, faults
 
     def recorded(self, threads: int) -> Iterator[Ended]:
         """Run every variant in turn, with its rows."""
-        single = _Single(self)
+        lanes = self._lane_runs(self.variants * self.ticks, measuring=False)
+        if lanes is None:
+            self._single  # noqa: B018 (compiled before threads ask for it)
         began = perf_counter()
         with ThreadPoolExecutor(threads) as pool:
-            for k in range(0, self.variants, 8 * threads):  # not more rows at a time than are taken away
-                yield from pool.map(single.record, range(k, min(k + 8 * threads, self.variants)))
+            count = 8 if lanes is None else lanes.lanes
+            groups = [np.arange(k, min(k + count, self.variants)) for k in range(0, self.variants, count)]
+            for k in range(0, len(groups), threads):  # not more rows at a time than are taken away
+                for ended in pool.map(partial(self._recorded, lanes), groups[k : k + threads]):
+                    yield from ended
         self.spent += perf_counter() - began
 
-    # Side by side -------------------------------------------------------------------------------------------------
+    def _recorded(self, lanes: LaneRuns | None, members: Index) -> list[Ended]:
+        if lanes is None:
+            return [self._single.record(variant) for variant in members.tolist()]
+        buffers = lanes.bound(self.ticks)
+        buffers.begin(members)
+        buffers.program.long(0, self.ticks, 0)
+        faults, arenas = buffers.faults(), buffers.arenas(len(members))
+        rows = buffers.rows.reshape(self.ticks, self.width, lanes.lanes)
+        return [
+            # of a fault the figures as they were then are wanted, too
+            self._single.record(variant) if faults[lane] >= 0
+            else Ended(np.ascontiguousarray(rows[:, :, lane]), -1, arenas[lane], arenas[lane])
+            for lane, variant in enumerate(members.tolist())
+        ]  # fmt: skip
 
-    def _lanes(self) -> tuple[LanesText, Native] | None:
-        """Write the program for lanes, if there is one and it is worth it."""
+    @cached_property
+    def _single(self) -> SingleRuns:
+        return SingleRuns(self)
+
+    # Lanes under masks --------------------------------------------------------------------------------------------
+
+    def _lane_runs(self, work: int, *, measuring: bool) -> LaneRuns | None:
+        """Make the program for lanes, if so many ticks are worth it."""
+        whole = not measuring and self.ticks * self.width * 8 * MOST_LANES > MOST_ROWS
+        if self.variants < 2 or work < LANES_LOOK or self.ticks > LARGEST_TICK or whole:
+            return None
+        try:
+            return LaneRuns(self, measuring and self.more is None, make=work >= LANES_WORTH)
+        except (LookupError, InputError):
+            return None
+
+    def _in_lanes(self, lanes: LaneRuns, rest: Index, measures: FloatArray, faults: Index, threads: int) -> None:
+        """Run variants in blocks of lanes; each thread has buffers of its own."""
+        buffers = local()
+
+        def run(members: Index) -> None:
+            if not hasattr(buffers, "own"):
+                buffers.own = lanes.bound(1 if self.more is None else min(BLOCK, self.ticks))
+            own: LaneBuffers = buffers.own
+            for k in range(0, len(members), lanes.lanes):
+                own.measure(members[k : k + lanes.lanes], measures, faults)
+                if self.look is not None:
+                    with self.looking:
+                        for arena in own.arenas(len(members[k : k + lanes.lanes])):
+                            self.look(arena)
+
+        span = lanes.lanes * min(MOST, max(1, len(rest) // (4 * threads * lanes.lanes)))
+        _shared(run, [rest[k : k + span] for k in range(0, len(rest), span)], threads)
+
+    # Straight lines -----------------------------------------------------------------------------------------------
+
+    def _lines(self) -> tuple[LanesText, Native] | None:
+        """Write the program of a straight line for lanes, if there is one and it is worth it."""
         work = self.variants * self.ticks
         if work < LOOK or self.look is not None or self.more is not None or self.ticks > LARGEST_TICK:
             return None
@@ -141,7 +200,7 @@ class Job:
         base = self.begin.arenas(slice(0, 1))[0]
         arrays = {name: base[place] for name, place in self.places.items()}
         try:
-            program = Traceable(source)
+            program = _traceable(source)
             turns = written_down(program, arrays, same, self.columns)
             faulted = turns.begin((self.tick.own_name, start_of(ServoState, "faulted")))
             if len(turns.body.nodes) > LARGEST or isinstance(faulted, Node) or faulted:
@@ -153,7 +212,7 @@ class Job:
         except (NotSteadyError, LookupError, InputError):
             return None
 
-    def _side_by_side(self, text: LanesText, native: Native, measures: FloatArray, threads: int) -> Index:
+    def _in_lines(self, text: LanesText, native: Native, measures: FloatArray, threads: int) -> Index:
         """Run all variants in lanes; list those that are not as was taken for granted."""
         early = self.ticks // 2
         late = self.ticks - early
@@ -200,76 +259,12 @@ class Job:
     def _source(self, *, pausing: bool) -> str:
         script = self.tick.script
         text = whole_text(self.tick, pausing=pausing)
-        return program_source(text, script.kernels, [*script.arrays, "rows"], script.frozen)
+        return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)
 
 
-class _Single:
-    """The program for one variant at a time; each thread has buffers of its own."""
-
-    def __init__(self, job: Job) -> None:
-        self.job = job
-        self.looking = Lock()
-        self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
-        text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
-        source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
-        self.taking = compiled(source)
-
-    def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
-        """Run variants and note their measures and faults."""
-        job = self.job
-        arena, run, rows = self._bound(min(BLOCK, job.ticks))
-        begin = job.begin.arenas(members)
-        columns = np.array(job.columns, dtype=float)
-        sums = empty(len(columns))
-        wide = rows if job.more is None else np.zeros((len(rows), max(job.width, *job.columns) + 1))
-        buffers = {"rows": wide.reshape(-1), "columns": columns, "found": sums.reshape(-1)}
-        taking = self.taking.bind(*(buffers[name] for name in self.taking.arrays)).long
-        half = job.ticks // 2
-        for variant, arrays in zip(members.tolist(), begin, strict=True):
-            arena[:] = arrays
-            sums[...] = empty(len(columns))
-            more = None if job.more is None else job.more(arena)
-            k = 0
-            for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
-                while k < end:
-                    count = run(k, min(len(rows), end - k), 0)
-                    if more is not None:
-                        extra = more(rows[:count])
-                        wide[:count, : job.width] = rows[:count]
-                        wide[:count, job.width : job.width + extra.shape[1]] = extra
-                    if k == 0:
-                        sums[:, FIRST] = wide[0, list(job.columns)]
-                    taking(count, wide.shape[1], len(columns), low)
-                    k += count
-            measures[variant] = sums
-            faults[variant] = self._fault(arena)
-            if job.look is not None:
-                with self.looking:
-                    job.look(arena)
-
-    def record(self, variant: int) -> Ended:
-        """Run one variant and record its rows."""
-        arena, run, rows = self._bound(self.job.ticks)
-        arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
-        k, copy = 0, arena
-        while k < self.job.ticks:
-            k += run(k, min(BLOCK, self.job.ticks - k), k)
-            if copy is arena and self._fault(arena) >= 0:
-                copy = arena.copy()
-        return Ended(rows, self._fault(arena), arena, copy)
-
-    def _fault(self, arena: FloatArray) -> int:
-        own = arena[self.job.places[self.job.tick.own_name]]
-        servo = ServoState(own)
-        return servo.tick if servo.faulted else -1
-
-    def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
-        """Bind the program to an arena, and give the rows that it writes."""
-        job = self.job
-        arena = np.zeros(max(place.stop for place in job.places.values()))
-        rows = np.zeros((count, job.width))
-        arrays = {name: arena[place] for name, place in job.places.items()} | {"rows": rows.reshape(-1)}
-        return arena, self.program.bind(*(arrays[name] for name in self.program.arrays)).long, rows
+@lru_cache(8)
+def _traceable(source: str) -> Traceable:
+    return Traceable(source)
 
 
 def _shared(run: Callable[[Index], None], jobs: Iterable[Index], threads: int) -> None:

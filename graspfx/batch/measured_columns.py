@@ -65,12 +65,33 @@ def split_of(group: Group, arena: FloatArray) -> dict[str, dict[str, Any]]:
     return rules
 
 
-def divider(group: Group, names: Sequence[str], arena: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Make what computes variables that follow from rows of a variant that begins with these buffers."""
-    splits, layout = [(0, split_of(group, arena))], group.program.servo.layout
+def divider(group: Group, names: Sequence[str], arenas: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Make what computes variables that follow from rows of variants which begin with these buffers, (v, arena).
+
+    Returns:
+        A function of their rows (r, width, v), which gives the variables' numbers, (r, numbers, v).
+    """
+    layout = group.program.servo.layout
+    alike: list[tuple[dict[str, dict[str, Any]], list[int]]] = []  # variants whose forces divide alike, together
+    for k, arena in enumerate(arenas):
+        split = split_of(group, arena)
+        lanes = next((lanes for other, lanes in alike if other == split), None)
+        if lanes is None:
+            alike.append((split, [k]))
+        else:
+            lanes.append(k)
 
     def divide(rows: FloatArray) -> FloatArray:
-        parts = RowSplit(rows, layout, splits).derived(names)
-        return np.concatenate([parts[name].reshape(len(rows), -1) for name in names], axis=1)
+        count, width, _ = rows.shape
+        out: FloatArray | None = None
+        for split, lanes in alike:
+            own = np.ascontiguousarray(rows[:, :, lanes].transpose(2, 0, 1)).reshape(-1, width)
+            parts = RowSplit(own, layout, [(0, split)]).derived(names)
+            whole = np.concatenate([parts[name].reshape(len(own), -1) for name in names], axis=1)
+            if out is None:
+                out = np.empty((count, whole.shape[1], len(arenas)))
+            out[:, :, lanes] = whole.reshape(len(lanes), count, -1).transpose(1, 2, 0)
+        assert out is not None
+        return out
 
     return divide

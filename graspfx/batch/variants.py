@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.build import build
+from graspfx.build.columns import Column, Columns, plain_keys
+from graspfx.build.resolve import resolve
+from graspfx.coupling import block as at
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
-from graspfx.loop.tick.engine import whole_text
+from graspfx.loop.tick.engine_text import whole_text
 from graspfx.loop.tick.script import Tick
 from graspfx.loop.tick.text import write
 
@@ -46,6 +49,13 @@ class Program:
             starts[name] = slice(start, start + array.size)
             start += array.size
         return starts
+
+    @cached_property
+    def constant(self) -> dict[str, int]:
+        """By buffer, the entry from which on nothing writes it: where the data of a mesh begin."""
+        blocks = [part.grasped.block for part in self.servo.objects]
+        ours = {name: array for name, array in self.tick.script.arrays.items() if any(array is b for b in blocks)}
+        return {name: int(array[at.MESH]) for name, array in ours.items() if array[at.MESH] > 0.0}
 
     def fill(self, arena: FloatArray) -> None:
         """Fill a variant's buffers into those of the servo."""
@@ -101,6 +111,20 @@ class Group:
             copies[:, entries] = rows[choice[members]]
         return copies
 
+    def add(self, columns: Iterable[Column]) -> None:
+        """Add numbers of entries of the program's buffers, one for each member: those that are not the same in all."""
+        names = {id(array): name for name, array in self.program.tick.script.arrays.items()}
+        places = self.program.places
+        numbers = {places[names[id(block)]].start + entry: values for block, entry, values in columns}
+        entries = sorted(numbers)
+        rows = np.stack([numbers[entry] for entry in entries], axis=1)
+        self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
+
+    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
+        for entries, rows, choice in self.factors:
+            arena[where[entries]] = rows[choice[members]].T
+
     def entry(self, k: int, members: Any) -> FloatArray:
         """Give one of the entries that vary, of some members, (v,)."""
         entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
@@ -114,17 +138,28 @@ class Variants:
         scene: the scene.
         values: by dotted key.
         numbers: of the value that each key has in each variant, (V, keys).
+        beside: values of other keys, the same in all variants.
+        programs: by structure, those of other variants of the scene.
     """
 
-    def __init__(self, scene: Scene, values: Mapping[str, Sequence[Any]], numbers: Index) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        values: Mapping[str, Sequence[Any]],
+        numbers: Index,
+        beside: Mapping[str, Any] | None = None,
+        programs: dict[str, Program] | None = None,
+    ) -> None:
+        self.beside = dict(beside or {})
         self.scene, self.values, self.numbers = scene, {key: list(items) for key, items in values.items()}, numbers
         self.keys = list(self.values)
         self.notes: list[str] = []
         self._built: dict[Numbers, Built] = {}
-        self._programs: dict[str, Program] = {}
+        self._programs: dict[str, Program] = {} if programs is None else programs
 
     def overrides(self, numbers: Sequence[int]) -> dict[str, Any]:
-        return {key: self.values[key][number] for key, number in zip(self.keys, numbers, strict=True)}
+        own = {key: self.values[key][number] for key, number in zip(self.keys, numbers, strict=True)}
+        return {**self.beside, **own}
 
     def built(self, numbers: Index) -> Built:
         """Build the variant with these values.
@@ -133,10 +168,10 @@ class Variants:
             SceneError: of the scene, with the values.
             InputError: a part of it is no kernel.
         """
-        at = tuple(numbers.tolist())
-        if at not in self._built:
-            self._built[at] = self._make(self.overrides(at))
-        return self._built[at]
+        key = tuple(numbers.tolist())
+        if key not in self._built:
+            self._built[key] = self._make(self.overrides(key))
+        return self._built[key]
 
     def _make(self, overrides: Mapping[str, Any]) -> Built:
         text = ", ".join(f"{key} = {value!r}" for key, value in overrides.items())
@@ -168,27 +203,92 @@ class Variants:
         Raises:
             SceneError, InputError: as `built`.
         """
+        if len(self.numbers) > FULL and (plain := plain_keys(self.scene, resolve(self.scene), self.values)):
+            return self._in_columns(plain)
+        return self._of_values(np.arange(len(self.numbers)))
+
+    def _of_values(self, members: Index) -> list[Group]:
+        """Group some variants by building one for each value of a key."""
         groups_: list[Group] = []
-        for members in self._patterns():
-            groups_ += self._split(members)
+        for part in self._patterns(members):
+            groups_ += self._split(part)
         return groups_
+
+    # Columns ------------------------------------------------------------------------------------------------------
+
+    def _in_columns(self, plain: Sequence[str]) -> list[Group]:
+        """Group variants of which some keys are plain: their values are computed for all at once."""
+        own = [self.keys.index(key) for key in plain]
+        values = {
+            key: np.array(self.values[key], dtype=float)[self.numbers[:, i]] for key, i in zip(plain, own, strict=True)
+        }
+        columns = Columns(self.scene, values)
+        sound, kinds = columns.sound(resolve(self.scene)), columns.kinds()
+        groups_ = self._each(np.flatnonzero(~sound))
+        for kind in np.unique(kinds[sound]):
+            members = np.flatnonzero(sound & (kinds == kind))
+            own_values = {key: each[members] for key, each in values.items()}
+            made = self._each(members) if len(members) <= FULL else self._spread(members, own_values, own)
+            groups_ += self._of_values(members) if made is None else made
+        return groups_
+
+    def _spread(self, members: Index, values: Mapping[str, FloatArray], own: Sequence[int]) -> list[Group] | None:
+        """Build one variant for each choice of the other keys; None if others are not what their columns say."""
+        middle = self.numbers[members[len(members) // 2]]
+        others = [i for i in range(len(self.keys)) if i not in own]
+        base = self.built(middle)
+        if others:
+            beside = {self.keys[i]: self.values[self.keys[i]][middle[i]] for i in own}
+            rest = {self.keys[i]: self.values[self.keys[i]] for i in others}
+            inner = Variants(self.scene, rest, self.numbers[members][:, others], beside, self._programs)
+            groups_ = inner.groups()
+            self.notes += inner.notes
+        else:
+            groups_ = [Group(self._programs[base.structure], base.arena, np.arange(len(members)))]
+        parts = resolve(self.scene)
+        for group in groups_:
+            inside = {key: each[group.members] for key, each in values.items()}
+            group.members = members[group.members]
+            group.add(Columns(self.scene, inside).fill(parts, group.program.servo))
+            if not self._is_as_built(group, inside):
+                self.notes.append(f"{len(group.members)} variants: columns of values are not what is built")
+                return None
+        return groups_
+
+    def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
+        """Check that built variants are what was put together: that which is farthest out in each key, and another."""
+        random = np.random.default_rng(len(group.members))
+        some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
+        some.append(int(random.integers(len(group.members))))
+        for k in dict.fromkeys(some):
+            built = self.built(self.numbers[group.members[k]])
+            if self._programs[built.structure] is not group.program:
+                return False
+            if built.arena.tobytes() != group.arenas(slice(k, k + 1))[0].tobytes():
+                return False
+        return True
 
     # Values that meet ---------------------------------------------------------------------------------------------
 
-    def _patterns(self) -> Iterator[Index]:
+    def _patterns(self, members: Index) -> Iterator[Index]:
         """Group variants by which of their values are equal: kep = kip is another scene than two gains that differ."""
+        numbers = self.numbers[members]
         same = [
-            np.array([[_equal(a, b) for b in self.values[other]] for a in self.values[key]])[
-                self.numbers[:, i], self.numbers[:, j]
-            ]
+            self._same(key, other, numbers[:, i], numbers[:, j])
             for (i, key), (j, other) in itertools.combinations(enumerate(self.keys), 2)
         ]
-        pattern = np.array(same, dtype=int).reshape(len(same), len(self.numbers)).T
-        _, pattern_of = (
-            np.unique(pattern, axis=0, return_inverse=True) if same else (None, np.zeros(len(self.numbers), int))
-        )
+        pattern = np.array(same, dtype=int).reshape(len(same), len(numbers)).T
+        _, pattern_of = np.unique(pattern, axis=0, return_inverse=True) if same else (None, np.zeros(len(numbers), int))
         for k in np.unique(pattern_of):
-            yield np.flatnonzero(pattern_of.ravel() == k)
+            yield members[np.flatnonzero(pattern_of.ravel() == k)]
+
+    def _same(self, key: str, other: str, one: Index, two: Index) -> NDArray[np.bool_]:
+        """Tell in which variants two keys have equal values."""
+        lists = self.values[key], self.values[other]
+        if all(type(each) in (int, float) for items in lists for each in items):
+            a, b = (np.array(items, dtype=float) for items in lists)
+            return np.asarray(a[one] == b[two])
+        return np.array([[_equal(a, b) for b in lists[1]] for a in lists[0]])[one, two]
 
     def _tied(self, members: Index) -> list[list[int]]:
         """Tie keys that have equal values in all of these variants; each other key stands by itself."""
@@ -303,7 +403,7 @@ def _structure(tick: Tick) -> str:
     parts = (
         whole_text(tick),
         [(name, array.size) for name, array in script.arrays.items()],
-        sorted((name, k, value.hex()) for (name, k), value in script.frozen.items()),
+        sorted((name, k, value.hex()) for (name, k), value in script.fixed.items()),
         [(kernel.__module__, kernel.__qualname__) for kernel in script.kernels.values()],
     )
     return sha256(repr(parts).encode()).hexdigest()

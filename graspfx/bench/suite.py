@@ -16,6 +16,7 @@ from graspfx.bench.report.page import PICTURES, error_text, page, ratio_text, ti
 from graspfx.bench.report.pareto import by_case, front
 from graspfx.bench.report.report import NAME, Report, load, stamp
 from graspfx.errors import InputError
+from graspfx.progress import clear, waiting
 
 
 def redraw(names: Sequence[str], out: Path, *, form: str = "png", width: str = "screen") -> None:
@@ -81,10 +82,12 @@ def run(name: str, report: Report, quick: bool, *, quiet: bool) -> None:
     module = benchmark(name)
     before, load_before = calibrate(), load()
     lines: list[Row] = []
-    for row in rows(name, quick):
-        if not quiet and lines and row.case != lines[-1].case:
-            show(name, [each for each in lines if each.case == lines[-1].case])
-        lines.append(row)
+    with waiting(f"measuring {name}"):
+        for row in rows(name, quick):
+            if not quiet and lines and row.case != lines[-1].case:
+                clear()
+                show(name, [each for each in lines if each.case == lines[-1].case])
+            lines.append(row)
     if not quiet and lines:
         show(name, [each for each in lines if each.case == lines[-1].case])
     command = f"graspfx bench {name}{' --quick' if quick else ''}"

@@ -29,12 +29,17 @@ def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -
     compliance = [release_compliance(each.grasped.law, len(each.fingers), start.shape[1]) for each in objects]
     if not any(compliance):
         return
-    contacts = start.copy()
-    for each in objects:
-        contacts[each.fingers] = each.grasped.contact_position
-    forces = most_forces(parts, inward, contacts)
-    for each, soft in zip(objects, compliance, strict=True):
-        fade = gaps(soft * float(forces[each.fingers].sum()))
+    for each, soft, push in zip(objects, compliance, squeezes(parts, objects, inward), strict=True):
+        fade = gaps(soft * push)
         if fade != FADE:
             each.grasped.set_fade(*fade)
             each.grasped.meet(start[each.fingers])
+
+
+def squeezes(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> list[float]:
+    """Add up the most that hands squeeze each object with, sum |f| [N]: fingers have met their objects."""
+    contacts = parts.start.copy()
+    for each in objects:
+        contacts[each.fingers] = each.grasped.contact_position
+    forces = most_forces(parts, inward, contacts)
+    return [float(forces[each.fingers].sum()) for each in objects]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from graspfx.build.mesh_cache import through_cache
 from graspfx.compile.records import numbers
 from graspfx.environment import require_file, to_path
 from graspfx.errors import InputError
@@ -97,19 +98,40 @@ def mesh_name(table: Object) -> str:
 
 @lru_cache(CACHED)
 def _read(path: str, version: tuple[int, int], scale: float, shell: bool, limits: tuple[int, int]) -> SceneMesh:
-    from graspfx.surfaces.triangles.mesh import load_mesh
-
     most_bytes, most_triangles = limits
-    return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
+
+    def make() -> tuple[Mesh, MassProperties]:
+        from graspfx.surfaces.triangles.mesh import load_mesh
+
+        return _weighed(load_mesh(path, scale=scale, shell=shell, most_bytes=most_bytes, most_triangles=most_triangles))
+
+    file = Path(path)
+    if version[1] > most_bytes:
+        return SceneMesh(*make())
+    try:
+        content = file.read_bytes()
+    except OSError:  # `load_mesh` says what is wrong
+        return SceneMesh(*make())
+    return SceneMesh(*through_cache(content, (file.suffix.lower(), scale, shell, limits), make))
 
 
 @lru_cache(CACHED)
 def _scene_mesh(vertices: Any, faces: Any, scale: float, shell: bool) -> SceneMesh:
-    from graspfx.surfaces.triangles.mesh import make_mesh
+    arrays = np.array(vertices), np.array(faces)
 
-    return _weighed(make_mesh(np.array(vertices), np.array(faces), scale=scale, shell=shell, name="vertices"))
+    def make() -> tuple[Mesh, MassProperties]:
+        from graspfx.surfaces.triangles.mesh import make_mesh
+
+        return _weighed(make_mesh(*arrays, scale=scale, shell=shell, name="vertices"))
+
+    if any(each.dtype == object for each in arrays):  # ragged: refused
+        return SceneMesh(*make())
+    content = b"".join(each.tobytes() for each in arrays)
+    kinds = [(each.dtype.str, each.shape) for each in arrays]
+    return SceneMesh(*through_cache(content, (kinds, scale, shell), make))
 
 
-def _weighed(mesh: Mesh) -> SceneMesh:
+def _weighed(mesh: Mesh) -> tuple[Mesh, MassProperties]:
+    """Move a mesh into its body's frame, and give its mass properties in the frame of the file."""
     unit = mesh.mass_properties(mass=1.0) if mesh.shell else mesh.mass_properties(density=1.0)
-    return SceneMesh(mesh.seen_from(unit.centre, unit.axes), unit)
+    return mesh.seen_from(unit.centre, unit.axes), unit

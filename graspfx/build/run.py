@@ -26,10 +26,12 @@ from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
 from graspfx.loop.recording.selection import chosen_layout
 from graspfx.numeric import number
+from graspfx.progress import waiting
 from graspfx.scene.tables.reading import Readable
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
+    from graspfx.scene.source import Source
 
 
 def run(
@@ -106,7 +108,8 @@ def run(
             sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
         with Recorder(servo.layout, header, sinks, keep=out is None, ticks=ticks) as recorder:
             began = perf_counter()
-            servo.run(ticks, recorder, stop)
+            with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: servo.ticks):
+                servo.run(ticks, recorder, stop)
             took, complete = perf_counter() - began, servo.ticks == ticks
             keep_lowerings()  # of kernels that were called
             recording = recorder.finish(
@@ -181,7 +184,7 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
     scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
     return Header(
         period=scene.period,
-        scene=source.path.stem.replace("_", "-") if source.path is not None else source.name,
+        scene=source_name(source),
         scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
         scene_table=scene.to_dict(),
         scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
@@ -199,6 +202,11 @@ def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
         every=scene.record.every,
         split=split_rules(objects),
     )
+
+
+def source_name(source: Source) -> str:
+    """Name a scene as on the shelf: after its file, or as it stands in messages."""
+    return source.path.stem.replace("_", "-") if source.path is not None else source.name
 
 
 def split_rules(objects: Sequence[GraspedPart]) -> dict[str, dict[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from graspfx import installed, plugins
 from graspfx.compile import cache
 from graspfx.compile.own_sources import source_stamps, stamps_in
-from graspfx.errors import Fault, SceneError
+from graspfx.environment import to_path
+from graspfx.errors import Fault, InputError, SceneError
+from graspfx.plugins import BUILT_IN
 from graspfx.scene.keys import Key
 from graspfx.scene.source import Source
 from graspfx.scene.tables.reading import Readable, listed
@@ -20,7 +22,7 @@ from graspfx.scene.tables.reading import Readable, listed
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
-FORMAT = 2
+FORMAT = 3
 PLAIN = (bool, int, float, str, type(None))
 
 
@@ -65,8 +67,9 @@ class KeptScene(Readable, KeptTable):
 def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> Place | None:
     """Find where the scene of a TOML file is cached; None for a scene that cannot be.
 
-    The key holds the file's text and path, the overrides and preset, what is installed, and the time and size of every
-    source file of GraspFX and of the shelf of devices, as Python judges its own bytecode.
+    The key holds the file's text and path, the overrides and preset, whether the scene is trusted, what is installed,
+    and the time and size of every source file of GraspFX and of the shelf of devices, as Python judges its own
+    bytecode. The meshes and paths that a scene names are compared with those that were checked, by their content.
 
     Raises:
         UnknownNameError, InputError: as `load` has it.
@@ -81,8 +84,8 @@ def place(name: str, overrides: Mapping[str, Any], preset: str | None = None) ->
         return None
     shelf = list(stamps_in(str(plugins.shelf("devices"))))
     changes = preset, list(overrides.items())
-    parts = FORMAT, sys.version, str(path), text, changes, installed_, source_stamps(), shelf
     source = Source(plugins.shown_path(path), text, path, overrides, preset or "")
+    parts = FORMAT, sys.version, str(path), text, changes, source.is_trusted, installed_, source_stamps(), shelf
     return Place(sha256(repr(parts).encode()).hexdigest(), source)
 
 
@@ -92,6 +95,8 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
     if content is None:
         return None
     entry = json.loads(content)
+    if entry["files"] != _digests(where.source, entry["names"]):
+        return None
     source = replace(where.source, preset_values=entry["preset_values"])
     return cast("Scene", KeptScene(vars(_read(entry["scene"])), source, entry["written"])), entry["notes"]
 
@@ -100,29 +105,53 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     """Cache a scene that has been run, and its notes, if its place alone says what becomes of it."""
     if scene.source.text != where.source.text or not _is_self_contained(scene):
         return
+    names = list(_data_files(scene))
+    files = _digests(where.source, names)
+    if files is None:
+        return
     try:
         values = dict(scene.source.preset_values)
         entry = {"scene": _written(scene), "written": scene.to_dict(), "preset_values": values, "notes": notes}
+        entry |= {"names": names, "files": files}
     except TypeError:  # a setting of a kind that JSON has not
         return
     cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
 
 
 def _is_self_contained(scene: Scene) -> bool:
-    """Tell whether the scene names no other file, no other distribution, and nothing that depends on the machine."""
+    """Tell whether the scene names no code but the shelf's, no other distribution, and nothing real."""
     from graspfx.build.resolve import resolve
 
     folder = scene.source.folder
-    hands = [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
     devices = [*scene.device, *(finger.device for finger in scene.finger if not isinstance(finger.device, str))]
-    shapes = [*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)]
     return (
-        all(shape is None or shape.kind != "mesh" for shape in shapes)
-        and all(thing.dynamics == "native" for thing in scene.object)
-        and not any(hand.form == "made" or "path" in [each.kind for each in listed(hand.motion)] for hand in hands)
+        all(thing.dynamics in BUILT_IN["dynamics"] for thing in scene.object)
+        and not any(hand.form == "made" for hand in _hands(scene))
         and all(plugins.find("devices", each.name, folder).is_relative_to(plugins.shelf("devices")) for each in devices)
         and resolve(scene).simulated
     )
+
+
+def _hands(scene: Scene) -> list[Any]:
+    return [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
+
+
+def _data_files(scene: Scene) -> Iterator[str]:
+    """List the files that the scene names and that are read, not run: meshes and recorded paths."""
+    for shape in (*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)):
+        if shape is not None and shape.kind == "mesh" and shape.mesh is not None:
+            yield shape.mesh
+    for hand in _hands(scene):
+        yield from (motion.file for motion in listed(hand.motion) if motion.kind == "path")
+
+
+def _digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
+    """Digest files that a scene names, each with where its links lead; None where one cannot be read."""
+    try:
+        paths = [to_path("file", name, folder=source.folder).resolve() for name in names]
+        return [[str(path), sha256(path.read_bytes()).hexdigest()] for path in paths]
+    except (OSError, RuntimeError, InputError):  # `load` says what is wrong
+        return None
 
 
 def _written(value: Any) -> Any:

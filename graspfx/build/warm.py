@@ -11,13 +11,17 @@ from time import perf_counter
 from typing import Any
 
 from graspfx.build.build import build
+from graspfx.compile.generic import library
 from graspfx.coupling import two_forces
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError
+from graspfx.grasp import point_sets
 from graspfx.loop.recording.growth import rough_program
-from graspfx.loop.tick.engine import Compiled
+from graspfx.loop.tick.library import LIBRARY
+from graspfx.loop.tick.programs import Compiled
 from graspfx.scene.load import load
 
+KERNELS = "kernels of all scenes"
 COMPILED, CACHED, CANNOT = "compiled", "was there", "cannot"
 
 
@@ -55,6 +59,15 @@ def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> 
     if notes:
         return Warmed(name, CANNOT, seconds, size, notes[0])
     return Warmed(name, CACHED if all(program.cached for program in programs) else COMPILED, seconds, size)
+
+
+def warm_kernels() -> Warmed:
+    """Compile the kernels that all scenes start with, and those of `gx.Split`, unless they are in the cache."""
+    began = perf_counter()
+    point_sets.warm()
+    kernels = library(LIBRARY)
+    state = CANNOT if kernels.note else CACHED if kernels.cached else COMPILED
+    return Warmed(KERNELS, state, perf_counter() - began, kernels.size, kernels.note)
 
 
 def warm_all(names: Sequence[str], overrides: Mapping[str, Any], preset: str | None = None) -> Iterator[Warmed]:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from graspfx.analysis.passivity.grasp_leak import CouplingLimits
 from graspfx.card import Card, Carded
+from graspfx.certificate.limit_list import LimitList
 from graspfx.certificate.plain_data import plain
+
+if TYPE_CHECKING:
+    from graspfx.analysis.passivity.grasp_leak import CouplingLimits
 
 STANDING = "standing on"
 MOST = 12  # limits on a card
+ROUNDING = 1e-11  # what |z| of a motion that neither grows nor decays may exceed 1 by
+
+
+def is_stable(radius: float) -> bool:
+    """Tell whether a spectral radius is that of a stable loop: margins are sought with the same band of rounding."""
+    return radius <= 1.0 + ROUNDING
 
 
 @dataclass(frozen=True)
@@ -57,8 +66,8 @@ class Certificate(Carded):
     Attributes:
         object: its name.
         at: "squeezed", "recorded", "provisional" or "start".
-        spectral_radius: of the loop as it is; below 1 it is stable.
-        limits: of every mode.
+        spectral_radius: of the loop as it is; up to 1, give or take rounding, it is stable (`is_stable`).
+        limits: of every mode; a quick certificate computes those of pushing when they are asked for.
         assumed: what that takes for granted.
         passive: largest gains that are passive to any operator, or None.
         why_not_passive: in a few words, where there is None.
@@ -71,7 +80,7 @@ class Certificate(Carded):
     object: str
     at: str
     spectral_radius: float
-    limits: tuple[Limit, ...]
+    limits: Sequence[Limit]
     assumed: tuple[str, ...]
     passive: CouplingLimits | None
     why_not_passive: str = ""
@@ -96,8 +105,9 @@ class Certificate(Carded):
     @property
     def stable(self) -> bool:
         """Whether the loop is stable as it is, and also with the object on what carries it at the start."""
-        return self.spectral_radius < 1.0 and all(
-            row.margin > 1.0 for row in self.limits if row.mode.startswith(STANDING)
+        rows = self.limits.first if isinstance(self.limits, LimitList) else self.limits
+        return is_stable(self.spectral_radius) and all(
+            row.margin >= 1.0 for row in rows if row.mode.startswith(STANDING)
         )
 
     def to_dict(self) -> dict[str, Any]:

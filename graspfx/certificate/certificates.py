@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspfx.analysis.passivity.grasp_leak import CouplingLimits, coupling_limits
+from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.certificate.certificate import Certificate
+from graspfx.certificate.limit_list import LimitList
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, number_of, pushing_limits, standing_limits
 from graspfx.certificate.rest.cone_edge import sliding_notes
-from graspfx.certificate.whole_loop import Family
+from graspfx.certificate.whole_loop import Family, WholeLoop
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.model import Scene
 
+if TYPE_CHECKING:
+    from graspfx.analysis.passivity.grasp_leak import CouplingLimits
 
+
+@one_blas_thread()
 def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None = None) -> list[Certificate]:
     """Judge every object that fingers touch.
 
@@ -32,13 +39,15 @@ def certificates(scene: Scene, at: str = "squeezed", recording: Recording | None
 
 def _certificate(scene: Scene, loop: Linearised) -> Certificate:
     linear = loop.linear
-    whole = Family(linear, lambda s: linear.stiffness)
+    whole = Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness)
     passive, why = _passive(scene, loop)
+    first = (*mode_limits(scene, loop), *standing_limits(loop))
+    limits = LimitList(first, one_blas_thread()(partial(pushing_limits, scene, loop)))
     return Certificate(
         object=loop.objects[0],
         at=loop.at[0],
         spectral_radius=whole.radius(1.0),
-        limits=(*mode_limits(scene, loop), *standing_limits(loop), *pushing_limits(scene, loop)),
+        limits=limits if loop.at[0] == "provisional" else limits.all,
         assumed=loop.assumed,
         passive=passive,
         why_not_passive=why,
@@ -78,6 +87,8 @@ def _passive(scene: Scene, loop: Linearised) -> tuple[CouplingLimits | None, str
         return None, "its devices display forces late"
     if linear.integrator != "exact":
         return None, f"it takes an object with the integrator exact, not {linear.integrator}"
+    from graspfx.analysis.passivity.grasp_leak import coupling_limits
+
     limits = coupling_limits(
         linear.G,
         float(linear.friction.min()),

@@ -16,8 +16,10 @@ from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
 from graspfx.analysis.stability.modal import together
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, reduced
-from graspfx.certificate.whole_loop import bounded, reach
+from graspfx.certificate.reach import reach
+from graspfx.certificate.whole_loop import Line, WholeLoop, bounded
 from graspfx.errors import InputError
+from graspfx.progress import waiting
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -145,7 +147,11 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
         keys = ", ".join(sweep.key for sweep in sweeps)
         raise InputError("--sweep", points, f"at most {MOST_SCENES:,} points over {keys}", "each needs a scene made")
     shape = tuple(len(sweep.values) for sweep in sweeps)
-    rows = [_point(scene.replace(_overrides(sweeps, v)), at) for v in product(*(s.values.tolist() for s in sweeps))]
+    rows = []
+    with waiting(f"sweeping {' and '.join(sweep.key for sweep in sweeps)}", points, "points") as wait:
+        for values in product(*(sweep.values.tolist() for sweep in sweeps)):
+            rows.append(_point(scene.replace(_overrides(sweeps, values)), at))
+            wait.done += 1
     internal, external, conventional = (np.array(column).reshape(shape) for column in zip(*rows, strict=True))
     return SweptLimits(tuple(sweeps), internal, external, conventional, False, perf_counter() - began)
 
@@ -180,7 +186,8 @@ def _point(scene: Scene, at: str) -> tuple[float, float, float]:
     # from one hundredth of what a bare mass allows: the first loss above whatever is stable
     stiffness = loop.conventional(1.0)
     if loop.pads is None:
-        edge = reach(loop.linear, lambda s: s * unit * stiffness)
+        line = Line(np.zeros_like(stiffness), unit * stiffness)
+        edge = reach(WholeLoop(loop.linear, [stiffness]), line)
     else:
         edge = reach(loop.linear, lambda s: loop.conventional(s * unit))
     return internal, external, unit * edge.factor

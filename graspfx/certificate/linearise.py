@@ -59,6 +59,7 @@ class Linearised:
         standing: what each object stands on at the start, which `linear` leaves out; None for one in the air.
         fade: of each object, where the fade begins and where the forces at rest ask it to [m]; None where nothing does.
         stiffness: K (m, m) for external gains times a, of rotations times b, and internal ones times c: a function.
+        gains: K of shifts, turns and internal (m, m), of which `stiffness` is the sum; None where it is no such sum.
         conventional: K (m, m) where every finger has the stiffness k by itself: a function.
         compliance: of the dampers in series (m,) [m/(N s)], where damping grows with depth; zero at full depth.
         pads: normals (m, p) of compliant fingertips and their stiffness at rest (p,) [N/m]; None without any.
@@ -78,6 +79,7 @@ class Linearised:
     standing: tuple[Ground | None, ...] = field(repr=False)
     fade: tuple[tuple[float, float] | None, ...]
     stiffness: Callable[[float, float, float], FloatArray] = field(repr=False)
+    gains: tuple[FloatArray, ...] | None = field(repr=False)
     conventional: Callable[[float], FloatArray] = field(repr=False)
     compliance: FloatArray = field(repr=False)
     pads: tuple[FloatArray, FloatArray] | None = field(repr=False)
@@ -158,7 +160,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
     inward = np.zeros_like(start)
     inward[fingers] = grasped.inward()
     set_fade(parts, [GraspedPart(part.name, grasped, fingers)], inward)
-    initial = grasped.block.copy()
+    initial = grip.changing.copy()
     place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":
         if recording is None:
@@ -170,7 +172,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
         standing = ground_under(parts, index, grip, lower=LOW)
         place = {"squeezed": squeezed, "provisional": provisional}[where](parts, index, grip, fingers)
     if place.stiffness is None:
-        grasped.block[:] = initial
+        grip.changing[:] = initial
         grasped.finger_position[:] = start[fingers]
         ground = None
     return _matrices(scene, part, grip, place, ground, standing)
@@ -315,6 +317,10 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
     def turned(blocks: Sequence[FloatArray]) -> FloatArray:
         return V.T @ block_diagonal(blocks) @ V
 
+    gains: tuple[FloatArray, ...] | None = None
+    if all(share.gains.is_sum for share in shares):
+        gains = tuple(turned(each) for each in zip(*(share.gains.parts for share in shares), strict=True))
+
     def stiffness(shifts: float, turns: float, internal: float) -> FloatArray:
         return turned([share.gains(shifts, turns, internal) for share in shares])
 
@@ -356,6 +362,7 @@ def _joined(parts: Parts, shares: Sequence[_Share]) -> Linearised:
         standing=tuple(share.standing for share in shares),
         fade=tuple(share.fade for share in shares),
         stiffness=stiffness,
+        gains=gains,
         conventional=conventional,
         compliance=np.concatenate([share.compliance for share in shares]),
         pads=joined_pads([share.gains for share in shares], V),

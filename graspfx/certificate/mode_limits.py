@@ -13,39 +13,46 @@ from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.pushing import without_freedoms
 from graspfx.analysis.series import in_series, springs_in_series
 from graspfx.analysis.stability.modal import Mode, modes
-from graspfx.certificate.certificate import STANDING, Limit
+from graspfx.analysis.symmetry import alike_sets, symmetries
+from graspfx.certificate.certificate import STANDING, Limit, is_stable
 from graspfx.certificate.linearise import Linearised
-from graspfx.certificate.whole_loop import Family, Reach, reach
+from graspfx.certificate.reach import Reach, reach, reaches
+from graspfx.certificate.whole_loop import Family, Line, Stiffness, WholeLoop
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
 
 ALL_SETS = 5  # fingers up to which every set of them may push; of more, single ones
+TIE = 1e-9  # relative: margins that are the same, of which that of fingers near is listed
 ROOM = 0.5  # of the common limit: where the other gains are put when as they are they leave nothing stable
 
 
 def mode_limits(scene: Scene, loop: Linearised, *, halves: bool = True, compare: bool = True) -> list[Limit]:
     """Find the limits of the internal and the external gain, and of the external one's shifts and turns alone."""
     kep, kip = (number_of(part.stiffness) for part in (scene.coupling.external, scene.coupling.internal))
-    exact = reduced(loop)
+    names = {name: scaled for name, scaled in _parts(loop) if halves or " " not in name}
+    gains = {name: kip if name == "internal" else kep for name in names}
+    exact = {name: mode for name, mode in reduced(loop).items() if name in gains and not math.isnan(gains[name])}
+    searches = {
+        name: scaled
+        for name, scaled in names.items()
+        if name not in exact or (compare and 0.0 < exact[name][0] < math.inf and gains[name] > 0.0)
+    }
+    edges: dict[str, Reach] = {}
+    if searches:
+        whole = WholeLoop(loop.linear, loop.gains)
+        others = _others(loop, whole)
+        families = [Family(whole, _scaled(loop, scaled, others)) for scaled in searches.values()]
+        edges = dict(zip(searches, reaches(families), strict=True))
     rows = []
-    others: float | None = None
-    for name, scaled in _parts(loop):
-        if " " in name and not halves:
-            continue
-        gain = kip if name == "internal" else kep
-        mode = exact.get(name)
-        if mode is not None and not math.isnan(gain):
-            limit, frequency = mode
-            difference = math.nan
-            if compare and 0.0 < limit < math.inf and gain > 0.0:
-                others = _others(loop) if others is None else others
-                difference = abs(gain * _reach(loop, scaled, others).factor / limit - 1.0)
+    for name, gain in gains.items():
+        edge = edges.get(name)
+        if name in exact:
+            limit, frequency = exact[name]
+            difference = math.nan if edge is None else abs(gain * edge.factor / limit - 1.0)
             rows.append(Limit(name, gain, limit, _over(limit, gain), frequency, True, difference))
-        else:
-            others = _others(loop) if others is None else others
-            edge = _reach(loop, scaled, others)
+        elif edge is not None:
             rows.append(Limit(name, gain, gain * edge.factor, edge.factor, edge.frequency, False))
     return rows
 
@@ -101,18 +108,27 @@ def _name(mode: Mode, loop: Linearised) -> str:
     return "external translation" if together > 0.5 else "external rotation"
 
 
-def _others(loop: Linearised) -> float:
+def _others(loop: Linearised, whole: WholeLoop) -> float:
     """Find the factor at which the other gains are held: 1 where that is stable."""
-    if Family(loop.linear, lambda s: loop.linear.stiffness).radius(1.0) < 1.0:
+    common = _scaled(loop, (True, True, True), 1.0)
+    if is_stable(Family(whole, common).radius(1.0)):
         return 1.0
-    return min(1.0, ROOM * reach(loop.linear, lambda s: loop.stiffness(s, s, s)).factor)
+    return min(1.0, ROOM * reach(whole, common).factor)
 
 
-def _reach(loop: Linearised, scaled: tuple[bool, bool, bool], others: float) -> Reach:
-    def stiffness(s: float) -> FloatArray:
-        return loop.stiffness(*(s if is_scaled else others for is_scaled in scaled))
+def _scaled(loop: Linearised, scaled: tuple[bool, bool, bool], others: float) -> Stiffness:
+    """Give K(s) with some gains times s and the others at a factor of theirs."""
+    if loop.gains is None:
+        return lambda s: loop.stiffness(*(s if is_scaled else others for is_scaled in scaled))
+    zero = np.zeros_like(loop.linear.stiffness)
+    still = sum((others * K for K, is_scaled in zip(loop.gains, scaled, strict=True) if not is_scaled), zero)
+    return Line(still, sum((K for K, is_scaled in zip(loop.gains, scaled, strict=True) if is_scaled), zero))
 
-    return reach(loop.linear, stiffness)
+
+def _all_scaled(linear: Linearisation) -> Family:
+    """Give the loops with all stiffness times s."""
+    K = linear.stiffness
+    return Family(WholeLoop(linear, [K]), Line(np.zeros_like(K), K))
 
 
 def standing_limits(loop: Linearised) -> Iterator[Limit]:
@@ -120,38 +136,42 @@ def standing_limits(loop: Linearised) -> Iterator[Limit]:
     ground = loop.standing[0]
     if ground is None or len(loop.standing) > 1:
         return
-    linear = loop.linear.with_changes(ground=(ground.stiffness, ground.damping))
-    edge, gain = reach(linear, lambda s: s * linear.stiffness), _stiffest(linear)
+    linear = loop.linear.with_arrays(ground=(ground.stiffness, ground.damping))
+    [edge], gain = reaches([_all_scaled(linear)]), _stiffest(linear)
     mode = f"{STANDING} {' and '.join(ground.names)}"
     yield Limit(mode, gain, gain * edge.factor, edge.factor, edge.frequency, False)
 
 
-def pushing_limits(scene: Scene, loop: Linearised) -> Iterator[Limit]:
+def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
     """Find limits of every set of fingers that may touch without the others; none where contacts cannot be left."""
     n = len(loop.fingers)
     if scene.coupling.contact == "attached" or n == 1:
-        return
+        return []
     sizes: Sequence[int] = range(1, n) if n <= ALL_SETS else [1]
-    names = scene.finger_names
-    for size in sizes:
-        for pushers in combinations(loop.fingers, size):
-            touching = np.isin(loop.finger_of_column, pushers)
-            pushes = _pushes(scene, loop, touching, pushers)
-            gain, edge = min(pushes, key=lambda pair: pair[1].factor)
-            who = ", ".join(names[i] for i in pushers)
-            yield Limit(f"pushing with {who}", gain, gain * edge.factor, edge.factor, edge.frequency, False)
+    sets = [places for size in sizes for places in combinations(range(n), size)]
+    free = np.array(scene.free(next(thing for thing in scene.object if thing.name == loop.objects[0])), dtype=bool)
+    alike = alike_sets(sets, symmetries(loop.linear, loop.contacts, free))
+    loops = {k: list(_pushes(scene, loop, tuple(loop.fingers[i] for i in sets[k]))) for k in dict.fromkeys(alike)}
+    answers = iter(reaches([_all_scaled(linear) for each in loops.values() for linear in each]))
+    edges = {k: [(_stiffest(linear), next(answers)) for linear in each] for k, each in loops.items()}
+    rows = []
+    for places, k in zip(sets, alike, strict=True):
+        pushers = [loop.fingers[i] for i in places]
+        least = min(edge.factor for _, edge in edges[k])
+        gain, edge = next(pair for pair in edges[k] if pair[1].factor <= least * (1.0 + TIE))
+        who = ", ".join(scene.finger_names[i] for i in pushers)
+        rows.append(Limit(f"pushing with {who}", gain, gain * edge.factor, edge.factor, edge.frequency, False))
+    return rows
 
 
-def _pushes(
-    scene: Scene, loop: Linearised, touching: NDArray[np.bool_], pushers: tuple[int, ...]
-) -> Iterator[tuple[float, Reach]]:
-    """Find how far the stiffest rest can grow: near fingers without force, and where they fade, gone ones."""
-    near = without_freedoms(loop.linear, touching)
-    yield _stiffest(near), reach(near, lambda s: s * near.stiffness)
+def _pushes(scene: Scene, loop: Linearised, pushers: tuple[int, ...]) -> Iterator[Linearisation]:
+    """List the loops of some fingers that push: the others near without force, and where they fade, gone."""
+    near = without_freedoms(loop.linear, np.isin(loop.finger_of_column, pushers))
+    yield near
     if scene.coupling.absent == "fade":
         alone = gone_without(scene, loop, near, pushers)
         if alone is not None:
-            yield _stiffest(alone), reach(alone, lambda s: s * alone.stiffness)
+            yield alone
 
 
 def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: tuple[int, ...]) -> Linearisation | None:
@@ -173,7 +193,7 @@ def gone_without(scene: Scene, loop: Linearised, near: Linearisation, pushers: t
     K = kep * P + kip * (I - P)
     if loop.pads is not None:
         K = springs_in_series(K, loop.pads[0][pushing], loop.pads[1])
-    return near.with_changes(stiffness=K, damping=damping)
+    return near.with_arrays(stiffness=K, damping=damping)
 
 
 def _stiffest(linear: Linearisation) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
@@ -12,16 +12,17 @@ from graspfx.build.build import build
 from graspfx.certificate.plan import PlanRow
 from graspfx.compile.cache import folder_text
 from graspfx.errors import GraspFXError, SceneError
-from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.foreign import foreign, guests, looked_ahead
-from graspfx.loop.recording.header import Header
-from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick.engine import COMPILING, FIRST, LOADING, AutoEngine, Compiled, sources
+from graspfx.loop.tick.engine import LOADING, SPECIALISING
+from graspfx.loop.tick.engine_text import sources, texts
+from graspfx.loop.tick.programs import Compiled
 
 if TYPE_CHECKING:
     from graspfx.loop.servo import Servo
+    from graspfx.loop.tick.script import Tick
     from graspfx.scene.model import Scene
 
+WORD = re.compile(r"[A-Za-z_]\w*")
 KERNEL = re.compile(r"^def (\w+)_\d+\(", re.MULTILINE)
 INSTALL = "llvmlite is not installed: run `pip install llvmlite`"
 
@@ -35,47 +36,63 @@ class Prospect:
         guests: bodies that other software moves.
         ahead: hands that are none, which cost no call.
         calls: of the program, for each tick; 0 where one call does many of them.
-        kernels: that are left in its program.
+        calls_of_text: the kernels that the text of its tick calls.
+        kernels: that are left in its program; None where that has not been specialised yet, which a look is not worth.
         size: of its machine code in the cache [bytes]; None if it is not there.
         llvm: whether there is LLVM to compile it.
-        cost: of a tick as it stands [s]; None with devices that are no simulations, which are not to move now.
     """
 
     foreign: tuple[str, ...]
     guests: tuple[str, ...]
     foreseen: tuple[str, ...]
     calls: int
-    kernels: frozenset[str]
+    calls_of_text: frozenset[str]
+    kernels: frozenset[str] | None
     size: int | None
     llvm: bool
-    cost: float | None
 
 
 def prospect(scene: Scene) -> Prospect:
-    """Build the scene, specialise its program and run the first ticks where nothing but simulations moves.
+    """Build the scene; nothing moves, and no program is specialised.
 
     Raises:
         GraspFXError: it cannot be built, or a part of it is not what it says.
     """
-    with build(scene, hardware=False, engine="auto") as servo:
+    with build(scene, hardware=False, engine="interpreted") as servo:
         tick = servo.script
-        real = [s for s in servo.stations if not isinstance(s.device, SimulatedDevice)]
         llvm = find_spec("llvmlite") is not None
         return Prospect(
             foreign=tuple(foreign(servo)),
             guests=tuple(guests(servo)),
             foreseen=tuple(looked_ahead(servo)),
             calls=2 if tick.ports else int(bool(tick.guests or tick.bodies or tick.plants)),
-            kernels=kernels(servo),
+            calls_of_text=_calls_of_text(tick),
+            kernels=_kernels_before(servo),
             size=_size(servo) if llvm else None,
             llvm=llvm,
-            cost=None if real else _cost(servo),
         )
 
 
 def kernels(servo: Servo) -> frozenset[str]:
     """List the names of the kernels in a servo's program."""
-    return frozenset(name for source in sources(servo.script).values() for name in KERNEL.findall(source))
+    return _names(sources(servo.script))
+
+
+def _calls_of_text(tick: Tick) -> frozenset[str]:
+    words = {word for text in texts(tick).values() for word in WORD.findall(text)}
+    return frozenset(kernel.__name__ for name, kernel in tick.script.kernels.items() if name in words)
+
+
+def _kernels_before(servo: Servo) -> frozenset[str] | None:
+    """List them if the program has been specialised before."""
+    try:
+        return _names(sources(servo.script, make=False))
+    except LookupError:
+        return None
+
+
+def _names(programs: Mapping[str, str]) -> frozenset[str]:
+    return frozenset(name for source in programs.values() for name in KERNEL.findall(source))
 
 
 def engine_plan(scene: Scene) -> list[PlanRow]:
@@ -100,13 +117,6 @@ def _size(servo: Servo) -> int | None:
         return None
 
 
-def _cost(servo: Servo) -> float:
-    with Recorder(servo.layout, Header(servo.period), keep=False) as recorder:
-        servo.run(FIRST, recorder)
-    assert isinstance(servo.engine, AutoEngine)
-    return servo.engine.cost
-
-
 def _calls(facts: Prospect) -> str:
     beforehand = f"; {_listed(facts.foreseen)} no kernel: asked beforehand for many ticks" if facts.foreseen else ""
     if not facts.calls:
@@ -122,7 +132,10 @@ def _listed(parts: Collection[str]) -> str:
 
 
 def _program(facts: Prospect) -> PlanRow:
-    text = f"{len(facts.kernels)} kernels, specialised for this scene"
+    if facts.kernels is None:
+        text = f"a tick that calls {len(facts.calls_of_text)} kernels, to be specialised for this scene"
+    else:
+        text = f"{len(facts.kernels)} kernels, specialised for this scene"
     if facts.size is not None:
         return PlanRow("program", True, f"{text}; compiled, {1e-3 * facts.size:.0f} kB in {folder_text()}")
     if not facts.llvm:
@@ -138,27 +151,17 @@ def _engine(scene: Scene, facts: Prospect) -> Iterator[PlanRow]:
     elif scene.engine == "compiled":
         first = "" if facts.size is not None else ", before the first tick"
         yield PlanRow("engine", True, f"compiled{first}, as the scene says")
-    elif facts.cost is None:
-        why = f"what a tick takes is found in the first {FIRST}, with the devices; {_rule()}"
-        yield PlanRow("engine", True, f"auto: {why}")
+    elif scene.engine == "generic":
+        yield PlanRow("engine", True, "kernels compiled for all scenes, as the scene says")
     else:
-        yield PlanRow("engine", True, f"auto: {_choice(scene, facts, facts.cost)}")
+        yield PlanRow("engine", True, f"auto: {_choice(round(scene.duration / scene.period), facts)}")
 
 
-def _rule() -> str:
-    return f"a program pays where it saves {LOADING:g} s, or {COMPILING:g} s if it is to be compiled first"
-
-
-def _choice(scene: Scene, facts: Prospect, cost: float) -> str:
-    ticks = round(scene.duration / scene.period)
-    saving = (ticks - FIRST) * cost
-    worth = saving > (COMPILING if facts.size is None else LOADING)
-    text = f"{ticks} ticks; as they stand {_time(cost)} each, {_time(ticks * cost)} in all"
-    return f"{f'compiled after the first {FIRST} of' if worth else 'interpreted,'} {text}; {_rule()}"
-
-
-def _time(seconds: float) -> str:
-    for unit, scale in (("s", 1.0), ("ms", 1e3)):
-        if seconds * scale >= 1.0:
-            return f"{seconds * scale:.2g} {unit}" if seconds * scale < 100.0 else f"{seconds * scale:.0f} {unit}"
-    return f"{seconds * 1e6:.3g} us"
+def _choice(ticks: int, facts: Prospect) -> str:
+    """Say what `auto` makes of a number of ticks."""
+    if ticks >= LOADING and facts.size is not None:
+        return f"the specialised program, for {ticks} ticks ({LOADING} or more)"
+    text = f"kernels compiled for all scenes, for {ticks} ticks"
+    if ticks < SPECIALISING:
+        return f"{text}; from {SPECIALISING} on a program is specialised meanwhile"
+    return f"{text}, until a program is specialised"

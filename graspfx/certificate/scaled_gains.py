@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,17 @@ class ScaledGains:
     pads: tuple[FloatArray, FloatArray] | None = None  # normals (m, p) of compliant fingertips, their stiffness [N/m]
 
     def __call__(self, shifts: float, turns: float, internal: float) -> FloatArray:
+        K_t, K_r, K_i = self.parts
+        return self.soften(self.release_tangents(shifts * K_t + turns * K_r + internal * K_i))
+
+    @property
+    def is_sum(self) -> bool:
+        """Whether K is the sum of its parts, each times its factor: no tangents slip, no pads are in series."""
+        return self.normals is None and self.pads is None
+
+    @cached_property
+    def parts(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """K of shifts, of turns and internal, (m, m) each."""
         n, m = self.fingers, self.split.components
         d = m // n
         zero = Impedance(0.0)
@@ -36,16 +48,12 @@ class ScaledGains:
         outer = Coupling(external=Impedance(self.law.external.stiffness), internal=zero, form=form)
         inner = Coupling(external=zero, internal=Impedance(self.law.internal.stiffness), form=form)
         K_e = outer.stiffness(self.split)
-        if shifts != turns:
-            # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
-            one = np.tile(np.eye(d), (n, 1))
-            weighed = (self.split.metric * one.T).T
-            Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
-            K_t = (K_e @ Q + (K_e @ Q).T) / 2
-            K_e = shifts * K_t + turns * (K_e - K_t)
-        else:
-            K_e = shifts * K_e
-        return self.soften(self.release_tangents(K_e + internal * inner.stiffness(self.split)))
+        # the projector on uniform shifts in the metric, 1 (1'M 1)^-1 1'M
+        one = np.tile(np.eye(d), (n, 1))
+        weighed = (self.split.metric * one.T).T
+        Q = one @ np.linalg.solve(one.T @ weighed, weighed.T)
+        K_t = (K_e @ Q + (K_e @ Q).T) / 2
+        return K_t, K_e - K_t, inner.stiffness(self.split)
 
     def alone(self, k: float) -> FloatArray:
         """Give K for every finger by itself with stiffness k, in the metric."""

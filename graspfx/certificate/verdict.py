@@ -177,13 +177,20 @@ def _least(certificate: Certificate) -> Limit | None:
     return min(rows, key=lambda row: (round(row.margin, 6), -len(row.mode)), default=None)
 
 
+def _lead(stable: bool, least: Limit) -> str:
+    """Introduce the least margin; of a loop that is not stable although no gain is beyond its limit, say so."""
+    if stable:
+        return "the least margin: "
+    return "no gain is beyond its limit, the least margin: " if least.margin > 1.0 else ""
+
+
 def _sentence(certificate: Certificate) -> str:
     """Write a certificate in one line."""
     least, stable = _least(certificate), certificate.stable
     radius = f"spectral radius {certificate.spectral_radius:.6f}"
     text = f"{STABLE if stable else NOT_STABLE}: {certificate.object}, {radius}"
     if least is not None:
-        text += f"; {'the least margin: ' if stable else ''}{least.mode} {figures(least)}"
+        text += f"; {_lead(stable, least)}{least.mode} {figures(least)}"
     if stable:
         pushing = [row for row in certificate.limits if row.mode.startswith(PUSHING) and row.margin < 1.0]
         if pushing:

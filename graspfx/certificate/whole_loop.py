@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,94 +11,109 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation
-from graspfx.analysis.stability.fullloop import drift_free, loop_matrix, uncoupled
+from graspfx.analysis.stability.decoupled import Part, parts_of
+from graspfx.analysis.stability.fullloop import Motions, Plant, drift_free, loop_matrix, uncoupled
 
 FloatArray = NDArray[np.float64]
 Stiffness = Callable[[float], FloatArray]
 
-LEAST, MOST = 0.01, 100.0  # of a gain: where it is looked for
-GRID = 64  # factors between them, 16 % apart: a gap in what is stable narrower than that can be missed
-BATCH = 16  # of them looked at together, upwards until one is not stable
-ON = 1e-11  # what |z| may exceed 1 by rounding
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A matrix K_0 + s K_1 over the factor s of a gain."""
+
+    still: FloatArray
+    slope: FloatArray
+
+    def __call__(self, s: float) -> FloatArray:
+        return np.asarray(self.still + s * self.slope)
 
 
-@dataclass(frozen=True)
-class Reach:
-    """The largest factor of a gain and the frequency of the oscillation that begins there [Hz]; inf, nan for none."""
+class WholeLoop:
+    """A loop without its stiffness, in parts that move by themselves whatever that is put together from.
 
-    factor: float
-    frequency: float
+    Args:
+        linear: the loop as it is.
+        gains: matrices (m, m) that every stiffness to come is a combination of; None where it is not known of which.
+    """
+
+    def __init__(self, linear: Linearisation, gains: Sequence[FloatArray] | None = None) -> None:
+        self.linear = linear
+        parts = [Part(linear, None)] if gains is None else parts_of(linear, gains)
+        self.parts = [_PartLoop(part) for part in parts]
+
+
+class _PartLoop:
+    """A(K) of a part, without motions that change no force: A(0) + W K C but for the implicit integrator."""
+
+    def __init__(self, part: Part) -> None:
+        linear, self._part = part.linear, part
+        m, r = linear.coordinates
+        self._motions: Motions = uncoupled(linear)
+        plant = Plant(linear.with_arrays(stiffness=np.zeros((m, m))), self._motions, inputs=m)
+        states = plant.size
+        basis = drift_free(linear, states)
+        self._basis = basis
+        self.size = states if basis is None else basis.shape[1]
+        self.affine = linear.integrator != "implicit"
+        if self.affine:
+            f, extra = plant.coupling()
+            u = plant.at["u"]
+            rows = plant.advanced(u + extra[:m], linear.G @ u - extra[m:])
+            W, C = rows[:, states:], np.zeros((m, states))
+            C[:, :m], C[:, 2 * m : 2 * m + r] = np.eye(m), -linear.G_displacement.T
+            still = rows[:, :states] + W @ f[:, :states]
+            self._still = self._without_drift(still)
+            self._W, self._C = (W, C) if basis is None else (basis.T @ W, C @ basis)
+
+    def _without_drift(self, A: FloatArray) -> FloatArray:
+        return A if self._basis is None else np.asarray(self._basis.T @ A @ self._basis)
+
+    def matrices(self, stiffness: Stiffness, factors: Sequence[float]) -> FloatArray:
+        """Give A for each factor, (f, states, states)."""
+        part = self._part
+        if not self.affine:
+            loops = [part.linear.with_arrays(stiffness=part.stiffness(stiffness(s))) for s in factors]
+            return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
+        if isinstance(stiffness, Line):
+            line = self.line(stiffness)
+            return line.still + np.asarray(factors)[:, None, None] * line.slope
+        return np.stack([self._still + self._W @ (part.stiffness(stiffness(s)) @ self._C) for s in factors])
+
+    def line(self, stiffness: Line) -> Line:
+        """Give A_0 + s A_1."""
+        still, slope = (self._W @ (self._part.stiffness(K) @ self._C) for K in (stiffness.still, stiffness.slope))
+        return Line(self._still + still, slope)
 
 
 class Family:
-    """A(s) of the loop with K(s), s the factor of a gain: A(0) + W K(s) C but for the implicit integrator."""
+    """The loops of all factors s of a gain, with K(s)."""
 
-    def __init__(self, linear: Linearisation, stiffness: Stiffness) -> None:
-        self._linear, self._stiffness = linear, stiffness
-        m, r = linear.coordinates
-        self._motions = uncoupled(linear)
-        self._still = loop_matrix(linear.with_changes(stiffness=0.0), self._motions)
-        self._basis = drift_free(linear, len(self._still))
-        self._W: FloatArray | None = None
-        if linear.integrator != "implicit":
-            unit = loop_matrix(linear.with_changes(stiffness=1.0), self._motions)
-            self._W = (unit - self._still)[:, :m]
-            self._C = np.zeros((m, len(unit)))
-            self._C[:, :m], self._C[:, 2 * m : 2 * m + r] = np.eye(m), -linear.G_displacement.T
+    def __init__(self, loop: WholeLoop | Linearisation, stiffness: Stiffness) -> None:
+        self.loop = loop if isinstance(loop, WholeLoop) else WholeLoop(loop)
+        self.stiffness = stiffness
+
+    @property
+    def period(self) -> float:
+        return self.loop.linear.period
+
+    @property
+    def size(self) -> int:
+        """States of the largest part."""
+        return max(part.size for part in self.loop.parts)
 
     def roots(self, factors: FloatArray) -> NDArray[np.complex128]:
-        """Find the eigenvalues for each factor, (f, states), without motions that change no force."""
-        loops = np.stack([self._matrix(self._stiffness(s)) for s in factors.tolist()])
-        if self._basis is not None:
-            loops = self._basis.T @ loops @ self._basis
-        return np.asarray(np.linalg.eigvals(loops), dtype=complex)
+        """Find the eigenvalues for each factor, (f, states), without motions that change no force, alike ones once."""
+        stacks = [A for A in self.matrices(factors.tolist()) if A.size]
+        return np.concatenate([np.linalg.eigvals(A).astype(complex) for A in stacks], axis=1)
 
     def radius(self, factor: float) -> float:
         """Find the largest |z| for a factor."""
         return float(np.abs(self.roots(np.array([factor]))).max(initial=0.0))
 
-    def _matrix(self, K: FloatArray) -> FloatArray:
-        if self._W is None:
-            return loop_matrix(self._linear.with_changes(stiffness=K), self._motions)
-        return self._still + self._W @ (K @ self._C)
-
-
-def reach(linear: Linearisation, stiffness: Stiffness) -> Reach:
-    """Find the first loss of stability above the present gain, or, where that is unstable, above the first stable one.
-
-    Args:
-        linear: with s = 1.
-        stiffness: K(s).
-    """
-    family = Family(linear, stiffness)
-    above = np.geomspace(1.0, MOST, GRID // 2)
-    factors = above if family.radius(1.0) <= 1.0 + ON else np.geomspace(LEAST, 1.0, GRID // 2)
-    before: float | None = None  # the last factor that is stable
-    lost: float | None = None
-    for start in range(0, len(factors), BATCH):
-        some = factors[start : start + BATCH]
-        for s, size in zip(some.tolist(), np.abs(family.roots(some)).max(axis=1, initial=0.0).tolist(), strict=True):
-            if size <= 1.0 + ON:
-                before = s
-            elif before is not None:
-                lost = s
-                break
-        if lost is not None:
-            break
-    if before is None:
-        return Reach(0.0, math.nan)
-    if lost is None:
-        return Reach(math.inf, math.nan)
-    low, high = before, lost
-    from scipy.optimize import brentq
-
-    if family.radius(low) >= 1.0:  # on the circle to rounding
-        edge = float(low)
-    else:
-        edge = float(brentq(lambda s: family.radius(s) - 1.0, low, high, xtol=1e-14, rtol=1e-12))
-    z = family.roots(np.array([edge * (1.0 + 1e-9)]))[0]
-    worst = z[np.argmax(np.abs(z))]
-    return Reach(edge, abs(float(np.angle(worst))) / (2 * math.pi * linear.period))
+    def matrices(self, factors: Sequence[float]) -> Iterator[FloatArray]:
+        """Give A of each part for each factor."""
+        return (part.matrices(self.stiffness, factors) for part in self.loop.parts)
 
 
 def bounded(value: Any) -> Any:

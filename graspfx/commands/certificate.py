@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from graspfx.errors import GraspFXError
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -16,7 +17,8 @@ def certify(scene: Scene) -> None:
     from graspfx.certificate.certificates import certificates
 
     try:
-        certificates_ = certificates(scene)
+        with waiting(f"finding the limits of {scene.source.name}"):
+            certificates_ = certificates(scene)
     except GraspFXError as error:
         print(f"stability is not judged: {' '.join(str(error).split())}")
         return

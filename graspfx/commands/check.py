@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from graspfx.commands.arguments import add_scene
 from graspfx.commands.output import REFUSED, SUCCESS, print_json
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -27,10 +28,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.certificate.verdict import report
-    from graspfx.scene.load import load
+    with waiting(f"reading {options.scene}"):
+        from graspfx.certificate.verdict import report
+        from graspfx.scene.load import load
 
-    scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        scene = load(options.scene, dict(options.overrides), preset=options.preset)
     if options.tick:
         lines = _tick(scene)
         if options.json:
@@ -38,7 +40,8 @@ def execute(options: Namespace) -> int:
         else:
             print(*lines, sep="\n")
         return SUCCESS
-    answer = report(scene)
+    with waiting(f"finding the limits of {options.scene}"):
+        answer = report(scene)
     if options.json:
         print_json(answer.to_dict())
     else:

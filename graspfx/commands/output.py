@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from graspfx.commands.loudness import is_quiet
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.places import PART, is_part, part_of, placing
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.record import Recording
@@ -57,10 +58,10 @@ def print_json(value: object) -> None:
 
 def draw(recordings: Sequence[Recording], picture: Path, otherwise: str = "", **options: Any) -> None:
     """Draw recordings as `graspfx.show.plot.figure` does with these options."""
-    from graspfx.show.plot import figure
-
     require_place(picture)
-    with placing(picture, otherwise) as file:
+    with waiting(f"drawing {picture.name}"), placing(picture, otherwise) as file:
+        from graspfx.show.plot import figure
+
         figure(recordings, file, **options)
 
 

@@ -11,6 +11,7 @@ from graspfx.commands.destination import add_file, destination, file_in, require
 from graspfx.commands.output import name_files, note, require_place, say_faults, say_source
 from graspfx.errors import GraspFXError, InputError
 from graspfx.loop.recording.places import NAME, is_part, make_folder, placing, recording_file
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.header import Header
@@ -94,7 +95,7 @@ def _draw(recording: Recording, path: Path, meshes: Path | None, options: Namesp
     from graspfx.show.picture.portrait import picture
 
     make_folder(path.parent)
-    with placing(path) as file:
+    with waiting(f"drawing {path.name}"), placing(path) as file:
         notes = picture(
             recording,
             file,

@@ -10,6 +10,7 @@ from graspfx.commands.arguments import add_style, picture_name, recording
 from graspfx.commands.destination import add_destination, require_room
 from graspfx.commands.loudness import is_quiet
 from graspfx.commands.output import SUCCESS, draw, name_files, say_source
+from graspfx.progress import waiting
 
 EXAMPLE = """  graspfx plot out/conventional out/proposed --out out --format pdf --width page"""
 
@@ -32,7 +33,8 @@ def execute(options: Namespace) -> int:
     folder: Path = options.out or paths[0].parent
     picture = folder / picture_name("figure" if len(paths) == 1 else "comparison", options)
     require_room(options, [picture])
-    recordings = [Recording.load(path) for path in paths]
+    with waiting("reading recordings"):
+        recordings = [Recording.load(path) for path in paths]
     for request, path, each in zip(options.recordings, paths, recordings, strict=True):
         say_source(request, path, each)
     make_folder(folder)

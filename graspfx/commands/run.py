@@ -22,6 +22,7 @@ from graspfx.commands.output import (
     say_faults,
 )
 from graspfx.loop.recording.places import NAME
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -76,25 +77,29 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
 
     if log.is_heard():
         _log_plan(scene)
-    written, picture = [folder / NAME], folder / picture_name(PICTURE, options)
+    picture = folder / picture_name(PICTURE, options)
     with interruptible() as stop:
         recording = run(scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop)
     if not recording.outcome.complete:
         simulated, duration = recording.end, options.duration or scene.duration
-        print(f"interrupted after {simulated:g} of {duration:g} s; {written[0]} holds them", file=sys.stderr)
+        print(f"interrupted after {simulated:g} of {duration:g} s; {folder / NAME} holds them", file=sys.stderr)
         return INTERRUPTED, False
-    if not options.no_figure:
-        draw([recording], picture, f"; the run is in {written[0]}", width=options.width)
-        written.append(picture)
+    file = folder / NAME
     if options.json:
         print_json(recording.summary())
     elif not is_quiet():
         from graspfx.show.summary_table import print_summary
 
         print_summary([recording])
-        name_files(written)
+        name_files([file])
     note(remarks(recording))
-    return say_faults(recording), True
+    code = say_faults(recording)
+    if not options.no_figure:  # last: matplotlib takes longer to load than most runs
+        sys.stdout.flush()
+        draw([recording], picture, f"; the run is in {file}", width=options.width)
+        if not options.json:
+            name_files([picture])
+    return code, True
 
 
 def _log_plan(scene: Readable) -> None:
@@ -108,8 +113,9 @@ def _log_plan(scene: Readable) -> None:
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:
     """Load the scene, and warnings about likely mistakes."""
-    from graspfx.build.resolve import resolve
-    from graspfx.scene.load import load
+    with waiting(f"checking {options.scene}"):
+        from graspfx.build.resolve import resolve
+        from graspfx.scene.load import load
 
-    scene = load(options.scene, dict(options.overrides), preset=options.preset)
-    return scene, [*resolve(scene).mesh_notes, *doubts(scene)]
+        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        return scene, [*resolve(scene).mesh_notes, *doubts(scene)]

@@ -12,6 +12,7 @@ from graspfx.commands.destination import add_destination, destination, require_r
 from graspfx.commands.output import SUCCESS, name_files, print_json, require_place
 from graspfx.errors import UnknownNameError
 from graspfx.loop.recording.places import placing
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.certificate.limit_sweep import Sweep
@@ -68,8 +69,9 @@ def execute(options: Namespace) -> int:
     from graspfx.scene.load import load
 
     sweeps = [Sweep.read(text) for text in options.sweep]
-    scene = load(options.scene, dict(options.overrides), preset=options.preset)
-    scene.require_reach()
+    with waiting(f"reading {options.scene}"):
+        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        scene.require_reach()
     if options.plot:
         with destination(options, Path(options.scene).stem) as folder:
             _draw_loops(folder, scene, options)
@@ -120,7 +122,8 @@ def _draw_into(folder: Path, scene: Scene, sweeps: list[Sweep], options: Namespa
     picture = folder / picture_name("stability", options)
     require_place(picture)
     require_room(options, [picture])
-    limits = swept_limits(scene, sweeps)
+    with waiting(f"finding the limits of {options.scene}"):
+        limits = swept_limits(scene, sweeps)
     make_folder(folder)
     with placing(picture) as file:
         limits_figure(limits, file, scene.title, width=options.width)

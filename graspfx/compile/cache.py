@@ -43,6 +43,15 @@ def _own() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graspfx"
 
 
+def lock_folder() -> Path | None:
+    """Make the cache's folder, where locks stand too; None where nothing can be kept."""
+    try:
+        make_own(here := folder())
+        return None if intrusion(here) else here
+    except OSError:
+        return None
+
+
 def folder_text() -> str:
     """Say in words where the cache is."""
     try:

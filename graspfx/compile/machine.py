@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Sequence
-from functools import cache, partial
+from functools import partial
 from inspect import signature
 from operator import is_not
 from threading import local
@@ -13,43 +12,47 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.emission import require_llvm
+from graspfx.compile.footprints import note_compiled
+from graspfx.compile.generic import kernel_name, single
+from graspfx.compile.joined import joined
 from graspfx.compile.kernel import source_function
 from graspfx.compile.native import Bound, Native
-from graspfx.compile.native import compiled as program
-from graspfx.compile.specialise.specialise import Program
-from graspfx.compile.specialise.values import Dynamic, Memory, TupleValue
 
-NUMBERS = ("int", "float", "bool")  # annotations of a kernel's numbers; its other parameters are buffers
+_MACHINES: dict[Any, Machine] = {}
+NUMBERS = {"int": "i64", "float": "double", "bool": "i64"}  # a kernel's numbers by annotation; others are buffers
 
 
 class Machine:
     """`kernel(...)` compiled: the same arguments, of which buffers are arrays or memoryviews of floats.
 
-    A kernel on records takes a buffer and an offset for each. It gives what the kernel gives, numbers as floats.
+    A kernel on records takes a buffer and an offset for each; two buffers may be the same memory. It gives what the
+    kernel gives, numbers as floats.
+
+    Args:
+        make: whether to compile what is not in the cache; else a LookupError.
     """
 
-    def __init__(self, kernel: FunctionType) -> None:
-        kernel = source_function(kernel)
-        self._parameters = [(p.name, str(p.annotation)) for p in signature(kernel).parameters.values()]
-        numbers = [name for name, kind in self._parameters if kind in NUMBERS]
-        self._names = [name for name, kind in self._parameters if kind not in NUMBERS]
-        self._number_places = [k for k, (_, kind) in enumerate(self._parameters) if kind in NUMBERS]
-        self._buffer_places = [k for k, (_, kind) in enumerate(self._parameters) if kind not in NUMBERS]
+    def __init__(self, kernel: FunctionType, *, make: bool = True) -> None:
+        parameters = [(p.name, str(p.annotation)) for p in signature(source_function(kernel)).parameters.values()]
+        numbers = [name for name, kind in parameters if kind in NUMBERS]
+        self._names = [name for name, kind in parameters if kind not in NUMBERS]
+        self._number_places = [k for k, (_, kind) in enumerate(parameters) if kind in NUMBERS]
+        self._buffer_places = [k for k, (_, kind) in enumerate(parameters) if kind not in NUMBERS]
         self._last = local()
-        specialised = Program({})
-        parameters = [
-            Dynamic(ast.Name(name, ast.Load())) if name in numbers else Memory(name, 0) for name, _ in self._parameters
-        ]
-        result = specialised.add(kernel, parameters).result
-        self._results = 0 if result is None else len(result.parts) if isinstance(result, TupleValue) else 1
-        call = f"{kernel.__name__}({', '.join(name for name, _ in self._parameters)})"
+        require_llvm()
+        types = tuple(NUMBERS.get(kind, "ptr") for _, kind in parameters)
+        symbol = single(kernel, types, make=make).find(kernel_name(kernel), types)
+        assert symbol is not None
+        self._results = len(symbol.result) if isinstance(symbol.result, tuple) else int(symbol.result is not None)
+        call = f"kernel_({', '.join(name for name, _ in parameters)})"
         targets = ", ".join(f"results_[{k}]" for k in range(self._results))
-        text = f"def entry({', '.join(numbers)}):\n    {targets + ' = ' if targets else ''}{call}"
-        buffers = {name: Memory(name, 0) for name, _ in self._parameters if name not in numbers}
-        names = {kernel.__name__: kernel, "results_": Memory("results_", 0), **buffers}
-        specialised.add_text(text, names, [Dynamic(ast.Name(name, ast.Load())) for name in numbers])
-        floats = [name for name, kind in self._parameters if kind == "float"]
-        self._native: Native = program(specialised.source(), floats)
+        head = f"def entry({', '.join([*self._names, 'results_', *numbers])}):"
+        source = f"{head}\n    {targets + ' = ' if targets else ''}{call}"
+        floats = [name for name, kind in parameters if kind == "float"]
+        self._native: Native = joined(source, {"kernel_": kernel}, [*self._names, "results_"], floats=floats)
+        if not self._native.cached:
+            note_compiled(kernel)
 
     def bound(self, *arguments: Any) -> Callable[[], object]:
         """Bind the kernel to these arguments, for any number of calls; its result is not returned."""
@@ -69,6 +72,11 @@ class Machine:
         bound, _ = self._bound_to(arguments)
         bound.long(*[arguments[k] for k in self._number_places])
 
+    def once(self, *arguments: Any) -> None:
+        """Run on buffers that are not kept for another call, with the interpreter's lock released."""
+        bound, _ = self._on([arguments[k] for k in self._buffer_places])
+        bound.long(*[arguments[k] for k in self._number_places])
+
     def _bound_to(self, arguments: Sequence[Any]) -> tuple[Bound, Any]:
         """Bind the program to these arguments' buffers: the last ones of this thread, most often."""
         buffers = [arguments[k] for k in self._buffer_places]
@@ -84,12 +92,18 @@ class Machine:
         return self._native.bind(*(by_name[name] for name in self._native.arrays)), results
 
 
-@cache
-def compiled(kernel: Any) -> Machine:
+def compiled(kernel: Any, *, make: bool = True) -> Machine:
     """Compile a kernel and all that it calls to machine code, or take it from the cache.
+
+    Args:
+        kernel: the function.
+        make: whether to compile what is not in the cache; else a LookupError.
 
     Raises:
         MissingPackageError: no LLVM.
         InputError: it holds what a kernel may not hold.
     """
-    return Machine(kernel)
+    machine = _MACHINES.get(kernel)
+    if machine is None:
+        machine = _MACHINES.setdefault(kernel, Machine(kernel, make=make))
+    return machine

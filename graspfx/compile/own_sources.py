@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from graspfx.compile import cache as disk
+
 
 @cache
 def source_folders() -> tuple[str, ...]:
@@ -40,9 +42,17 @@ def stamps_in(root: str) -> Iterator[tuple[str, int, int]]:
 
 @cache
 def source_digest() -> str:
-    """Digest all sources of the package: kernels stand in many files, and numbers in still more."""
+    """Digest all sources of the package: kernels stand in many files, and numbers in still more.
+
+    The digest is kept by the files' times and sizes, since reading them takes longer than loading what it is asked for.
+    """
+    key = f"sources-{hashlib.sha256(repr(source_stamps()).encode()).hexdigest()}"
+    content = disk.load(key)
+    if content is not None:
+        return content.decode()
     digest = hashlib.sha256()
     for root in source_folders():
         for file in sorted(Path(root).rglob("*.py")):
             digest.update(f"{file.relative_to(root)}\0".encode() + file.read_bytes())
+    disk.store(key, digest.hexdigest().encode())
     return digest.hexdigest()

@@ -5,15 +5,14 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from graspfx import log
 from graspfx.compile import cache as disk
-from graspfx.compile.kernel import keep_lowerings, written
-from graspfx.compile.own_sources import is_own, source_digest
+from graspfx.compile.freshness import foreign_sources, identity, is_fresh
+from graspfx.compile.kernel import keep_lowerings
+from graspfx.compile.own_sources import source_digest
 from graspfx.compile.specialise.specialise import Program
 from graspfx.compile.specialise.values import Dynamic, Memory
 
@@ -39,15 +38,11 @@ def program_source(
         unroll: most statements of a loop that is written out.
         make: whether to specialise what is not kept yet; else a LookupError.
     """
-    roots = {name: _identity(kernel) for name, kernel in sorted(kernels.items())}
-    numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
-    request = json.dumps([source_digest(), text, roots, list(arrays), numbers, unroll])
-    key = hashlib.sha256(f"program {request}".encode()).hexdigest()
+    key = program_key(text, kernels, arrays, frozen, unroll=unroll)
     content = disk.load(key)
     if content is not None:
         entry = json.loads(content)
-        same = all(_digest(file) == digest for file, digest in entry["files"].items())
-        if same and all(_number(module, name) == number for module, name, number in entry["numbers"]):
+        if is_fresh(entry["sources"]):
             log.debug("program %s: specialised before", key[:12])
             return str(entry["source"])
     if not make:
@@ -56,11 +51,23 @@ def program_source(
     source = program.source()
     log.debug("program %s: specialised, %d lines", key[:12], source.count("\n"))
     keep_lowerings()
-    folders = {Path(file).parent for file in program.files if not is_own(file)}  # of kernels of others
-    files = {str(file): _digest(str(file)) for folder in folders for file in folder.glob("*.py")}
-    others = [[*where, number] for where, number in program.numbers_of_modules.items() if not _is_ours(where[0])]
-    disk.store(key, json.dumps({"files": files, "numbers": others, "source": source}).encode())
+    disk.store(key, json.dumps({"sources": foreign_sources(program), "source": source}).encode())
     return source
+
+
+def program_key(
+    text: str,
+    kernels: Mapping[str, Callable[..., Any]],
+    arrays: Sequence[str],
+    frozen: Mapping[tuple[str, int], float],
+    *,
+    unroll: int = UNROLL,
+) -> str:
+    """Name what a program is made from; arguments as of `program_source`."""
+    roots = {name: identity(kernel) for name, kernel in sorted(kernels.items())}
+    numbers = [(array, k, value.hex()) for (array, k), value in sorted(frozen.items())]
+    request = json.dumps([source_digest(), text, roots, list(arrays), numbers, unroll])
+    return hashlib.sha256(f"program {request}".encode()).hexdigest()
 
 
 def specialise(
@@ -78,27 +85,3 @@ def specialise(
     assert isinstance(tree, ast.FunctionDef)
     program.add_text(text, names, [Dynamic(ast.Name(a.arg, ast.Load())) for a in tree.args.args])
     return program
-
-
-def _identity(kernel: Callable[..., Any]) -> list[str]:
-    """Identify a kernel by name, and a foreign one by its file too: another environment may have the same name."""
-    code = getattr(written(kernel), "__code__", None)
-    file = "" if code is None or is_own(code.co_filename) else code.co_filename
-    return [f"{kernel.__module__}.{kernel.__qualname__}", file]
-
-
-def _is_ours(module: str) -> bool:
-    """Tell whether a module's numbers are written in the package's sources, or are those of mathematics."""
-    return module.partition(".")[0] in ("math", __name__.partition(".")[0])
-
-
-def _number(module: str, name: str) -> str:
-    """Read a module's number as it is now: the module may have read it from elsewhere when it was imported."""
-    return repr(getattr(sys.modules.get(module), name, None))
-
-
-def _digest(file: str) -> str:
-    try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    except OSError:
-        return ""

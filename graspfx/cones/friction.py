@@ -94,6 +94,24 @@ def friction_force(problem: FrictionProblem, d: int, gains: Gains, coulomb: bool
 
 
 @kernel
+def friction_force_flexible(
+    problem: FrictionProblem, d: int, internal: float, highest: float, definite: bool, coulomb: bool, restarts: int
+) -> Answer:
+    """Find the forces where the problem is flexible: K^-1 = [I + sum_k h_k v_k v_k'] / k_i (`cones.mode_equations`).
+
+    Args:
+        problem: with its modes v_k and their signs.
+        d: coordinates of a contact.
+        internal: k_i.
+        highest: bound of the eigenvalues of K, k_i or more.
+        definite: no sign is negative: the associated problem is a convex one in these unknowns too.
+        coulomb: whether Coulomb's law is sought first.
+        restarts: of it.
+    """
+    return solve(problem, d, problem.modes, Gains(highest, internal), None, definite, coulomb, restarts)
+
+
+@kernel
 def friction_force_square(
     problem: FrictionProblem, d: int, square: Table, symmetric: bool, coulomb: bool, restarts: int
 ) -> Answer:

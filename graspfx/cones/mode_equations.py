@@ -3,6 +3,9 @@
 K = sqrt(W) [k_i I + (k_e - k_i) sum_k beta_k q_k q_k'] sqrt(W) (eq. 4); kappa_k = k_i + (k_e - k_i) beta_k along q_k.
 With f = sqrt(W) y, y = R(t) and t = k_i sqrt(W) e + f0 / sqrt(W) - sum_k z_k q_k, what is left to be found is z:
 kappa_k z_k = (k_i - kappa_k) q_k'(y - f0 / sqrt(W)).
+
+A stiffness that is given by its inverse, K^-1 = [I + sum_k h_k v_k v_k'] / k_i between the same roots of W, with signs
+h_k and vectors v_k of any length, has the same equations with v_k for q_k: z_k = h_k v_k'(y - f0 / sqrt(W)).
 """
 
 from __future__ import annotations
@@ -48,7 +51,7 @@ def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gain
     kappa > k_i g = h z + Q'(r_i k_i e + (1 - r_i) Q z + y - t).
     """
     internal = gains.internal
-    soft = gains.external < internal
+    soft = gains.external < internal or problem.flexible
     value = forces = worst = residual = 0.0
     unknowns = problem.unknowns
     for k in range(count):
@@ -84,7 +87,7 @@ def equations_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gain
                 value += q * right_side * unknowns[k].value
     for k in range(count):
         unknown = unknowns[k]
-        h, gap = stiffening(unknown.share, gains)
+        h, gap = stiffening(problem, unknown.share, gains)
         z = unknown.value
         unknown.gradient += h * z
         value += 0.5 * h * z * z
@@ -128,8 +131,10 @@ def cut_value(contact: ConeContact, d: int) -> float:
 
 
 @kernel
-def stiffening(beta: float, gains: Gains) -> tuple[float, float]:
-    """Compute h of a mode, and |kappa / k_i - 1|."""
+def stiffening(problem: FrictionProblem, beta: float, gains: Gains) -> tuple[float, float]:
+    """Compute h of a mode, and |kappa / k_i - 1|; where modes carry their flexibility their sign, and a bound."""
+    if problem.flexible:
+        return beta, gains.external / gains.internal
     external, internal = gains.external, gains.internal
     gap = max(abs(external - internal) * beta, NIL * internal)
     kappa = internal + (external - internal) * beta
@@ -142,12 +147,12 @@ def jacobian_of_modes(problem: FrictionProblem, d: int, count: int, gains: Gains
 
     With compliances in series r_i R' stands for the R' of contact i.
     """
-    soft = gains.external < gains.internal
+    soft = gains.external < gains.internal or problem.flexible
     H = problem.jacobian
     for k in range(count):
         for j in range(count):
             H[k, j] = 0.0
-        H[k, k], _ = stiffening(problem.unknowns[k].share, gains)
+        H[k, k], _ = stiffening(problem, problem.unknowns[k].share, gains)
     for contact in problem.contacts:
         if contact.weight == 0.0:
             continue

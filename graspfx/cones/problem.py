@@ -37,14 +37,15 @@ class ConeContact(Record):
     force: Vector4  # f, out [N]
     slip: Vector4  # s, out, exactly zero in what sticks [m]
     trial: Vector4  # t, work
-    modes: Many[ModePart] = many("6")  # not read for a square
+    most: int  # modes that there is space for
+    modes: Many[ModePart] = many("most")  # not read for a square
 
 
 class Unknown(Record):
     """An unknown of a friction problem: a mode's z_k, or for a square an entry of w = e + s."""
 
     value: float  # in and out: any start will do, the last sample's answer is the best
-    share: float  # beta_k of a mode
+    share: float  # beta_k of a mode; where modes carry their flexibility, its sign
     gradient: float  # g, work
     start: float  # of a Newton step
     associated: float  # answer of the associated law
@@ -60,12 +61,14 @@ class FrictionProblem(Record):
     room: int  # unknowns that there is space for: MODES, or all coordinates of a square
     limited: bool  # each force is cut off at its limit
     compliant: bool  # a compliance stands in series with each contact; not read for a square
+    flexible: bool  # modes carry their flexibility (`mode_equations`): no share of theirs, and of any length
     modes: int  # that are in use; not read for a square
     started: int  # unknowns that have a start: those of the last search, or those that its caller has set
+    contact_entries: int  # of one contact
     unknowns: Many[Unknown] = many("room")
     step: Floats = floats("room")  # work
     jacobian: Table = table("room", "room")  # work
-    contacts: Many[ConeContact] = many("count")
+    contacts: Many[ConeContact] = many("count", "contact_entries")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,21 +88,25 @@ class Answer:
     evaluations: int
 
 
-def problem_size(contacts: int, room: int = MODES) -> int:
-    """Count the entries of a problem for so many contacts and unknowns."""
-    return size_for(FrictionProblem, count=contacts, room=room)
+def problem_size(contacts: int, room: int = MODES, most: int = MODES) -> int:
+    """Count the entries of a problem for so many contacts, unknowns and modes."""
+    return size_for(FrictionProblem, count=contacts, room=room, contact_entries=size_for(ConeContact, most=most))
 
 
-def set_up(block: object, offset: int, contacts: int, room: int = MODES) -> FrictionProblem:
+def set_up(block: object, offset: int, contacts: int, room: int = MODES, most: int = MODES) -> FrictionProblem:
     """Set the sizes of the problem that stands in a block of zeros, and give it."""
     problem = FrictionProblem(block, offset)
     problem.count, problem.room = contacts, room
+    problem.contact_entries = size_for(ConeContact, most=most)
+    for contact in problem.contacts:
+        contact.most = most
     return problem
 
 
 def choices(offset: int) -> list[int]:
     """List the entries of the problem at an offset that never change in a run but for its count: sizes and switches."""
-    return [offset + start_of(FrictionProblem, name) for name in ("room", "limited", "compliant")]
+    names = ("room", "limited", "compliant", "flexible", "contact_entries")
+    return [offset + start_of(FrictionProblem, name) for name in names]
 
 
 @inline

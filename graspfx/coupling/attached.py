@@ -7,6 +7,7 @@ from graspfx.coupling.contact_frames import coordinates_of, out_of_frame
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.recoil import recoil
 
 
 @kernel
@@ -24,6 +25,9 @@ def attached(grasp: GraspState) -> int:
 @kernel
 def attach(grasp: GraspState, damped: bool) -> None:
     """Compute eq. (4) with or without its damping."""
+    if grasp.recoils:
+        recoil(grasp, damped, False)
+        return
     if not grasp.implicit:
         bilateral(grasp, True, damped)
         return

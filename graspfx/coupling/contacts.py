@@ -147,9 +147,12 @@ def refactor(grasp: GraspState) -> None:
             finger.split_normal = finger.normal
     if not current:
         grasp.mode_count, grasp.blended = rigid_modes(
-            grasp.fingers, grasp.freedom, grasp.dimensions, grasp.arm_low, grasp.arm_high, grasp.width, grasp.modes
-        )
+            grasp.fingers, grasp.freedom, grasp.dimensions, grasp.arm_low, grasp.arm_high, grasp.width, grasp.recoils,
+            grasp.modes,
+        )  # fmt: skip
         grasp.split_known = True
+        if grasp.recoils:
+            grasp.recoil.known = False
 
 
 @kernel

@@ -7,15 +7,25 @@ import math
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Table
 from graspfx.cones.cut import force_size
-from graspfx.cones.friction import COULOMB, LEAST, friction_force, friction_force_square, turn_modes
+from graspfx.cones.friction import (
+    COULOMB,
+    LEAST,
+    friction_force,
+    friction_force_flexible,
+    friction_force_square,
+    turn_modes,
+)
 from graspfx.cones.friction import UNRESOLVED as NONE
-from graspfx.cones.problem import FREE, NO_FORCE, STICK, Answer, FrictionProblem, Gains, tangent_of
+from graspfx.cones.problem import FREE, NO_FORCE, STICK, Answer, FrictionProblem, Gains, dot4, leading, tangent_of
 from graspfx.coupling.contact_frames import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
 from graspfx.coupling.contacts import UNRESOLVED
+from graspfx.coupling.damping_flexibility import damping_in_columns
 from graspfx.coupling.depth import compliance, is_whole, soften
+from graspfx.coupling.flexibility import pose_elastic
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.implicit import assemble_implicitly
 from graspfx.coupling.law import bilateral, keep_elastic
+from graspfx.coupling.recoil import recoil
 from graspfx.coupling.torsion import set_anchor
 from graspfx.spatial import NOTHING, Vector4
 
@@ -44,8 +54,11 @@ def elastic_in_cones(grasp: GraspState) -> int:
     """Find the elastic force in the cones, each finger's status, and e + s; give 0 or UNRESOLVED."""
     problem = grasp.problem
     grasp.law, grasp.residual = COULOMB, 0.0
-    if not grasp.implicit and not grasp.rays:
-        bilateral(grasp, True, False)
+    if grasp.recoils or (not grasp.implicit and not grasp.rays):
+        if grasp.recoils:
+            recoil(grasp, False, False)
+        else:
+            bilateral(grasp, True, False)
         if sticks(grasp):
             stick_all(grasp, problem)
             return 0
@@ -53,7 +66,9 @@ def elastic_in_cones(grasp: GraspState) -> int:
     for i, finger in enumerate(grasp.fingers):
         problem.contacts[i].displacement = in_frame(grasp, finger, finger.displacement)
         problem.contacts[i].base_force = NOTHING
-    if grasp.implicit or grasp.dense:
+    if grasp.recoils:
+        answer = force_of_recoil(grasp, problem)
+    elif grasp.implicit or grasp.dense:
         if grasp.implicit:
             assemble_implicitly(grasp, True, False, False)
         else:
@@ -102,6 +117,8 @@ def stick_all(grasp: GraspState, problem: FrictionProblem) -> None:
             write_coordinates(grasp, grasp.start, i, e)
         for k in range(grasp.count * grasp.coordinates):
             problem.unknowns[k].value = grasp.start[k]
+    elif grasp.recoils:
+        grasp.recoil.stuck = True
     else:
         for k in range(grasp.mode_count):
             problem.unknowns[k].value = -grasp.mode_force[k]
@@ -130,7 +147,9 @@ def damping_in_cones(grasp: GraspState) -> int:
     problem = grasp.damping_problem
     pose_problem(grasp, problem, True)
     law = COULOMB
-    if grasp.implicit:
+    if grasp.recoils:
+        law = damping_of_recoil(grasp, problem)
+    elif grasp.implicit:
         assemble_implicitly(grasp, True, True, True)
         for i in range(grasp.count):
             problem.contacts[i].displacement = NOTHING
@@ -146,6 +165,74 @@ def damping_in_cones(grasp: GraspState) -> int:
     for i, finger in enumerate(grasp.fingers):
         finger.local = out_of_frame(grasp, finger, problem.contacts[i].force)
     return UNRESOLVED if law == NONE else 0
+
+
+@kernel
+def force_of_recoil(grasp: GraspState, problem: FrictionProblem) -> Answer:
+    """Find the elastic force of an object that moves under it, in the modes' unknowns; if they do not settle, in all.
+
+    After a sample in which all forces lay inside their cones the search starts from where they lie now.
+    """
+    kep, kip = grasp.external_stiffness, grasp.internal_stiffness
+    pose_elastic(grasp, problem, grasp.coordinates)
+    if grasp.recoil.stuck:
+        start_from_forces(grasp, problem)
+    answer = friction_force_flexible(problem, grasp.coordinates, kip, max(kep, kip), kep <= kip, True, RESTARTS)
+    grasp.recoil.stuck = answer.law == NONE
+    if answer.law == NONE:
+        forget_start(problem)
+        assemble_implicitly(grasp, True, False, False)
+        symmetric = symmetrise(grasp, grasp.square)
+        answer = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, True, RESTARTS)
+        forget_start(problem)
+    return answer
+
+
+@kernel
+def start_from_forces(grasp: GraspState, problem: FrictionProblem) -> None:
+    """Start the search from the fingers' forces: z_k = h_k v_k'y."""
+    for k in range(problem.modes):
+        problem.unknowns[k].value = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        if finger.weight > 0.0:
+            y = (1.0 / finger.sqrt_weight) * in_frame(grasp, finger, finger.local)
+            for k in range(problem.modes):
+                motion = leading(problem.contacts[i].modes[k].motion, grasp.coordinates)
+                problem.unknowns[k].value += problem.unknowns[k].share * dot4(motion, y)
+    problem.started = problem.modes
+
+
+@kernel
+def forget_start(problem: FrictionProblem) -> None:
+    """Let the next search start from zero."""
+    for k in range(problem.room):
+        problem.unknowns[k].value = 0.0
+    problem.started = 0
+
+
+@kernel
+def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
+    """Find elastic force and damping of an object that moves under them; give the law of the answer."""
+    keep_elastic(grasp)
+    if all_touch(grasp) and is_whole(grasp):
+        recoil(grasp, True, True)
+        if sticks(grasp):
+            for i, finger in enumerate(grasp.fingers):
+                problem.contacts[i].force = in_frame(grasp, finger, finger.local)
+            return COULOMB
+        for finger in grasp.fingers:
+            finger.local = finger.elastic
+    law = damping_in_columns(grasp, problem, grasp.coordinates, True)
+    if law == NONE:
+        forget_start(problem)
+        assemble_implicitly(grasp, True, True, True)
+        for i in range(grasp.count):
+            problem.contacts[i].displacement = NOTHING
+            problem.contacts[i].base_force = coordinates_of(grasp, grasp.vector, i)
+        symmetric = symmetrise(grasp, grasp.square)
+        law = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
+        forget_start(problem)
+    return law
 
 
 @kernel

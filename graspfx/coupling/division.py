@@ -90,7 +90,7 @@ def divide(division: Division, samples: Floats, row: int, dual: bool) -> None:
         return
     used, _ = rigid_modes(
         division.contacts, division.freedom, division.dimensions, division.arm_low, division.arm_high, division.width,
-        division.modes,
+        False, division.modes,
     )  # fmt: skip
     for k in range(used):
         add_mode(division, samples, row, k, dual)

@@ -11,6 +11,7 @@ from graspfx.compile.records import Record, entries_of, start_of
 from graspfx.cones.problem import FrictionProblem, choices
 from graspfx.coupling.choices import NAMES
 from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.recoil_state import RecoilState
 from graspfx.grasp.contact_state import Freedom
 from graspfx.objects.body_state import BodyState, Motion
 from graspfx.surfaces.closed_form.proxy import MESH
@@ -23,6 +24,7 @@ CHOICES = (
     "equal", "dense", "damped", "singular", "attached", "stick", "fade", "at_contact", "implicit", "shape", "mixed",
     "friction", "rays", "observed", "problem", "damping_problem", "gradual", "limited",
     "stiffness_rule", "damping_rule", "axes_of_gains", "kep", "ked", "kip", "kid", "padded", "padded_count",
+    "recoils", "recoil_entries",
 )  # fmt: skip
 GAINS = ("external_stiffness", "external_damping", "internal_stiffness", "internal_damping")
 LACKING = ("coefficient", "patch", "radius", "pad")
@@ -44,6 +46,8 @@ def structure_entries(grasp: GraspState, live: Collection[str] = ()) -> Index:
     fixed += entries_of(
         BodyState, "dimensions", "integrator", "free_translation", "free_rotation", at=start_of(GraspState, "body")
     )
+    if grasp.recoils:
+        fixed += entries_of(RecoilState, "most", "twisted", "distant", at=grasp.recoil.offset)
     lacking = entries_of(GraspState, *(name for name in GAINS if name not in live))
     for finger in fingers:
         lacking += entries_of(FingerState, *LACKING, at=finger.offset)

@@ -14,6 +14,7 @@ from graspfx.cones.problem import MODES, problem_size, set_up
 from graspfx.coupling.fade import release_compliance
 from graspfx.coupling.gains import ALONE, CONTACT, LITERAL, OBJECT, SYMMETRIC, WORLD
 from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.recoil_state import recoil_size
 from graspfx.coupling.rules import Rules
 from graspfx.errors import InputError
 from graspfx.grasp.impedance import Coupling, per_finger
@@ -160,26 +161,36 @@ class Grip:
         return self.rules.damping_depth > 0.0 and not self.rules.attached and self.damped
 
     @property
-    def square(self) -> bool:
-        """True if the law is a matrix to its solvers."""
-        return self.matrices or self.implicit
+    def recoils(self) -> bool:
+        """True if the object's motion in the sample is eliminated in the modes' unknowns: implicit, with numbers."""
+        return self.implicit and not self.matrices
+
+    @property
+    def columns(self) -> tuple[int, int]:
+        """Count the columns of the elastic law and, at most, of the law with damping: modes, and levers beyond them."""
+        free = _free(self)
+        modes, turns = int((free != 0.0).sum()), int((free[3:] != 0.0).sum())
+        twisted = turns if self.soft and not self.rules.at_contact else 0
+        distant = 0 if self.rules.at_contact else turns
+        softened = modes if self.gradual or "gradual" in self.live else 0
+        return modes + twisted, modes + twisted + softened + distant
 
     @property
     def rays(self) -> bool:
         """True if cones are rays, so that six unknowns do; else there is principal pivoting without friction."""
-        return self.pushes_apart and not self.law.equal
+        return self.pushes_apart and (self.implicit or not self.law.equal)
 
     @property
     def pushes_apart(self) -> bool:
         """True if cones are rays wherever gains are not equal."""
-        return not (self.slips or self.rules.attached or self.rules.stick or self.square)
+        return not (self.slips or self.rules.attached or self.rules.stick or self.matrices)
 
     @property
     def problems(self) -> bool:
         """True if forces may come from friction problems: with a coefficient, along rays, in balls of limits."""
         holds = self.rules.attached or (self.rules.stick and not self.slips)
-        balls = self.limit is not None and holds and not self.square
-        apart = "equal" in self.live or not self.law.equal
+        balls = self.limit is not None and holds and not (self.matrices or self.implicit)
+        apart = "equal" in self.live or self.implicit or not self.law.equal
         return self.slips or (apart and (self.pushes_apart or balls))
 
 
@@ -191,6 +202,7 @@ class _Room:
         sizes: whole numbers of the state, from which its own length follows.
         state: entries of the state, behind which the friction problems are.
         unknowns: of a friction problem.
+        most: modes of it.
         problem: entries of each of the two.
         walks: entries of the walks on a mesh, behind which the mesh is.
     """
@@ -198,6 +210,7 @@ class _Room:
     sizes: dict[str, int]
     state: int
     unknowns: int
+    most: int
     problem: int
     walks: int
 
@@ -215,11 +228,13 @@ class _Room:
             "components": n * d if grip.matrices else 0,
             "matrix_entries": sum(matrix.size for matrix in squares),
             "padded_count": n if grip.padded else 0,
+            "recoil_entries": recoil_size(max(grip.columns[1], 1)) if grip.recoils else 0,
         }
-        unknowns = n * coordinates if grip.square else MODES
-        problem = problem_size(n, unknowns) if grip.problems else 0
+        most = max(grip.columns[1], 1) if grip.recoils else MODES
+        unknowns = max(n * coordinates, most) if grip.implicit or grip.matrices else MODES
+        problem = problem_size(n, unknowns, most) if grip.problems else 0
         walks = n * size_of(MeshFinger) if grip.shape is not None and grip.shape.data is not None else 0
-        return cls(sizes, size_for(GraspState, **sizes), unknowns, problem, walks)
+        return cls(sizes, size_for(GraspState, **sizes), unknowns, most, problem, walks)
 
 
 def block_size(grip: Grip) -> int:
@@ -254,7 +269,8 @@ def fill_block(block: FloatArray, grip: Grip, period: float) -> None:
     for k, name in enumerate(("problem", "damping_problem")):
         block[start_of(GraspState, name)] = end + k * problem
         if grip.problems:
-            posed = set_up(block, end + k * problem, n, room.unknowns)
+            posed = set_up(block, end + k * problem, n, room.unknowns, room.most)
+            posed.flexible = grip.recoils
             posed.limited = grip.limit is not None and not grip.implicit
             posed.compliant = grip.gradual and name == "damping_problem"
     if grip.shape is not None:
@@ -288,6 +304,12 @@ def _fill_rules(grasp: GraspState, grip: Grip) -> None:
     grasp.attached, grasp.stick, grasp.at_contact = rules.attached, rules.stick, rules.at_contact
     grasp.friction, grasp.rays, grasp.implicit = grip.slips, grip.rays, grip.implicit
     grasp.limited = grip.limit is not None
+    grasp.recoils = grip.recoils
+    if grip.recoils:
+        turns = bool(_free(grip)[3:].any())
+        grasp.recoil.most = max(grip.columns[1], 1)
+        grasp.recoil.distant = turns and not rules.at_contact
+        grasp.recoil.twisted = turns and grip.soft and not rules.at_contact
     grasp.padded = grip.padded
     grasp.gradual, grasp.damping_depth = grip.gradual, rules.damping_depth
     if rules.fade is not None and not rules.attached:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
 from graspfx.cones.friction import UNRESOLVED as NONE
-from graspfx.cones.friction import friction_force, turn_modes
+from graspfx.cones.friction import friction_force, friction_force_flexible, turn_modes
 from graspfx.cones.problem import FrictionProblem, Gains
 from graspfx.coupling.contacts import UNRESOLVED
 from graspfx.coupling.coulomb import damping_in_cones, elastic_in_cones, pose_compliances, pose_problem
+from graspfx.coupling.damping_flexibility import damping_in_columns
+from graspfx.coupling.flexibility import pose_elastic
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import bilateral, keep_elastic, normal_force
+from graspfx.coupling.recoil import find_levers, recoil
+from graspfx.coupling.unilateral import damp, project
 from graspfx.spatial import Vector4, inner
 
 
@@ -24,7 +28,14 @@ def frictionless_force(grasp: GraspState) -> int:
     if grasp.observed or grasp.limited:
         keep_elastic(grasp)
     if fault == 0 and grasp.damped:
-        if grasp.external_damping <= grasp.internal_damping:
+        if grasp.recoils:
+            pose_problem(grasp, grasp.damping_problem, True)
+            law = damping_in_columns(grasp, grasp.damping_problem, 1, False)
+            if law == NONE:
+                fault = damp(grasp)
+            else:
+                write_normal_forces(grasp, grasp.damping_problem, False)
+        elif grasp.external_damping <= grasp.internal_damping:
             gains = Gains(grasp.external_damping, grasp.internal_damping)
             fault = force_along_normals(grasp, grasp.damping_problem, gains, False)
         else:
@@ -35,7 +46,7 @@ def frictionless_force(grasp: GraspState) -> int:
 @kernel
 def elastic_without_friction(grasp: GraspState) -> int:
     """Find the elastic force in as few unknowns as the gains allow; give 0 or UNRESOLVED."""
-    if grasp.external_stiffness <= grasp.internal_stiffness:
+    if grasp.recoils or grasp.external_stiffness <= grasp.internal_stiffness:
         return elastic_along_normals(grasp)
     return elastic_in_cones(grasp)
 
@@ -44,7 +55,10 @@ def elastic_without_friction(grasp: GraspState) -> int:
 def elastic_along_normals(grasp: GraspState) -> int:
     """Find the elastic force along the normals; give 0 or UNRESOLVED."""
     if grasp.dimensions == 1:
-        bilateral(grasp, True, False)
+        if grasp.recoils:
+            recoil(grasp, False, False)
+        else:
+            bilateral(grasp, True, False)
         outside = False
         for finger in grasp.fingers:
             f = normal_force(finger)
@@ -67,15 +81,33 @@ def force_along_normals(grasp: GraspState, problem: FrictionProblem, gains: Gain
         f0 = 0.0 if elastic else normal_force(finger)
         problem.contacts[i].displacement = Vector4(inner(finger.normal, x.vector), 0.0, 0.0, 0.0)
         problem.contacts[i].base_force = Vector4(f0, 0.0, 0.0, 0.0)
-    count = 0 if gains.external == gains.internal else grasp.mode_count
-    turn_modes(grasp.fingers.part(FingerState.frame), grasp.modes, problem, 1, count)
-    if not elastic:
-        pose_compliances(grasp, problem)
-    law = friction_force(problem, 1, gains, False, 0).law
+    if grasp.recoils:
+        find_levers(grasp, False)
+        pose_elastic(grasp, problem, 1)
+        high = max(gains.external, gains.internal)
+        soft = gains.external <= gains.internal
+        law = friction_force_flexible(problem, 1, gains.internal, high, soft, False, 0).law
+        if law == NONE:
+            fault = project(grasp)
+            for finger in grasp.fingers:
+                finger.touching = normal_force(finger) > 0.0
+            return fault
+    else:
+        count = 0 if gains.external == gains.internal else grasp.mode_count
+        turn_modes(grasp.fingers.part(FingerState.frame), grasp.modes, problem, 1, count)
+        if not elastic:
+            pose_compliances(grasp, problem)
+        law = friction_force(problem, 1, gains, False, 0).law
+    write_normal_forces(grasp, problem, elastic)
+    return UNRESOLVED if law == NONE else 0
+
+
+@kernel
+def write_normal_forces(grasp: GraspState, problem: FrictionProblem, elastic: bool) -> None:
+    """Write the answer of a problem of normals to the fingers' forces; the elastic one says who touches."""
     for i, finger in enumerate(grasp.fingers):
         f = problem.contacts[i].force.x
         for a in range(grasp.dimensions):
             finger.local[a] = f * finger.normal[a]
         if elastic:
             finger.touching = f > 0.0
-    return UNRESOLVED if law == NONE else 0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, table
+from graspfx.compile.records import Floats, Many, Record, Ref, Table, floats, many, room, table
 from graspfx.cones.problem import FrictionProblem
+from graspfx.coupling.recoil_state import RecoilState
 from graspfx.grasp.contact_state import FramedContact, Freedom
 from graspfx.objects.body_state import BodyState, Motion
 from graspfx.spatial import Matrix, Vector, Vector4
@@ -140,6 +141,8 @@ class GraspState(Record):
     padded_count: int  # n where some finger has one, else 0
     pads_known: bool  # B has been filled
     pad_passes: int  # of the last search for depths
+    recoils: bool  # the object moves under the forces of the sample, and gains are numbers (`recoil`)
+    recoil_entries: int  # of `recoil`, 0 where it does not
     gains_known: bool
     gains_rotation: Matrix  # of the object, that K and D were computed from
     freedom: Freedom
@@ -168,6 +171,7 @@ class GraspState(Record):
     pad_slope: Table = table("padded_count", "padded_count")  # B, d f_n/d e_n as it is known [N/m]
     pad_square: Table = table("padded_count", "padded_count")  # of the model, and the vector that goes with it
     pad_vector: Floats = floats("padded_count")
+    recoil: RecoilState = room("recoil_entries")
 
     @property
     def alone(self) -> bool:

@@ -19,7 +19,7 @@ from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.law import normal_force
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import let_go, sample
-from graspfx.coupling.two_forces import SplitRule, TwoForces, two_forces
+from graspfx.coupling.two_forces import SplitRule
 from graspfx.grasp.impedance import Coupling
 from graspfx.objects.body_state import BodyState
 from graspfx.surfaces.triangles.mesh_finger import NEW, MeshFinger
@@ -100,7 +100,6 @@ class GraspedObject:
         self.touching = self.array(FingerState.touching)
         self.limit = None if limit is None else self.array(FingerState.limit)
         self.where = recorded_entries(self.state)
-        self.last_rule: SplitRule | None = None  # of the last sample's P, where numbers of it have changed since
         self._walk_anew()
 
     def fill(
@@ -122,7 +121,7 @@ class GraspedObject:
         grip = _grip(self.fingers, self.dimensions, law, rules, fill_body, shape, radius, limit, self.live)
         fill_block(self.block, grip, period)
         self._fades = _Fades(self.state.fade_start)
-        self.law, self.matrices, self.soft, self.last_rule = law, grip.matrices, grip.soft, None
+        self.law, self.matrices, self.soft = law, grip.matrices, grip.soft
         self._walk_anew()
 
     def _walk_anew(self) -> None:
@@ -232,7 +231,6 @@ class GraspedObject:
 
     def sample(self) -> int:
         """Compute forces and wrench from the motion of fingers and object (free motion, if implicit)."""
-        self.last_rule = None
         return sample(self._grasp)
 
     def damper_compliance(self, *, at_rest: bool = True) -> FloatArray:
@@ -259,21 +257,6 @@ class GraspedObject:
     def split_rule(self) -> SplitRule:
         """All that P is made of besides contact points and gaps, as the block has it now."""
         return SplitRule.of(self.state)
-
-    def note_rule(self) -> None:
-        """Note the rule of the last sample's P, before numbers of it change."""
-        self.last_rule = self.last_rule or self.split_rule
-
-    def two_forces(self) -> TwoForces:
-        """Divide the forces of the last sample into external P f and internal f - P f, on the object, world axes.
-
-        P is the sample's own: where gaps of a fade or arms of a blend have changed since, it has those of the sample.
-        It takes some hundred microseconds. Source: the split of eq. (3).
-
-        Returns:
-            Forces (n, d) [N], and moments of soft fingers (n, 3) [N m]; zero before the first sample.
-        """
-        return two_forces(self.state, self.last_rule)
 
     def contradiction(self) -> str:
         """Name a switch of the block that does not follow from the gains that stand there; nothing where all do."""

@@ -7,7 +7,7 @@ from graspfx.cones.complement import pivot, release
 from graspfx.coupling.contact_frames import add_gains, in_frame, write_coordinates
 from graspfx.coupling.depth import soften
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.spatial import cross, dot
+from graspfx.coupling.recoil import inertia, lever
 
 LEAST = 1e-8  # of a coordinate's own damping: what is added where some direction has none
 
@@ -126,30 +126,6 @@ def carries(grasp: GraspState, finger: FingerState, a: int) -> bool:
 def add_inertia(grasp: GraspState) -> None:
     """Add -1/compliance of the object's free directions: -(M + T B) / T^2."""
     m, free = grasp.count * grasp.coordinates, grasp.unknowns - grasp.count * grasp.coordinates
-    T, body, shifts = grasp.period, grasp.body, grasp.freedom.shifts
     for u in range(free):
         for v in range(free):
-            total = 0.0
-            if u == v and u < shifts:
-                total = body.mass + T * body.viscosity
-            if u >= shifts and v >= shifts:
-                one, other = grasp.freedom.axes[u], grasp.freedom.axes[v]
-                for a in range(3):
-                    inertia = body.inertia[a] + T * body.rotational_viscosity
-                    total += one.vector[a] * other.vector[a] * inertia
-            grasp.square[m + u, m + v] -= total / (T * T)
-
-
-@kernel
-def lever(grasp: GraspState, finger: FingerState, u: int, a: int, at_tip: bool) -> float:
-    """Compute an entry of G in contact frames: what force coordinate a does along the object's free direction u."""
-    axis = grasp.freedom.axes[u].vector
-    if a == 3:
-        return finger.patch * dot(axis, finger.twist_axis) if u >= grasp.freedom.shifts else 0.0
-    f = finger.frame.row(a)
-    if u < grasp.freedom.shifts:
-        return dot(axis, f)
-    p = finger.contact
-    if at_tip:
-        p += finger.displacement.vector
-    return dot(axis, cross(p, f))
+            grasp.square[m + u, m + v] -= inertia(grasp, u, v)

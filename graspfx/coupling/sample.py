@@ -51,7 +51,7 @@ def resplit(grasp: GraspState) -> None:
     """Update the split, if the gains need it, and the matrices of gains that are no numbers."""
     if grasp.mixed:
         turn_axes(grasp)
-    if not grasp.equal:
+    if not grasp.equal or grasp.recoils:
         refactor(grasp)
     if grasp.dense:
         fill_gains(grasp)

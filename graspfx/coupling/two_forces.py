@@ -1,4 +1,4 @@
-"""The two forces of a grasp, external P f and internal f - P f, and the displacements dual to them."""
+"""External part P f of a grasp's forces, of which the rest is internal, and of the displacements dual to them."""
 
 from __future__ import annotations
 
@@ -161,47 +161,6 @@ def external_part(
         external[piece] = field(ContactSample.external)[:, :, :d]
         twist[piece] = field(ContactSample.external)[:, :, 3]
     return external, twist
-
-
-class TwoForces(NamedTuple):
-    """The two forces of one sample, on the object, world axes.
-
-    Attributes:
-        external, internal: (n, d) [N].
-        external_moment, internal_moment: of soft fingers, (n, 3) [N m]; None without.
-    """
-
-    external: FloatArray
-    internal: FloatArray
-    external_moment: FloatArray | None
-    internal_moment: FloatArray | None
-
-
-def two_forces(grasp: GraspState, rule: SplitRule | None = None) -> TwoForces:
-    """Divide the forces of a grasp's last sample, also after the object has moved on; without LLVM.
-
-    It takes some hundred microseconds.
-
-    Args:
-        grasp: whose contacts and forces are those of the last sample.
-        rule: of that sample, if the block has the numbers of another one by now.
-    """
-    rule, fingers, d = rule or SplitRule.of(grasp), grasp.fingers, grasp.dimensions
-    contact = fingers.array(FingerState.contact_world)[None, :, :d]
-    if rule.is_local:
-        centre = grasp.centre if grasp.mixed else grasp.motion.position
-        contact = contact - np.array([centre[a] for a in range(d)])
-    force = fingers.array(FingerState.force)[None, :, :d]
-    gap = None if rule.fade is None else fingers.array(FingerState.gap)[None]
-    if not rule.soft:
-        external, _ = external_part(rule, Samples(contact, gap), force)
-        return TwoForces(external[0], force[0] - external[0], None, None)
-    moment, normal = (fingers.array(field)[None] for field in (FingerState.moment, FingerState.normal_world))
-    axis = fingers.array(FingerState.twist_axis_world)[None]
-    torsion = torsion_over_patch(rule, moment, axis)
-    external, twist = external_part(rule, Samples(contact, gap, normal), force, torsion)
-    twisting = moment_of(rule, twist, axis)
-    return TwoForces(external[0], force[0] - external[0], twisting[0], moment[0] - twisting[0])
 
 
 def torsion_over_patch(rule: SplitRule, moment: FloatArray, axis: FloatArray) -> FloatArray:

@@ -8,10 +8,11 @@ from graspfx.cones.complement import Contacts, complement, release, settle
 from graspfx.coupling.contact_frames import assemble, coordinates_of, in_frame, out_of_frame, write_coordinates
 from graspfx.coupling.contacts import AGAIN, UNRESOLVED, displace, touch
 from graspfx.coupling.conventional import damp_alone, separate
-from graspfx.coupling.depth import soften
+from graspfx.coupling.depth import is_whole, soften
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.implicit import LEAST, assemble_implicitly, carries
 from graspfx.coupling.law import bilateral, keep_elastic, normal_force
+from graspfx.coupling.recoil import recoil
 from graspfx.spatial import NOTHING
 
 
@@ -63,6 +64,10 @@ def project(grasp: GraspState) -> int:
     """Find the elastic force in the cones: tangents released without friction, whole fingers where contacts stick."""
     n, c = grasp.count, grasp.coordinates
     m = n * c
+    if grasp.recoils and grasp.stick:
+        recoil(grasp, False, False)
+        if all_push(grasp):
+            return 0
     if not grasp.implicit and (grasp.stick or grasp.dimensions == 1):
         bilateral(grasp, True, False)
         lowest = 0.0
@@ -100,6 +105,15 @@ def project(grasp: GraspState) -> int:
 
 
 @kernel
+def all_push(grasp: GraspState) -> bool:
+    """Tell whether every finger pushes."""
+    count = 0
+    for finger in grasp.fingers:
+        count += 1 if normal_force(finger) > 0.0 else 0
+    return count == grasp.count
+
+
+@kernel
 def retain(grasp: GraspState) -> None:
     """Compute e + s of contacts that slip freely: s is `vector`, but the normals of fingers that push have none."""
     for i, finger in enumerate(grasp.fingers):
@@ -117,6 +131,13 @@ def retain(grasp: GraspState) -> None:
 def damp(grasp: GraspState) -> int:
     """Add the damping force, projected on the cones too: never active; (26)'s rate term when nothing is clamped."""
     c, m = grasp.coordinates, grasp.count * grasp.coordinates
+    if grasp.recoils and grasp.stick and all_push(grasp) and is_whole(grasp):
+        keep_elastic(grasp)
+        recoil(grasp, True, False)
+        if all_push(grasp):
+            return 0
+        for finger in grasp.fingers:
+            finger.local = finger.elastic
     for i, finger in enumerate(grasp.fingers):
         grasp.engaged[i] = 1.0 if finger.touching else -1.0
     if grasp.implicit:

@@ -23,26 +23,29 @@ def centred_arms(points: FloatArray, *, principal: bool) -> tuple[FloatArray, Fl
     """Compute u_k x (c_i - c) for each axis of rotation, c the centroid.
 
     Args:
-        points: (n, d) [m], d = 2 or 3.
+        points: (..., n, d) [m], d = 2 or 3.
         principal: in space, axes u_k along the principal axes of the contacts instead of the world's.
 
     Returns:
-        Axes (1, 1) in the plane, (3, 3) in space with one axis a row; fields (axes, n, d) [m]; c - c_0, (d,) [m].
+        Axes (1, 1) in the plane, (..., 3, 3) in space with one axis a row, or (3, 3) if they are the world's; fields
+        (..., axes, n, d) [m]; c - c_0, (..., d) [m].
     """
-    n, d = points.shape
-    offset = two_sum(points, -points[0])  # exact
-    terms = np.concatenate(offset).T.tolist()
+    *sets, n, d = points.shape
+    offset = two_sum(points, -points[..., :1, :])  # exact
+    terms = np.swapaxes(np.concatenate(offset, axis=-2), -1, -2).reshape(-1, 2 * n).tolist()
     high = [math.fsum(row) for row in terms]
     low = [math.fsum([*row, -h]) for row, h in zip(terms, high, strict=True)]
-    arm = add(multiply(np.asarray(float(n)), offset), (-np.array(high), -np.array(low)))  # n (c_i - c)
-    centroid = np.array(high) / n
+    total, rest = (np.array(part).reshape(*sets, 1, d) for part in (high, low))
+    arm = add(multiply(np.asarray(float(n)), offset), (-total, -rest))  # n (c_i - c)
+    centroid = total[..., 0, :] / n
     if d == 2:
-        field = np.stack([-arm[0][:, 1], arm[0][:, 0]], axis=1) / n
-        return np.ones((1, 1)), field[None], centroid
+        field = np.stack([-arm[0][..., 1], arm[0][..., 0]], axis=-1) / n
+        return np.ones((1, 1)), field[..., None, :, :], centroid
     axes = np.linalg.svd(arm[0], full_matrices=n < d)[2] if principal else np.eye(3)
-    u = axes[:, None, :]
-    plus = multiply(u[:, :, NEXT], (arm[0][:, LAST], arm[1][:, LAST]))
-    minus = multiply(u[:, :, LAST], (arm[0][:, NEXT], arm[1][:, NEXT]))
+    u = axes[..., :, None, :]
+    high_arm, low_arm = arm[0][..., None, :, :], arm[1][..., None, :, :]
+    plus = multiply(u[..., NEXT], (high_arm[..., LAST], low_arm[..., LAST]))
+    minus = multiply(u[..., LAST], (high_arm[..., NEXT], low_arm[..., NEXT]))
     product = add(plus, (-minus[0], -minus[1]))
     return axes, (product[0] + product[1]) / n, centroid
 

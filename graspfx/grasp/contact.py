@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -38,14 +38,16 @@ class Contacts:
     A soft contact's torsion about a normal that lies in the plane, or on the line, does not exist there: soft is hard.
     Axes are the world's unless frames are given.
 
+    Many sets of n contacts with the same models stand along leading axes.
+
     Attributes:
-        points: (n, d) [m].
-        normals: (n, d), unit, into the object, or None.
+        points: (..., n, d) [m].
+        normals: (..., n, d), unit, into the object, or None.
         models: n names, "selection" for a matrix.
         finger: (m,), which contact a component belongs to.
         moment: (m,), True where the component is a moment [N m].
-        force_axes: (m, d), unit direction of a force component, zero for a moment.
-        moment_axes: (m, 0 | 1 | 3), unit axis of a moment component, zero for a force.
+        force_axes: (m, d) or (..., m, d), unit direction of a force component, zero for a moment.
+        moment_axes: (m, 0 | 1 | 3) or (..., m, 0 | 1 | 3), unit axis of a moment component, zero for a force.
     """
 
     points: FloatArray
@@ -67,55 +69,73 @@ def contacts(
     """Check a description of contacts and write out its components.
 
     Args:
-        points: (n, d) [m], d = 1, 2 or 3.
-        normals: (n, d) into the object, any length but zero; needed for frictionless contacts, and for soft ones in
-            space, unless frames are given.
+        points: (n, d) [m], d = 1, 2 or 3, or many sets of them (..., n, d).
+        normals: (n, d) into the object, any length but zero, or (..., n, d); needed for frictionless contacts, and for
+            soft ones in space, unless frames are given.
         model: one name or selection matrix for all, or one per contact.
-        frames: (n, d, d), each contact's axes as orthonormal columns, the last one the normal into the object.
+        frames: (n, d, d) or (..., n, d, d), each contact's axes as orthonormal columns, the last one the normal into
+            the object.
 
     Raises:
         InputError: shapes that do not fit, values that are not finite, a normal that is missing or has no length,
             frames that are not orthonormal or whose last axis is not the normal.
         UnknownNameError: a model that does not exist.
     """
-    p = finite("points", points)
-    if p.ndim != 2 or p.shape[0] == 0 or p.shape[1] not in MOMENTS:
-        raise InputError("points", p, "an array (n, d) with n > 0 and d = 1, 2 or 3")
-    n, d = p.shape
+    p = contact_points(points)
+    n, d = p.shape[-2:]
     models = _models(model, n)
     names = tuple(each if isinstance(each, str) else SELECTION for each in models)
     selections = {i: _selection(each, d, f"model[{i}]") for i, each in enumerate(models) if not isinstance(each, str)}
-    unit = None if normals is None else unit_normals(normals, (n, d))
-    axes = None if frames is None else _axes(frames, unit, (n, d))
+    unit = None if normals is None else unit_normals(normals, p.shape)
+    axes = None if frames is None else _axes(frames, unit, p.shape)
     if axes is not None and unit is None:
-        unit = axes[:, :, -1]
+        unit = axes[..., -1]
     if axes is None and all(name == "hard" for name in names):
-        force = np.tile(np.eye(d), (n, 1))
-        none = np.zeros(n * d, dtype=bool)
-        return Contacts(p, unit, names, np.repeat(np.arange(n), d), none, force, np.zeros((n * d, MOMENTS[d])))
-
+        return point_contacts(p, unit)
     finger: list[int] = []
     moment: list[bool] = []
     force_axes: list[FloatArray] = []
     moment_axes: list[FloatArray] = []
     for i, name in enumerate(names):
-        own = np.eye(d) if axes is None else axes[i].T  # rows are the contact's axes
+        own = np.eye(d) if axes is None else np.swapaxes(axes[..., i, :, :], -1, -2)  # rows are the contact's axes
         if name == SELECTION:
             forces, moments = _selected(selections[i], d, own)
         else:
-            forces, moments = _components(name, d, own, None if unit is None else unit[i], i)
-        for direction in forces:
-            force_axes.append(direction)
-            moment_axes.append(np.zeros(MOMENTS[d]))
-        for axis in moments:
-            force_axes.append(np.zeros(d))
-            moment_axes.append(axis)
-        finger += [i] * (len(forces) + len(moments))
-        moment += [False] * len(forces) + [True] * len(moments)
+            forces, moments = _components(name, d, own, None if unit is None else unit[..., i, :], i)
+        pushes, turns = forces.shape[-2], moments.shape[-2]
+        force_axes += [forces, np.zeros((turns, d))]
+        moment_axes += [np.zeros((pushes, MOMENTS[d])), moments]
+        finger += [i] * (pushes + turns)
+        moment += [False] * pushes + [True] * turns
+    return Contacts(p, unit, names, np.array(finger), np.array(moment), _stacked(force_axes), _stacked(moment_axes))
+
+
+def contact_points(points: ArrayLike) -> FloatArray:
+    """Check contact points (..., n, d), and copy them.
+
+    Raises:
+        InputError: another shape, values that are not finite.
+    """
+    p = finite("points", points)
+    if p.ndim < 2 or not p.size or p.shape[-1] not in MOMENTS:
+        raise InputError("points", p, "an array (n, d) with n > 0 and d = 1, 2 or 3, or sets of them (..., n, d)")
+    return p
+
+
+def point_contacts(points: FloatArray, normals: FloatArray | None = None) -> Contacts:
+    """Write out the components of hard contacts in the world's axes; the arguments are checked."""
+    n, d = points.shape[-2:]
+    force = np.tile(np.eye(d), (n, 1))
+    none = np.zeros(n * d, dtype=bool)
     return Contacts(
-        p, unit, names, np.array(finger), np.array(moment),
-        np.array(force_axes), np.array(moment_axes).reshape(len(finger), MOMENTS[d]),
-    )  # fmt: skip
+        points, normals, ("hard",) * n, np.repeat(np.arange(n), d), none, force, np.zeros((n * d, MOMENTS[d]))
+    )
+
+
+def _stacked(rows: Sequence[FloatArray]) -> FloatArray:
+    """Stack rows (k, d), some with one set for each set of contacts, some with one for all."""
+    sets = np.broadcast_shapes(*(each.shape[:-2] for each in rows))
+    return np.concatenate([np.broadcast_to(each, (*sets, *each.shape[-2:])) for each in rows], axis=-2)
 
 
 def _models(model: Model | Sequence[Model], n: int) -> tuple[Model, ...]:
@@ -166,41 +186,50 @@ def _selected(S: FloatArray, d: int, own: FloatArray) -> tuple[FloatArray, Float
     return S[forces, :d] @ own, S[~forces, d:] @ (own if d == 3 else np.eye(MOMENTS[d]))
 
 
-def unit_normals(normals: ArrayLike, shape: tuple[int, int]) -> FloatArray:
-    """Scale normals of any length but zero to length one."""
+def unit_normals(normals: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Scale normals of any length but zero to length one; those of one set of contacts are those of all sets."""
     vectors = finite("normals", normals, largest=np.inf)
-    if vectors.shape != shape:
+    if vectors.shape not in (shape, shape[-2:]):
         raise InputError("normals", vectors, f"an array of shape {shape}, one normal for each point")
-    largest = np.abs(vectors).max(axis=1, keepdims=True)
+    largest = np.abs(vectors).max(axis=-1, keepdims=True)
     if not (largest > 0.0).all():
-        i = int(np.argmin(largest))
-        raise InputError(f"normals[{i}]", vectors[i].tolist(), "a direction", "a zero vector has none")
+        place = _place(largest[..., 0], np.argmin)
+        raise InputError(_name("normals", place), vectors[place].tolist(), "a direction", "a zero vector has none")
     scaled = vectors / largest  # before squaring, which would underflow
-    return np.asarray(scaled / np.linalg.norm(scaled, axis=1, keepdims=True))
+    return np.broadcast_to(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True), shape)
 
 
-def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, int]) -> FloatArray:
-    n, d = shape
+def _place(of: FloatArray, extreme: Callable[[FloatArray], np.intp]) -> tuple[int, ...]:
+    return tuple(int(i) for i in np.unravel_index(extreme(of), of.shape))
+
+
+def _name(name: str, place: tuple[int, ...]) -> str:
+    return f"{name}[{', '.join(map(str, place))}]"
+
+
+def _axes(frames: ArrayLike, unit: FloatArray | None, shape: tuple[int, ...]) -> FloatArray:
+    d = shape[-1]
     axes = finite("frames", frames)
-    if axes.shape != (n, d, d):
-        raise InputError("frames", axes, f"an array of shape {(n, d, d)}, each contact's axes as columns")
-    error = np.abs(np.swapaxes(axes, 1, 2) @ axes - np.eye(d)).max(axis=(1, 2))
+    if axes.shape not in ((*shape, d), (*shape[-2:], d)):
+        raise InputError("frames", axes, f"an array of shape {(*shape, d)}, each contact's axes as columns")
+    axes = np.broadcast_to(axes, (*shape, d))
+    error = np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(d)).max(axis=(-1, -2))
     if error.max() > UNIT:
-        i = int(np.argmax(error))
-        raise InputError(f"frames[{i}]", axes[i].tolist(), "orthonormal columns", f"they are off by {error[i]:.1e}")
+        i = _place(error, np.argmax)
+        raise InputError(_name("frames", i), axes[i].tolist(), "orthonormal columns", f"they are off by {error[i]:.1e}")
     if unit is not None:
-        error = np.abs(axes[:, :, -1] - unit).max(axis=1)
+        error = np.abs(axes[..., -1] - unit).max(axis=-1)
         if error.max() > UNIT:
-            i = int(np.argmax(error))
+            i = _place(error, np.argmax)
             raise InputError(
-                f"frames[{i}]", axes[i].tolist(), f"the normal {unit[i].tolist()} as its last column",
+                _name("frames", i), axes[i].tolist(), f"the normal {unit[i].tolist()} as its last column",
                 "axes stand in columns, and the normal points into the object",
             )  # fmt: skip
     return axes
 
 
 def _components(name: str, d: int, own: FloatArray, normal: FloatArray | None, i: int) -> tuple[FloatArray, FloatArray]:
-    """List directions of a contact's forces (k, d) and axes of its moments (l, 0 | 1 | 3)."""
+    """List directions of a contact's forces (..., k, d) and axes of its moments (..., l, 0 | 1 | 3)."""
     along = name == "frictionless" or (name == "soft" and d == 3)
     if along and normal is None:
         raise InputError(
@@ -211,9 +240,9 @@ def _components(name: str, d: int, own: FloatArray, normal: FloatArray | None, i
         )
     none = np.zeros((0, MOMENTS[d]))
     if name == "frictionless":
-        return np.atleast_2d(np.asarray(normal)), none
+        return np.asarray(normal)[..., None, :], none
     if name == "soft" and d == 3:
-        return own, np.atleast_2d(np.asarray(normal))
+        return own, np.asarray(normal)[..., None, :]
     if name == "full" and d > 1:
         return own, own if d == 3 else np.ones((1, 1))
     return own, none

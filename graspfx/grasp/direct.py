@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Table
 from graspfx.grasp.direct_line import Line, couple_about
 from graspfx.grasp.point_grasp import NOISE, PointGrasp, vector_at
 
@@ -37,7 +38,7 @@ def couple_points(grasp: PointGrasp) -> int:
     elif d == 2:
         in_plane(grasp)
     else:
-        in_space(grasp)
+        in_space(grasp, None)
     return 0
 
 
@@ -122,8 +123,10 @@ def in_plane(grasp: PointGrasp) -> None:
 
 
 @kernel
-def in_space(grasp: PointGrasp) -> None:
+def in_space(grasp: PointGrasp, modes: Table | None) -> None:
     """Compute the forces in space: P d is the mean and a rotation, in the frame of the line nearest to the contacts.
+
+    Or write the rotations as modes, where there is room for them.
 
     q leads from the first contact to the one farthest from it. With x the coordinate along which q is longest and
     u = (1, t, s) = q / q_x, rotations are taken about u, y and z. The arms about u are those of v = y - t x and
@@ -141,11 +144,12 @@ def in_space(grasp: PointGrasp) -> None:
     noise = NOISE * (abs(origin.x) + abs(origin.y) + abs(origin.z))
     noise *= noise
     if not far > noise + LEAST:
-        shifted(grasp)
+        if modes is None:
+            shifted(grasp)
         return
     if abs(qx) >= abs(qy) and abs(qx) >= abs(qz):
-        couple_about(grasp, Line(0, 1, 2, qy / qx, qz / qx), noise)
+        couple_about(grasp, Line(0, 1, 2, qy / qx, qz / qx), noise, modes)
     elif abs(qy) >= abs(qz):
-        couple_about(grasp, Line(1, 2, 0, qz / qy, qx / qy), noise)
+        couple_about(grasp, Line(1, 2, 0, qz / qy, qx / qy), noise, modes)
     else:
-        couple_about(grasp, Line(2, 0, 1, qx / qz, qy / qz), noise)
+        couple_about(grasp, Line(2, 0, 1, qx / qz, qy / qz), noise, modes)

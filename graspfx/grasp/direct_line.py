@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Table
+from graspfx.cones.cone import contact_frame
 from graspfx.grasp.arms import SPLITTER
 from graspfx.grasp.point_grasp import PointGrasp
-from graspfx.spatial import Vector
+from graspfx.spatial import ZERO, Vector
+
+TURNS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +50,36 @@ class Moments:
     about_z: float
 
 
+@dataclass(frozen=True, slots=True)
+class Pivots:
+    """The factor L D L' of the moments: inverses of D about y and z, its last entry or 0, and the entries of L.
+
+    Where contacts are on a line, the axis in it, (1, y, z) about u, y and z, the inverse of its moment, and the unit
+    vector of its motion among those about y, z and u that are orthonormal; else zeros.
+    """
+
+    y: float
+    z: float
+    arm: float
+    zy: float
+    uy: float
+    uz: float
+    axis_y: float
+    axis_z: float
+    loose: float
+    slant: Vector
+
+
 @kernel
-def couple_about(grasp: PointGrasp, line: Line, noise: float) -> None:
-    """Compute the forces; `noise` is the square of what the coordinates are rounded by [m^2]."""
+def couple_about(grasp: PointGrasp, line: Line, noise: float, modes: Table | None) -> None:
+    """Compute the forces, or the modes; `noise` is the square of what the coordinates are rounded by [m^2]."""
     centre = centre_of(grasp, line)
     moments = moments_of(grasp, line, centre)
-    turn_forces(grasp, line, centre, turn_of(grasp, line, moments, noise))
+    pivots = pivots_of(grasp, line, moments, noise)
+    if modes is None:
+        turn_forces(grasp, line, centre, turn_of(moments, pivots))
+    else:
+        turn_modes(grasp, line, centre, pivots, modes)
 
 
 @inline
@@ -123,27 +152,55 @@ def moments_of(grasp: PointGrasp, line: Line, centre: Centre) -> Moments:
 
 
 @kernel
-def turn_of(grasp: PointGrasp, line: Line, m: Moments, noise: float) -> Vector:
-    """Solve for the rotation about u, y and z by L D L' of the moments about y, z, u; decide the rank."""
+def pivots_of(grasp: PointGrasp, line: Line, m: Moments, noise: float) -> Pivots:
+    """Factor L D L' of the moments about y, z, u; decide the rank."""
     i_y = 1.0 / (m.xx + m.zz)
     l_zy, l_uy = m.yz * i_y, m.uy * i_y
     rest = m.uz - l_uy * m.yz
     i_z = 1.0 / (m.xx + m.yy - l_zy * m.yz)
     l_uz = rest * i_z
     arm = m.uu - l_uy * m.uy - l_uz * rest
-    about_z = m.about_z - l_zy * m.about_y
-    about_u = m.about_u - (l_uy * m.about_y + l_uz * about_z)
-    turn = 0.0
-    grasp.rank = 5
+    grasp.rank = 6
     total = m.xx + m.yy + m.zz
-    least = (grasp.tolerance * grasp.tolerance * total + grasp.count * noise) * (
-        1.0 + line.t * line.t + line.s * line.s
-    )
-    if arm > least:
-        turn = about_u / arm
-        grasp.rank = 6
-    z = about_z * i_z - l_uz * turn
-    return Vector(turn, m.about_y * i_y - l_zy * z - l_uy * turn, z)
+    t, s = line.t, line.s
+    square = 1.0 + t * t + s * s
+    axis_y = axis_z = loose = 0.0
+    slant = ZERO
+    if not arm > (grasp.tolerance * grasp.tolerance * total + grasp.count * noise) * square:
+        grasp.rank = 5
+        if arm > 0.0:
+            # the principal axis: inverse iteration, each turn of which leaves h^2 of an error; h is the arm about it
+            by = bz = 0.0
+            for _ in range(TURNS):
+                about_y = t + axis_y
+                about_z = s + axis_z - l_zy * about_y
+                share = arm / (square + t * axis_y + s * axis_z - l_uy * about_y - l_uz * about_z)
+                by, bz = about_y * i_y * share, about_z * i_z * share
+                axis_z = bz - l_uz
+                axis_y = by - l_zy * axis_z - l_uy
+            moment = by * by / i_y + bz * bz / i_z + arm
+            size = math.sqrt(moment)
+            loose = 1.0 / moment
+            slant = Vector(by / (math.sqrt(i_y) * size), bz / (math.sqrt(i_z) * size), math.sqrt(arm) / size)
+        else:
+            arm = 0.0
+    return Pivots(i_y, i_z, arm, l_zy, l_uy, l_uz, axis_y, axis_z, loose, slant)
+
+
+@kernel
+def turn_of(m: Moments, p: Pivots) -> Vector:
+    """Solve for the rotation about u, y and z."""
+    about_z = m.about_z - p.zy * m.about_y
+    about_u = m.about_u - (p.uy * m.about_y + p.uz * about_z)
+    turn = 0.0
+    if p.arm > 0.0:
+        turn = about_u / p.arm
+    z = about_z * p.z - p.uz * turn
+    y = m.about_y * p.y - p.zy * z - p.uy * turn
+    if p.loose > 0.0:
+        share = p.loose * (m.about_u + p.axis_y * m.about_y + p.axis_z * m.about_z)
+        return Vector(turn - share, y - share * p.axis_y, z - share * p.axis_z)
+    return Vector(turn, y, z)
 
 
 @kernel
@@ -160,3 +217,34 @@ def turn_forces(grasp: PointGrasp, line: Line, centre: Centre, turn: Vector) -> 
         f[i + ix] = k * e[i + ix] + c * rate[i + ix] + (mean.x + (turn.x * g + turn.y * z - turn.z * y))
         f[i + iy] = k * e[i + iy] + c * rate[i + iy] + (mean.y + (turn.z * x - turn.x * w))
         f[i + iz] = k * e[i + iz] + c * rate[i + iz] + (mean.z + (turn.x * v - turn.y * x))
+
+
+@kernel
+def turn_modes(grasp: PointGrasp, line: Line, centre: Centre, p: Pivots, modes: Table) -> None:
+    """Write the rotations as modes of unit length: about y, then z and u less what those before have of them.
+
+    Where contacts are on a line, the two across the motion about that line.
+    """
+    f = grasp.force
+    ix, iy, iz, t, s = line.x, line.y, line.z, line.t, line.s
+    size_y, size_z, size_u = math.sqrt(p.y), math.sqrt(p.z), 0.0
+    if p.arm > 0.0:
+        size_u = 1.0 / math.sqrt(p.arm)
+    on_line = p.loose > 0.0
+    frame = contact_frame(p.slant, 3)
+    for i in range(0, 3 * grasp.count, 3):
+        x, v, w = f[i] - centre.arm.x, f[i + 1] - centre.arm.y, f[i + 2] - centre.arm.z
+        y, z, g = v + t * x, w + s * x, t * w - s * v
+        about_y = Vector(z, 0.0, -x)
+        about_z = Vector(-y, x, 0.0) - p.zy * about_y
+        about_u = size_u * (Vector(g, -w, v) - p.uy * about_y - p.uz * about_z)
+        about_y = size_y * about_y
+        about_z = size_z * about_z
+        if on_line:
+            one, other = frame.second, frame.third
+            first = one.x * about_y + one.y * about_z + one.z * about_u
+            second = other.x * about_y + other.y * about_z + other.z * about_u
+            about_y, about_z, about_u = first, second, ZERO
+        modes[3, i + ix], modes[3, i + iy], modes[3, i + iz] = about_y.x, about_y.y, about_y.z
+        modes[4, i + ix], modes[4, i + iy], modes[4, i + iz] = about_z.x, about_z.y, about_z.z
+        modes[5, i + ix], modes[5, i + iy], modes[5, i + iz] = about_u.x, about_u.y, about_u.z

@@ -27,13 +27,17 @@ class Grasp(Carded, GraspMatrix):
     w = 1 on the line (f), 3 in the plane (f_x, f_y, t_z), 6 in space (force, then moment), less the locked freedoms.
     f is the force of the fingers on the object; columns go contact by contact, a contact's forces before its moments.
 
+    Many sets of n contacts with the same models, origin and freedoms stand along leading axes of `points`: G is then
+    (..., w, m), and a split of them splits each as by itself.
+
     Args:
-        points: contact points (n, d) [m].
-        normals: (n, d), into the object.
+        points: contact points (n, d) or (..., n, d) [m].
+        normals: (n, d) or (..., n, d), into the object.
         model: "frictionless", "hard", "soft", "full" or a selection matrix, one for all or one per contact (see
             `grasp.contact.Contacts`).
-        frames: (n, d, d), each contact's axes as columns, the last one the normal; the world's axes if None.
-        origin: o, to which moments refer [m]; zero if None.
+        frames: (n, d, d) or (..., n, d, d), each contact's axes as columns, the last one the normal; the world's
+            axes if None.
+        origin: o, to which moments refer, (d,), or one for each set [m]; zero if None.
         free: which of the object's freedoms can move, a mask over all w; the others' rows are left out.
 
     Attributes:
@@ -49,13 +53,16 @@ class Grasp(Carded, GraspMatrix):
     def _card(self) -> Card:
         models = dict.fromkeys(self.contacts.models)
         names = [f"{self.contacts.models.count(each)} {each}" for each in models]
-        w, m = self.matrix.shape
+        w, m = self.matrix.shape[-2:]
         rows = [
             ("contacts", f"{self.fingers} in {counted(self.dimensions, 'dimension')}: {listed(names)}"),
             ("G", f"{w} x {m}: wrench components by force components"),
             ("free", "all freedoms" if self.free.all() else f"{int(self.free.sum())} of {len(self.free)} freedoms"),
-            ("points", f"{np.array2string(self.points[:MOST], precision=4, separator=', ')} m" + self._others()),
         ]
+        if self.sets:
+            return Card("Grasps", [("sets", " x ".join(map(str, self.sets))), *rows], ".matrix, .split(metric)")
+        text = np.array2string(self.points[:MOST], precision=4, separator=", ")
+        rows.append(("points", f"{text} m" + self._others()))
         calls = ".matrix, .split(metric), .measures(), .force_closure(), .margin(wrench), .virtual_linkage()"
         return Card("Grasp", rows, calls)
 
@@ -72,6 +79,7 @@ class Grasp(Carded, GraspMatrix):
         """Split by a virtual linkage, with actuators between pairs of fingers; see `VirtualLinkage`."""
         from graspfx.grasp.quality.virtual_linkage import VirtualLinkage
 
+        self.require_one("virtual_linkage")
         return VirtualLinkage(self, actuators=actuators, tolerance=tolerance)
 
     def measures(
@@ -84,6 +92,7 @@ class Grasp(Carded, GraspMatrix):
         """Measure singular values, isotropy, volume and minimum; see `grasp.quality.measures.measures`."""
         from graspfx.grasp.quality.measures import measures
 
+        self.require_one("measures")
         return measures(self, length=length, about=about, torsion_length=torsion_length)
 
     def force_closure(
@@ -92,6 +101,7 @@ class Grasp(Carded, GraspMatrix):
         """Test whether contacts that push can make every wrench; see `grasp.quality.closure.force_closure`."""
         from graspfx.grasp.quality.closure import force_closure
 
+        self.require_one("force_closure")
         return force_closure(self, friction, torsion, limit=limit)
 
     def margin(
@@ -108,6 +118,7 @@ class Grasp(Carded, GraspMatrix):
         """Find the largest ball of wrenches that bounded pushes can make; see `grasp.quality.margin.wrench_margin`."""
         from graspfx.grasp.quality.margin import wrench_margin
 
+        self.require_one("margin")
         return wrench_margin(
             self, friction, torsion,
             bound=bound, limit=limit, length=length, about=about, tolerance=tolerance,

@@ -5,22 +5,25 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspfx.card import Card, Carded, span
+from graspfx.card import Card, Carded
 from graspfx.errors import InputError, UnknownNameError
-from graspfx.grasp.split import SYMMETRIC, Split
-from graspfx.numeric import finite
+from graspfx.grasp.gain import SYMMETRIC, Gain, checked_gain, equal_gains, gain_text, turned_gain
+from graspfx.grasp.point_sets import Numbers, point_force, point_forces, point_head
+from graspfx.grasp.split import Split, fits
+from graspfx.numeric import FEW, LARGEST, finite
 
 FloatArray = NDArray[np.float64]
-Gain = float | FloatArray
 Form = Literal["literal", "symmetric"]
 Pair = Literal["stiffness", "damping"]
 
 LOOP_RADIUS = 0.005  # [m], of the closed motion for which the warning gives an energy
+FLOAT = np.dtype(np.float64)
+MOST_HEADS = 64  # sizes of grasps and tolerances that a coupling remembers
 GROWN = 10.0  # times what the last warning told: a finger that fades in begins with nearly no skew part
 
 
@@ -47,14 +50,14 @@ class Impedance(Carded):
     damping: Gain
 
     def __init__(self, stiffness: ArrayLike, damping: ArrayLike = 0.0) -> None:
-        object.__setattr__(self, "stiffness", _gain("stiffness", stiffness))
-        object.__setattr__(self, "damping", _gain("damping", damping))
+        object.__setattr__(self, "stiffness", checked_gain("stiffness", stiffness))
+        object.__setattr__(self, "damping", checked_gain("damping", damping))
 
     def _card(self) -> Card:
         return Card(f"Impedance: {self._text()}")
 
     def _text(self) -> str:
-        return f"{_gain_text(self.stiffness, 'N/m')}, {_gain_text(self.damping, 'N s/m')}"
+        return f"{gain_text(self.stiffness, 'N/m')}, {gain_text(self.damping, 'N s/m')}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,6 +89,8 @@ class Coupling(Carded):
     _warned: dict[Pair, float] = field(default_factory=dict, init=False, repr=False)
     _matrices: dict[Pair, tuple[Split, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
+    _heads: dict[tuple[int, int, float], FloatArray] = field(default_factory=dict, init=False, repr=False)
+
     def __post_init__(self) -> None:
         if str(self.form) not in get_args(Form):
             raise UnknownNameError("form of the coupling", str(self.form), get_args(Form))
@@ -101,7 +106,7 @@ class Coupling(Carded):
     def equal(self) -> bool:
         """Whether external and internal gains are the same: the conventional method, which needs no split."""
         pairs: tuple[Pair, ...] = get_args(Pair)
-        return all(_equal(*self._pair(pair)) for pair in pairs)
+        return all(equal_gains(*self._pair(pair)) for pair in pairs)
 
     def turned(self, R: ArrayLike) -> Coupling:
         """Write matrices that stand in other axes in those of the contact forces: R K R'; numbers have no axes.
@@ -111,30 +116,40 @@ class Coupling(Carded):
         """
         turn = np.asarray(R, dtype=float)
         external, internal = (
-            Impedance(_turned(part.stiffness, turn), _turned(part.damping, turn))
+            Impedance(turned_gain(part.stiffness, turn), turned_gain(part.damping, turn))
             for part in (self.external, self.internal)
         )
         return Coupling(external, internal, self.form)
 
     def stiffness(self, split: Split) -> FloatArray:
-        """Compute K of f = K e + D e', (m, m) [N/m], read-only; cached until another split is asked for."""
+        """Compute K of f = K e + D e', (..., m, m) [N/m], read-only; cached until another split is asked for."""
         return self._matrix("stiffness", split)
 
     def damping(self, split: Split) -> FloatArray:
-        """Compute D of f = K e + D e', (m, m) [N s/m], read-only; cached until another split is asked for."""
+        """Compute D of f = K e + D e', (..., m, m) [N s/m], read-only; cached until another split is asked for."""
         return self._matrix("damping", split)
 
     def force(self, split: Split, e: ArrayLike, de: ArrayLike | None = None) -> FloatArray:
-        """Compute contact forces on the object (m,) [N], by one projection of one vector where the gains are numbers.
+        """Compute contact forces on the object (m,) or (..., m) [N], by one projection where the gains are numbers.
+
+        Hard contacts on a free object take numbers to the force by the kernels of `PointCoupling`, in O(n), with no
+        matrix; there many sets of contacts get the forces of each by itself, to the bit, elsewhere to rounding.
 
         Args:
             split: of the contacts.
-            e: displacement of the fingers from their contacts, p - c, (m,) [m].
-            de: its rate [m/s]; zero if None.
+            e: displacement of the fingers from their contacts, p - c, (m,) or (n, d) where each contact has d forces
+                [m]; for many sets of contacts, or many displacements of one, (..., n, d), or (..., m) for many sets.
+            de: its rate [m/s], like e; zero if None.
         """
         _require_split(split)
         x = _motion("e", e, split)
         dx = None if de is None else _motion("de", de, split)
+        if split.of_points:
+            owner, head = split.head
+            if owner is not self:
+                split.head = self, (head := self._head_for(split))
+            if head is not None:
+                return _point_force(split, head, x, dx)
         part = self._part("stiffness", split, x)
         if dx is None:
             return part[0] if part[1] is None else part[0] + split.project(part[1])
@@ -145,10 +160,25 @@ class Coupling(Carded):
         difference = part[1] if rate[1] is None else rate[1]
         return f if difference is None else f + split.project(difference)
 
+    def _head_for(self, split: Split) -> FloatArray | None:
+        """Give the numbers that a kernel of point contacts takes, or None where a gain is no number."""
+        grasp = split.points
+        key = grasp.fingers, grasp.dimensions, split.point_tolerance
+        head = self._heads.get(key)
+        if head is None:
+            outer, inner = self.external, self.internal
+            gains = outer.stiffness, outer.damping, inner.stiffness, inner.damping
+            if not all(isinstance(gain, float) for gain in gains):
+                return None
+            if len(self._heads) >= MOST_HEADS:
+                self._heads.clear()
+            head = self._heads[key] = point_head(*key[:2], cast("Numbers", gains), key[2])
+        return head
+
     def rule(self, pair: Pair) -> Literal["equal", "literal", "symmetric"]:
         """Say how a pair of gains makes a matrix: one alone where both are equal, else by the form."""
         outer, inner = self._pair(pair)
-        if _equal(outer, inner):
+        if equal_gains(outer, inner):
             return "equal"
         return "literal" if isinstance(outer, float) and isinstance(inner, float) else self.form
 
@@ -161,7 +191,8 @@ class Coupling(Carded):
         if isinstance(outer, float) and isinstance(inner, float):
             y = split.weigh(x)
             return inner * y, None if outer == inner else (outer - inner) * y
-        return self._matrix(pair, split) @ x, None
+        K = self._matrix(pair, split)
+        return (K @ x if x.ndim == 1 else np.asarray((K @ x[..., None])[..., 0])), None
 
     def _matrix(self, pair: Pair, split: Split) -> FloatArray:
         _require_split(split)
@@ -171,14 +202,14 @@ class Coupling(Carded):
         outer, inner = self._pair(pair)
         rule = self.rule(pair)
         if rule == "equal":
-            K = spread(outer, split)
+            K = np.array(np.broadcast_to(spread(outer, split), (*split.sets, split.components, split.components)))
         elif isinstance(outer, float) and isinstance(inner, float):
             K = spread(inner, split) + (outer - inner) * split.modal_metric()
         else:
             A, B, E = spread(outer, split), spread(inner, split), split.external
             if rule == "symmetric":
-                K = E @ A @ E.T + split.internal @ B @ split.internal.T
-                K = (K + K.T) / 2
+                K = E @ A @ _transposed(E) + split.internal @ B @ _transposed(split.internal)
+                K = (K + _transposed(K)) / 2
             else:
                 K = B + E @ (A - B)
                 self.warn_if_active(pair, K)
@@ -189,10 +220,10 @@ class Coupling(Carded):
     def warn_if_active(self, pair: Pair, K: FloatArray) -> None:
         """Warn of a stiffness or damping that can create energy, once and whenever that has grown tenfold."""
         limit = GROWN * self._warned.get(pair, 0.0)
-        if limit > 0.0 and float(np.linalg.norm(K - K.T)) <= 2.0 * limit:  # no less than the spectral norm, and cheap
-            return
+        if limit > 0.0 and float(np.linalg.norm(K - _transposed(K))) <= 2.0 * limit:
+            return  # no less than the spectral norm, and cheap
         size = float(np.abs(K).max())
-        skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + K.T) / 2)[0])
+        skew, lowest = skew_part(K), float(np.linalg.eigvalsh((K + _transposed(K)) / 2).min())
         worst = max(skew if pair == "stiffness" else 0.0, -lowest)
         if worst <= limit:
             return
@@ -272,8 +303,8 @@ def per_finger(gain: Gain, fingers: int, dimensions: int) -> FloatArray:
 
 
 def skew_part(K: FloatArray) -> float:
-    """Compute |(K - K')/2|, the largest singular value [N/m]."""
-    return float(np.linalg.norm((K - K.T) / 2, 2))
+    """Compute |(K - K')/2|, the largest singular value, the largest of many matrices (..., m, m) [N/m]."""
+    return float(np.linalg.norm((K - _transposed(K)) / 2, 2, axis=(-2, -1)).max())
 
 
 def loop_energy(K: FloatArray, radius: float) -> float:
@@ -288,74 +319,56 @@ def _fits_each_finger(gain: FloatArray, finger: NDArray[np.int64], n: int, torsi
     )
 
 
-def _turned(gain: Gain, R: FloatArray) -> Gain:
-    """Rotate each finger's matrix, R K R'; a full one as far as it has one R for all."""
-    K, d = np.asarray(gain), R.shape[-1]
-    if K.ndim < 2:
-        return gain
-    if K.ndim == 2 and K.shape != (d, d):
-        n = K.shape[0] // d
-        whole = np.zeros(K.shape)
-        whole.reshape(n, d, n, d)[np.arange(n), :, np.arange(n), :] = R
-        return _even(whole @ K @ whole.T)
-    return _even(R @ K @ np.swapaxes(R, -1, -2))
-
-
-def _even(K: FloatArray) -> FloatArray:
-    """Remove the skew part that rounding leaves in a rotated matrix."""
-    return np.asarray(0.5 * (K + np.swapaxes(K, -1, -2)))
-
-
-def _gain(name: str, argument: ArrayLike) -> Gain:
-    value = finite(name, argument)
-    if value.ndim == 0:
-        if value < 0.0:
-            raise InputError(name, float(value), "a number that is not negative")
-        return float(value)
-    if value.ndim == 1:
-        if not len(value) or (value < 0.0).any():
-            raise InputError(name, value.tolist(), "numbers that are not negative, one per finger")
-    elif value.ndim > 3 or value.shape[-1] != value.shape[-2] or not value.size:
-        raise InputError(name, value, "a number, or an array (n,), (d, d), (n, d, d) or (m, m)")
-    else:
-        size = np.abs(value).max()
-        if np.abs(value - np.swapaxes(value, -1, -2)).max() > SYMMETRIC * size:
-            raise InputError(name, value.tolist(), "a symmetric matrix")
-        lowest = np.linalg.eigvalsh(value).min()
-        if lowest < -SYMMETRIC * size:
-            raise InputError(
-                name, value.tolist(), "a positive semidefinite matrix", f"its smallest eigenvalue is {lowest:.3g}"
-            )
-    value.setflags(write=False)
-    return value
-
-
-def _gain_text(gain: Gain, unit: str) -> str:
-    """Write a gain: the number, the range of those per finger, or the size of a matrix and its eigenvalues."""
-    if isinstance(gain, float):
-        return f"{gain:g} {unit}"
-    if gain.ndim == 1:
-        return f"{span(gain, unit)} for {len(gain)} fingers"
-    return f"{' x '.join(map(str, gain.shape))} matrix of {span(np.linalg.eigvalsh(gain).ravel(), unit)}"
-
-
-def _equal(outer: Gain, inner: Gain) -> bool:
-    """Tell whether two gains are equal, also when one is written for every finger and the other for each."""
-    a, b = np.asarray(outer), np.asarray(inner)
-    if a.ndim == b.ndim:
-        return np.array_equal(a, b)
-    if {a.ndim, b.ndim} not in ({0, 1}, {2, 3}) or (a.ndim and b.ndim and a.shape[-2:] != b.shape[-2:]):
-        return False
-    return bool((a == b).all())
-
-
 def _require_split(value: object) -> None:
     if not isinstance(value, Split):
         raise InputError("split", value, "a Split", "gx.Split(G), or the split of a gx.Grasp")
 
 
 def _motion(name: str, value: ArrayLike, split: Split) -> FloatArray:
+    """Check displacements or their rates, and write them as (m,), or (..., m)."""
+    m = split.components
+    if (
+        type(value) is np.ndarray and value.shape == (m,) and m <= FEW and value.dtype == FLOAT
+        and sum(map(abs, value.tolist())) <= LARGEST
+    ):  # fmt: skip
+        return value  # nothing to convert or to copy, and no number among them that is none
     x = finite(name, value)
-    if x.shape != (split.components,):
-        raise InputError(name, x, f"an array ({split.components},), one entry per contact component")
-    return x
+    if x.shape == (m,):
+        return x
+    n = split.grasp.fingers if split.grasp is not None else 0
+    if n and x.ndim >= 2 and x.shape[-2] == n and x.shape[-2] * x.shape[-1] == m and _has_points(split):
+        x = x.reshape(*x.shape[:-2], m)
+        if fits(x.shape[:-1], split.sets):
+            return x
+    elif split.sets and x.shape[-1:] == (m,) and fits(x.shape[:-1], split.sets):
+        return x
+    shapes = f"an array ({m},), one entry per contact component"
+    if split.sets:
+        shapes = f"an array {(*split.sets, m)}, one entry per contact component"
+    raise InputError(name, x, f"{shapes}, or (..., n, d) where each contact has d forces")
+
+
+def _has_points(split: Split) -> bool:
+    """Tell whether the components of each contact are d forces."""
+    grasp = split.grasp
+    if split.of_points or grasp is None:
+        return split.of_points
+    counts = np.bincount(grasp.finger_of_column, minlength=grasp.fingers)
+    return not grasp.torsion_columns.any() and bool((counts == split.components // grasp.fingers).all())
+
+
+def _point_force(split: Split, head: FloatArray, x: FloatArray, dx: FloatArray | None) -> FloatArray:
+    """Compute forces of hard contacts on free objects by a kernel, for one set of contacts or many."""
+    points = split.points.points
+    if not split.sets and x.ndim == 1 and (dx is None or dx.ndim == 1):
+        return point_force(points, head, x, dx)
+    sets = np.broadcast_shapes(split.sets, x.shape[:-1], () if dx is None else dx.shape[:-1])
+    n, d = points.shape[-2:]
+    every = np.broadcast_to(points, (*sets, n, d)).reshape(-1, n, d)
+    rows, rates = (None if y is None else np.broadcast_to(y, (*sets, n * d)).reshape(-1, n * d) for y in (x, dx))
+    assert rows is not None
+    return point_forces(every, head, rows, rates).reshape(*sets, n * d)
+
+
+def _transposed(A: FloatArray) -> FloatArray:
+    return np.swapaxes(A, -1, -2)

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.errors import InputError
-from graspfx.grasp.arms import centred_arms
-from graspfx.grasp.contact import MOMENTS, Model, contacts
+from graspfx.grasp.arms import LAST, NEXT, centred_arms
+from graspfx.grasp.contact import MOMENTS, Contacts, Model, contact_points, contacts, point_contacts
 from graspfx.numeric import finite, number
 
 FloatArray = NDArray[np.float64]
 
+HARD = "hard"
 CARRIED = "contacts here carry moments"
 
 
@@ -22,12 +23,15 @@ def grasp_matrix(
     points: ArrayLike,
     normals: ArrayLike | None = None,
     *,
-    model: Model | Sequence[Model] = "hard",
+    model: Model | Sequence[Model] = HARD,
     frames: ArrayLike | None = None,
     origin: ArrayLike | None = None,
     free: ArrayLike | None = None,
 ) -> FloatArray:
-    """Compute G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m); the arguments are those of `Grasp`."""
+    """Compute G of f_v = G f (Kawai and Yoshikawa, eq. 2), (w, m); the arguments are those of `Grasp`.
+
+    Many sets of contacts give (..., w, m).
+    """
     return GraspMatrix(points, normals, model=model, frames=frames, origin=origin, free=free).matrix
 
 
@@ -39,42 +43,82 @@ class GraspMatrix:
         points: ArrayLike,
         normals: ArrayLike | None = None,
         *,
-        model: Model | Sequence[Model] = "hard",
+        model: Model | Sequence[Model] = HARD,
         frames: ArrayLike | None = None,
         origin: ArrayLike | None = None,
         free: ArrayLike | None = None,
     ) -> None:
-        self.contacts = contacts(points, normals, model=model, frames=frames)
-        self.fingers, self.dimensions = self.contacts.points.shape
+        if model is HARD and normals is None and frames is None:  # the most frequent: no more than is asked for
+            self.points, self.point_contacts = contact_points(points), True
+        else:
+            self.contacts = contacts(points, normals, model=model, frames=frames)
+            self.points = self.contacts.points
+            self.point_contacts = frames is None and set(self.contacts.models) == {HARD}
+        self.points.setflags(write=False)
+        *sets, self.fingers, self.dimensions = self.points.shape
+        self.sets = tuple(sets)
         d = self.dimensions
-        self.origin = np.zeros(d) if origin is None else finite("origin", origin)
-        if self.origin.shape != (d,):
-            raise InputError("origin", self.origin, f"a point of {d} coordinates")
-        self.free = _mask(free, d + MOMENTS[d])
-        self.finger_of_column = self.contacts.finger
-        self.torsion_columns = self.contacts.moment
-        self.moment_rows = np.r_[np.zeros(d, dtype=bool), np.ones(MOMENTS[d], dtype=bool)][self.free]
+        if origin is not None:
+            self.origin = finite("origin", origin)
+            if self.origin.shape not in ((d,), (*self.sets, d)):
+                raise InputError("origin", self.origin, f"a point of {d} coordinates")
+        if free is not None:
+            self.free = _mask(free, d + MOMENTS[d])
+            self.point_contacts = self.point_contacts and bool(self.free.all())
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Contacts with their components."""
+        return point_contacts(self.points)
+
+    @cached_property
+    def origin(self) -> FloatArray:
+        """Point to which moments refer, (d,) or one for each set (..., d) [m]."""
+        return np.zeros(self.dimensions)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Freedoms of the object that can move, a mask over forces and moments."""
+        return np.ones(self.dimensions + MOMENTS[self.dimensions], dtype=bool)
 
     @property
-    def points(self) -> FloatArray:
-        """Contact points (n, d) [m]."""
-        return self.contacts.points
+    def components(self) -> int:
+        """Number m of force components, the columns of G."""
+        return self.fingers * self.dimensions if self.point_contacts else len(self.finger_of_column)
+
+    @property
+    def finger_of_column(self) -> NDArray[np.int64]:
+        """Contact that a column belongs to, (m,)."""
+        return self.contacts.finger
+
+    @property
+    def torsion_columns(self) -> NDArray[np.bool_]:
+        """Columns that are moments [N m], (m,)."""
+        return self.contacts.moment
+
+    @cached_property
+    def moment_rows(self) -> NDArray[np.bool_]:
+        """Rows that are moments of the wrench, (w,)."""
+        d = self.dimensions
+        moments: NDArray[np.bool_] = np.arange(d + MOMENTS[d]) >= d
+        return moments[self.free]
 
     @cached_property
     def matrix(self) -> FloatArray:
-        """G, (w, m), with moments about the origin as given."""
-        arms = (self.points - self.origin)[self.finger_of_column]  # (m, d)
-        a = self.contacts.force_axes
+        """G, (w, m) or (..., w, m) for many sets, with moments about the origin as given."""
+        arms = (self.points - self.origin[..., None, :])[..., self.finger_of_column, :]  # (..., m, d)
+        a = np.broadcast_to(self.contacts.force_axes, arms.shape)
+        moments = self.contacts.moment_axes
         if self.dimensions == 3:
-            moments = np.cross(arms, a) + self.contacts.moment_axes
+            moments = _cross(arms, a) + moments
         elif self.dimensions == 2:
-            moments = (arms[:, 0] * a[:, 1] - arms[:, 1] * a[:, 0])[:, None] + self.contacts.moment_axes
+            moments = (arms[..., 0] * a[..., 1] - arms[..., 1] * a[..., 0])[..., None] + moments
         else:
-            moments = self.contacts.moment_axes
-        return np.hstack([a, moments]).T[self.free]
+            moments = np.broadcast_to(moments, (*arms.shape[:-1], 0))
+        return _transposed(np.concatenate([a, moments], axis=-1))[..., self.free, :]
 
-    def unit_free(self) -> tuple[FloatArray, float]:
-        """Give a matrix (w, m) with the row space of G, its torsion columns multiplied by a length, and that length.
+    def unit_free(self) -> tuple[FloatArray, FloatArray]:
+        """Give a matrix (..., w, m) with the row space of G, its torsion columns times a length, and that length (...).
 
         The rows are the object's free motions as the contacts see them: translations, and rotations about the contacts'
         centroid divided by the rms contact radius R, the length. What a locked translation would have to do to bring a
@@ -82,19 +126,34 @@ class GraspMatrix:
         """
         d, free = self.dimensions, self.free
         a = self.contacts.force_axes
+        shifts = np.broadcast_to(_transposed(a)[..., free[:d], :], (*self.sets, int(free[:d].sum()), self.components))
         if not free[d:].any():
-            return a.T[free[:d]], 1.0
+            return shifts, np.ones(self.sets)
         axes, fields, centroid = centred_arms(self.points, principal=bool(free[d:].all()))
-        radius = float(np.sqrt((fields**2).sum() / (self.fingers * max(d - 1, 1))))  # sum_k |u_k x r|^2 = (d - 1) |r|^2
-        size = radius if radius > 0.0 else 1.0
+        square = (fields**2).sum(axis=(-3, -2, -1))  # sum_k |u_k x r|^2 = (d - 1) |r|^2
+        radius = np.sqrt(square / (self.fingers * max(d - 1, 1)))
+        size = np.where(radius > 0.0, radius, 1.0)
         if not free[:d].all():
-            offset = centroid + (self.points[0] - self.origin)
-            carried = np.cross(axes, offset) if d == 3 else np.array([[-offset[1], offset[0]]])
-            carried[:, free[:d]] = 0.0
-            fields = fields + carried[:, None, :]
-        rows = (fields[:, self.finger_of_column] * a).sum(axis=2)  # (turns, m) [m]
-        turns = (rows / size + axes @ self.contacts.moment_axes.T)[free[d:]]
-        return np.vstack([a.T[free[:d]], turns]), size
+            offset = centroid + (self.points[..., 0, :] - self.origin)
+            carried = (
+                _cross(axes, offset[..., None, :])
+                if d == 3
+                else np.stack([-offset[..., 1], offset[..., 0]], axis=-1)[..., None, :]
+            )
+            carried[..., free[:d]] = 0.0
+            fields = fields + carried[..., :, None, :]
+        rows = (fields[..., self.finger_of_column, :] * a[..., None, :, :]).sum(axis=-1)  # (..., turns, m) [m]
+        turns = rows / size[..., None, None] + axes @ _transposed(self.contacts.moment_axes)
+        return np.concatenate([shifts, turns[..., free[d:], :]], axis=-2), size
+
+    def require_one(self, function: str) -> None:
+        """Require one set of contacts.
+
+        Raises:
+            InputError: there are many.
+        """
+        if self.sets:
+            raise InputError("points", self.points.shape, "one set of contacts (n, d)", f"call {function} for each set")
 
     def metric(self, *, torsion_length: float | None = None, weights: ArrayLike | None = None) -> FloatArray:
         """Compute M for `split`, (m,): weight of the finger, times torsion_length^2 for a moment [m^2].
@@ -112,6 +171,15 @@ class GraspMatrix:
             length = number("torsion_length", torsion_length, "a positive length [m]", CARRIED, zero=False)
             M[self.torsion_columns] *= length**2
         return M
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross product along the last axis."""
+    return np.asarray(a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT])
+
+
+def _transposed(A: FloatArray) -> FloatArray:
+    return np.swapaxes(A, -1, -2)
 
 
 def _mask(free: ArrayLike | None, w: int) -> NDArray[np.bool_]:

@@ -9,6 +9,8 @@ from graspfx.compile.records import Floats, Many, Table
 from graspfx.grasp.contact_state import Contact, FramedContact, Freedom, ModeMotion, motion_of
 from graspfx.spatial import ZERO, Vector, cross, dot, orthogonalise
 
+LEAST_ARM = 1e-13  # [m]: an rms arm below this is nothing but rounding
+SHORT_ARM = 1e-6  # [m]: below this rounding shows in how orthogonal a rotation is to the translations
 NO_ARM = 1e-9  # [m]: an rms arm up to this is rounding, and contacts lie on a line
 
 
@@ -30,8 +32,9 @@ def faded_weight(share: float, gap: float, start: float, end: float) -> float:
 
 @kernel
 def rigid_modes(
-    contacts: Many[Contact], freedom: Freedom, dimensions: int, low: float, high: float, width: int, modes: Table
-) -> tuple[int, int]:
+    contacts: Many[Contact], freedom: Freedom, dimensions: int, low: float, high: float, width: int, whole: bool,
+    modes: Table,
+) -> tuple[int, int]:  # fmt: skip
     """Compute the rigid modes q_k(i) = sqrt(w_i) (u_k + a_k x c_i) / norm, orthonormal, and their blend beta_k.
 
     The external projector is P = sum_k beta_k q_k q_k' (eq. 3) on displacements scaled by sqrt(w). Rotations enter with
@@ -39,6 +42,8 @@ def rigid_modes(
 
     With `width` 4 a finger's part ends with torsion about its normal in units of its patch length rho:
     sqrt(w_i) rho_i a_k . n_i / norm; rho = 0 for one that exerts none.
+
+    The `whole` set has those rotations too whose blend is zero: all motions of the contacts that a rigid body can make.
 
     Returns:
         The number of modes, and how many rotations with an arm of their own, more than `NO_ARM`, are not in it whole.
@@ -68,7 +73,7 @@ def rigid_modes(
     for k in range(freedom.turns):
         write_rotation(contacts, freedom, dimensions, k, origin, mean, width, modes)
     orthogonalise(modes, freedom.shifts, freedom.turns)
-    return keep_rotations(freedom, root, low, high, modes)
+    return keep_rotations(freedom, root, low, high, whole, modes)
 
 
 @kernel
@@ -95,7 +100,9 @@ def write_rotation(
 
 
 @kernel
-def keep_rotations(freedom: Freedom, root: float, low: float, high: float, modes: Table) -> tuple[int, int]:
+def keep_rotations(
+    freedom: Freedom, root: float, low: float, high: float, whole: bool, modes: Table
+) -> tuple[int, int]:
     """Scale to unit length all rotations with a blend; they come to stand behind the translations."""
     count, blended = freedom.shifts, 0
     for k in range(freedom.shifts, freedom.shifts + freedom.turns):
@@ -107,13 +114,26 @@ def keep_rotations(freedom: Freedom, root: float, low: float, high: float, modes
         beta = smoothstep(norm / root, low, high)
         if beta < 1.0 and norm > NO_ARM * root:
             blended += 1
-        if beta > 0.0:
+        if beta > 0.0 or (whole and norm > LEAST_ARM * root):
             to = modes[count]
             to[0] = beta
             for j in range(1, modes.columns):
                 to[j] = mode[j] / norm
+            if whole and norm < SHORT_ARM * root:
+                separate_mode(modes, freedom.shifts, count)
             count += 1
     return count, blended
+
+
+@kernel
+def separate_mode(modes: Table, count: int, k: int) -> None:
+    """Take out of mode k, whose rms arm is not much more than rounding, what it has of `count` others."""
+    for j in range(count):
+        along = 0.0
+        for a in range(1, modes.columns):
+            along += modes[j, a] * modes[k, a]
+        for a in range(1, modes.columns):
+            modes[k, a] -= along * modes[j, a]
 
 
 @kernel

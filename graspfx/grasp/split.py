@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspfx.card import Card, Carded, counted, span
 from graspfx.errors import InputError
+from graspfx.grasp.gain import SYMMETRIC
 from graspfx.grasp.matrix import GraspMatrix
 from graspfx.numeric import finite, number
 
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 CALLS = ".divide(f), .external, .internal, .internal_basis, .internal_coordinates(names)"
-SYMMETRIC = 1e-9  # relative: what a matrix may be off and still be taken as symmetric
+EPS = float(np.finfo(float).eps)
+MOST_ROWS = 6  # of G
+COARSE = 1e-3  # tolerance up to which an arm about the line through two contacts is that about the line nearest to all
 
 
 class UnitDependentSplitWarning(UserWarning):
@@ -33,11 +36,20 @@ class ContactSet(Protocol):
     """A set of contacts, as the split needs it; `grasp.matrix.GraspMatrix` answers."""
 
     fingers: int
-    finger_of_column: NDArray[np.int64]
-    torsion_columns: NDArray[np.bool_]
-    moment_rows: NDArray[np.bool_]
 
-    def unit_free(self) -> tuple[FloatArray, float]:
+    @property
+    def finger_of_column(self) -> NDArray[np.int64]:
+        """Contact that a column belongs to, (m,)."""
+
+    @property
+    def torsion_columns(self) -> NDArray[np.bool_]:
+        """Columns that are moments, (m,)."""
+
+    @property
+    def moment_rows(self) -> NDArray[np.bool_]:
+        """Rows that are moments of the wrench, (w,)."""
+
+    def unit_free(self) -> tuple[FloatArray, FloatArray]:
         """Give a matrix with the row space of G after torsion columns are multiplied by a length, and that length."""
 
 
@@ -55,21 +67,25 @@ class Split(Carded):
     At the default, contacts within 1e-6 R of a line leave the rotation about that line internal. The rank knows
     nothing of the metric. (Where translations are locked, a rotation keeps its own axis.)
 
+    Hard contacts on an object that is free to move, without a metric, are split by the kernels of `PointCoupling`: a
+    rotation about the line through them then has to move them by more than their coordinates are rounded, too.
+
+    Many sets of contacts, or a stack of matrices (..., w, m), are split at once, each as by itself: `rank` and
+    `condition` are then arrays (...), `external` and `internal` (..., m, m).
+
     Contacts with moments need a metric that says how long a radian is (`Grasp.metric`). Without one, M = I takes 1 rad
     for 1 m and warns: the result then depends on the unit of length.
 
     Args:
-        G: a `Grasp`, or a matrix (w, m), whose rank is the number of singular values above `tolerance` times the
-            largest.
+        G: a `Grasp`, or a matrix (w, m) or (..., w, m), whose rank is the number of singular values above `tolerance`
+            times the largest.
         metric: M on contact displacements: None for I, a diagonal (m,), a symmetric positive definite matrix (m, m), or
             for a `Grasp` a weight per finger (n,).
         tolerance: as above.
 
     Attributes:
         grasp: the `Grasp`, or None for a bare matrix.
-        metric: M, (m,) if it is diagonal, else (m, m).
-        rank: rank of G.
-        condition: largest over smallest kept singular value of what was factored (1 if none is kept).
+        sets: shape of the sets of contacts, () for one.
 
     Raises:
         InputError: a metric that does not fit or is not positive definite, values that are not finite, a tolerance
@@ -77,37 +93,119 @@ class Split(Carded):
     """
 
     def __init__(self, G: ContactSet | ArrayLike, *, metric: ArrayLike | None = None, tolerance: float = 1e-6) -> None:
-        tolerance = fraction("tolerance", tolerance)
-        self.grasp = G if isinstance(G, ContactSet) else None
-        if self.grasp is not None:
-            self.components = len(self.grasp.finger_of_column)
-            A, size = self.grasp.unit_free()
-            basis, values = _row_space(A, tolerance * np.sqrt(self.grasp.fingers))
-            if self.grasp.torsion_columns.any():
-                basis[self.grasp.torsion_columns] /= size
+        self._tolerance = fraction("tolerance", tolerance)
+        self.grasp: ContactSet | None = None
+        self._root: FloatArray | None = None
+        self.head: tuple[object, FloatArray | None] = (None, None)  # of the last coupling, and what kernels take of it
+        if isinstance(G, GraspMatrix):
+            self.grasp, self.sets = G, G.sets
+            self.components = G.components
+            self.of_points = metric is None and G.point_contacts and self._tolerance <= COARSE
+            if self.of_points:  # nothing to check
+                return
+        elif isinstance(G, ContactSet):
+            self.grasp, self.sets, self.of_points = G, (), False
+            self.components = len(G.finger_of_column)
         else:
-            bare = finite("G", cast(ArrayLike, G))
-            if bare.ndim != 2 or bare.shape[1] == 0:
-                raise InputError("G", bare, "a Grasp or a matrix (w, m)")
-            self.components = bare.shape[1]
-            largest = float(np.linalg.norm(bare, 2)) if bare.size else 0.0
-            basis, values = _row_space(bare, tolerance * largest)
-        self.rank = len(values)
-        self.condition = float(values[0] / values[-1]) if self.rank else 1.0
+            self.of_points = False
+            self._bare = finite("G", G)
+            if self._bare.ndim < 2 or self._bare.shape[-1] == 0:
+                raise InputError("G", self._bare, "a Grasp or a matrix (w, m)")
+            self.sets, self.components = self._bare.shape[:-2], self._bare.shape[-1]
         self.metric = self._checked(metric)
         self._root = self._root_of(metric)
-        self._motions = basis  # contact displacements of the object's free motions, spanning the rows of G: (m, rank)
-        # the same in the metric's own coordinates, L x with M = L L, orthonormal
-        orthonormal = self._root is None and (self.grasp is None or not self.grasp.torsion_columns.any())
-        self._modes = basis if orthonormal else np.linalg.qr(self.stretch(basis.T).T)[0]
+
+    @cached_property
+    def metric(self) -> FloatArray:
+        """M, (m,) if it is diagonal, else (m, m)."""
+        return np.ones(self.components)
+
+    @cached_property
+    def rank(self) -> Any:
+        """Rank of G: a whole number, or an array of them (...) for many sets."""
+        if self.of_points:
+            return self._point_modes[1]
+        count = (self._spectrum[1] > 0.0).sum(axis=-1)
+        return count if self.sets else int(count)
+
+    @cached_property
+    def condition(self) -> Any:
+        """Largest over smallest kept singular value of what was factored, (...); 1 if none is kept."""
+        values = self._values if self.of_points else self._spectrum[1]
+        if not values.shape[-1]:
+            return np.ones(self.sets) if self.sets else 1.0
+        rank = np.asarray(self.rank)[..., None]
+        least = np.take_along_axis(values, np.maximum(rank - 1, 0), axis=-1)[..., 0]
+        ratio = np.where(rank[..., 0] > 0, values[..., 0] / np.where(least > 0.0, least, 1.0), 1.0)
+        return ratio if self.sets else float(ratio)
+
+    @cached_property
+    def _motions(self) -> FloatArray:
+        """Contact displacements of the object's free motions, spanning the rows of G: (..., m, rank).
+
+        Columns beyond a set's rank are zero.
+        """
+        return self._point_modes[0] if self.of_points else self._spectrum[0]
+
+    @cached_property
+    def _modes(self) -> FloatArray:
+        """The motions in the metric's own coordinates, L x with M = L L, orthonormal."""
+        if self._root is None and (self.grasp is None or self.of_points or not self.grasp.torsion_columns.any()):
+            return self._motions
+        Q = np.linalg.qr(_transposed(self.stretch(_transposed(self._motions))))[0]
+        return Q * (np.arange(Q.shape[-1]) < np.asarray(self.rank)[..., None])[..., None, :] if self.sets else Q
+
+    @cached_property
+    def _point_modes(self) -> tuple[FloatArray, Any]:
+        """Modes and rank of point contacts, by a kernel."""
+        from graspfx.grasp.point_sets import point_modes
+
+        points = self.points.points
+        modes, ranks = point_modes(points.reshape(-1, *points.shape[-2:]), self.point_tolerance)
+        if not self.sets:
+            return modes[0, : ranks[0]].T, int(ranks[0])
+        return _transposed(modes.reshape(*self.sets, *modes.shape[-2:])), ranks.reshape(self.sets)
+
+    @property
+    def points(self) -> GraspMatrix:
+        """The grasp of point contacts."""
+        assert isinstance(self.grasp, GraspMatrix)
+        return self.grasp
+
+    @property
+    def point_tolerance(self) -> float:
+        """The tolerance of point contacts, no less than rounding."""
+        return max(self._tolerance, max(self.components, MOST_ROWS) * EPS)
+
+    @property
+    def _values(self) -> FloatArray:
+        """All singular values of what is factored, the largest first."""
+        assert self.grasp is not None
+        return np.asarray(np.linalg.svd(self.grasp.unit_free()[0], compute_uv=False))
+
+    @cached_property
+    def _spectrum(self) -> tuple[FloatArray, FloatArray]:
+        """Orthonormal basis (..., m, rank) of the rows of G, and singular values, zero where they do not count."""
+        if self.grasp is None:
+            basis, values = _row_space(self._bare, relative=self._tolerance)
+        else:
+            A, size = self.grasp.unit_free()
+            basis, values = _row_space(A, self._tolerance * np.sqrt(self.grasp.fingers))
+            if self.grasp.torsion_columns.any():
+                basis[..., self.grasp.torsion_columns, :] /= np.asarray(size)[..., None, None]
+        return basis if self.sets else basis[:, : (values > 0.0).sum()], values
 
     def _card(self) -> Card:
         kind = "" if self.grasp is None else f" of {counted(self.grasp.fingers, 'contact')}"
+        rank = f"{self.rank}: the external forces' dimensions; {self.components - self.rank} internal"
+        if self.sets:
+            rank = f"{span(self.rank.ravel(), '')}: the external forces' dimensions"
         metric = "equal" if self._root is None else f"given, of {span(self._weights(), '')}".rstrip()
         rows = [
+            ("sets", " x ".join(map(str, self.sets))),
             ("components", f"{self.components} of the contact forces{kind}"),
-            ("rank", f"{self.rank}: the external forces' dimensions; {self.components - self.rank} internal"),
-            ("condition", f"{self.condition:.4g}"),
+            ("rank", rank),
+            ("condition", span(np.atleast_1d(self.condition).ravel(), "") if self.sets else f"{self.condition:.4g}"),
             ("metric", metric),
         ]
         return Card("Split into external and internal forces, eq. (3)", rows, CALLS)
@@ -117,25 +215,36 @@ class Split(Carded):
 
     @cached_property
     def external(self) -> FloatArray:
-        """P on forces, (m, m)."""
+        """P on forces, (m, m), or (..., m, m) of many sets."""
         if self._root is None:
-            return self._modes @ self._modes.T
-        return self.project(np.eye(self.components)).T
+            return np.asarray(self._modes @ _transposed(self._modes))
+        return _transposed(self._project_rows(np.eye(self.components)))
 
     @cached_property
     def internal(self) -> FloatArray:
-        """I - P on forces, (m, m)."""
+        """I - P on forces, (..., m, m)."""
         return np.eye(self.components) - self.external
 
     @cached_property
     def displacement_external(self) -> FloatArray:
-        """Q = P' on displacements, (m, m): the best-fitting rigid motion in the metric."""
-        return self.external.T
+        """Q = P' on displacements, (..., m, m): the best-fitting rigid motion in the metric."""
+        return _transposed(self.external)
 
     @cached_property
     def internal_basis(self) -> FloatArray:
-        """Orthonormal basis (m, m - rank) of the forces without a wrench: the null space of G."""
-        return np.linalg.qr(self._motions, mode="complete")[0][:, self.rank :]
+        """Orthonormal basis (..., m, m - rank) of the forces without a wrench: the null space of G.
+
+        Raises:
+            InputError: sets of contacts whose ranks differ.
+        """
+        rank = self.rank
+        if self.sets:
+            ranks = np.unique(rank)
+            if len(ranks) > 1:
+                expected = "sets of contacts of one rank"
+                raise InputError("rank", ranks.tolist(), expected, "split those of each rank by themselves")
+            rank = int(ranks[0])
+        return np.linalg.qr(self._motions[..., :rank], mode="complete")[0][..., rank:]
 
     def internal_coordinates(self, names: Sequence[str] | None = None) -> InternalCoordinates:
         """Give internal forces as named tensions, bendings and torsions of the fingers; see `InternalCoordinates`.
@@ -150,22 +259,32 @@ class Split(Carded):
 
         if not isinstance(self.grasp, GraspMatrix):
             raise InputError("split", self.grasp, "the split of a Grasp", "a bare matrix does not know its contacts")
+        self.grasp.require_one("internal_coordinates")
         return internal_coordinates(self.grasp, self, self.rank, names)
 
     def divide(self, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Divide contact forces (m,) or (..., m) into external and internal parts; their sum is the force."""
+        """Divide contact forces (m,) or (..., m) into external and internal parts; their sum is the force.
+
+        Forces of many sets of contacts are (..., m), one for each set, or one for all.
+        """
         f = finite("force", force)
-        if f.shape[-1:] != (self.components,):
+        if f.shape[-1:] != (self.components,) or not fits(f.shape[:-1], self.sets):
             raise InputError("force", f, f"an array whose last axis has the {self.components} contact components")
         external = self.project(f)
         return external, f - external
 
     def project(self, force: FloatArray) -> FloatArray:
         """Project P f for forces (..., m), unchecked."""
+        if not self.sets:
+            return self._project_rows(force)
+        return np.asarray(self._project_rows(force[..., None, :])[..., 0, :])
+
+    def _project_rows(self, forces: FloatArray) -> FloatArray:
+        """Project rows (..., k, m), of each set those along the last axis but one."""
         U = self._modes
         if self._root is None:
-            return (force @ U) @ U.T
-        return self.stretch((self.stretch(force, inverse=True) @ U) @ U.T)
+            return np.asarray((forces @ U) @ _transposed(U))
+        return self.stretch((self.stretch(forces, inverse=True) @ U) @ _transposed(U))
 
     def stretch(self, x: FloatArray, *, inverse: bool = False) -> FloatArray:
         """Stretch rows x (..., m) to L x, L = M^(1/2) symmetric; or to L^-1 x."""
@@ -177,15 +296,15 @@ class Split(Carded):
         return np.asarray(np.linalg.solve(L, x[..., None])[..., 0] if inverse else x @ L)
 
     def weigh(self, x: FloatArray) -> FloatArray:
-        """Weigh a vector x (m,): M x."""
+        """Weigh vectors x (..., m): M x."""
         if self._root is None:
             return x
-        return self.metric * x if self.metric.ndim == 1 else self.metric @ x
+        return self.metric * x if self.metric.ndim == 1 else np.asarray((self.metric @ x[..., None])[..., 0])
 
     def modal_metric(self) -> FloatArray:
-        """Compute M Q = L U U' L, (m, m), symmetric to the last bit: one unit of external stiffness."""
-        LU = self.stretch(self._modes.T)
-        return LU.T @ LU
+        """Compute M Q = L U U' L, (..., m, m), symmetric to the last bit: one unit of external stiffness."""
+        LU = self.stretch(_transposed(self._modes))
+        return np.asarray(_transposed(LU) @ LU)
 
     def _checked(self, metric: ArrayLike | None) -> FloatArray:
         m = self.components
@@ -227,22 +346,45 @@ class Split(Carded):
 
 def fraction(name: str, argument: float) -> float:
     """Check a relative tolerance in [0, 1)."""
+    if type(argument) is float and 0.0 <= argument < 1.0:
+        return argument
     value = number(name, argument, "a relative tolerance in [0, 1)")
     if value >= 1.0:
         raise InputError(name, argument, "a relative tolerance in [0, 1)")
     return value
 
 
-def _row_space(A: FloatArray, threshold: float) -> tuple[FloatArray, FloatArray]:
-    """Find an orthonormal basis (m, rank) of the row space of A, and the singular values above the threshold."""
+def fits(shape: tuple[int, ...], sets: tuple[int, ...]) -> bool:
+    """Tell whether axes of an array go with those of the sets of contacts; with one set all do."""
+    if not sets:
+        return True
+    try:
+        np.broadcast_shapes(shape, sets)
+    except ValueError:
+        return False
+    return True
+
+
+def _row_space(A: FloatArray, absolute: float = 0.0, relative: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Find orthonormal bases (..., m, k) of the row spaces of A, and the singular values (..., k) above a threshold.
+
+    Columns beyond the rank are zero, as are the values.
+    """
     if not A.size:
-        return np.zeros((A.shape[1], 0)), np.zeros(0)
+        return np.zeros((*A.shape[:-2], A.shape[-1], 0)), np.zeros((*A.shape[:-2], 0))
     values, rows = np.linalg.svd(A, full_matrices=False)[1:]
-    noise = max(A.shape) * np.finfo(float).eps * values[0]
-    values = values[values > max(threshold, noise)]
-    lengths = np.sqrt((A**2).sum(axis=1))
-    independent = lengths > max(threshold, noise)
-    if independent.sum() == len(values):
+    noise = max(A.shape[-2:]) * EPS
+    least = np.maximum(absolute, max(relative, noise) * values[..., :1])
+    counting = values > least
+    lengths = np.sqrt((A**2).sum(axis=-1))
+    independent = lengths > least
+    graded = independent.sum(axis=-1) == counting.sum(axis=-1)
+    if graded.any():
         # rows of very different length, each accurate in itself: unit rows keep that accuracy
-        rows = np.linalg.svd(A[independent] / lengths[independent, None], full_matrices=False)[1:][1]
-    return rows[: len(values)].T.copy(), values
+        unit = np.where(independent, 1.0 / np.where(independent, lengths, 1.0), 0.0)[..., None] * A
+        rows = np.where(graded[..., None, None], np.linalg.svd(unit, full_matrices=False)[2], rows)
+    return _transposed(rows * counting[..., None]), values * counting
+
+
+def _transposed(A: FloatArray) -> FloatArray:
+    return np.swapaxes(A, -1, -2)

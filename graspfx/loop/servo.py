@@ -20,9 +20,10 @@ from graspfx.loop.plant import FusedPlant
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
-from graspfx.loop.tick.engine import ENGINES, Engine, Interpreted
+from graspfx.loop.tick.engine import engine_for
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
+from graspfx.loop.tick.programs import Engine, Generic, Interpreted
 from graspfx.loop.tick.script import Port, Tick
 from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
@@ -41,7 +42,7 @@ class Servo:
     after a tick the next one takes, and after the last one `run` itself.
 
     Args:
-        engine: "auto", "compiled" or "interpreted".
+        engine: "auto", "generic", "compiled" or "interpreted".
         record: whether ticks are recorded; else `run` takes no recorder.
         every: ticks from one recorded row to the next.
     """
@@ -70,7 +71,6 @@ class Servo:
         self._kind, self._record = engine, record
         self._engine: Engine | None = None  # made at the first tick
         self.watch = Watch(objects)  # of numbers that only `write` changes
-        self._written = False  # numbers, since the last sample
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
 
     @property
@@ -142,9 +142,6 @@ class Servo:
             InputError: a number was written into a block by another way, as of `run`; nothing has changed then.
         """
         self.watch.require()
-        for part in self.objects:
-            part.grasped.note_rule()
-        self._written = True
         for memory, entries, numbers in update.entries:
             memory[entries] = numbers
         for each, other in update.parts:
@@ -162,9 +159,9 @@ class Servo:
             self._tick = write(self.parts, record=self._record)
             self._own = ServoState(self._tick.own.data)
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
-            if self._kind != Interpreted.name:
+            if self._kind not in (Interpreted.name, Generic.name):
                 self.watch.fold(self.parts, self._tick)
-            self._engine = ENGINES[self._kind](self._tick)
+            self._engine = engine_for(self._kind, self._tick)
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
@@ -242,10 +239,6 @@ class Servo:
 
     def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
         self.ticks += count
-        if self._written and count:
-            for part in self.objects:
-                part.grasped.last_rule = None
-            self._written = False
         if recorder is not None:
             recorder.take(count)
         self._notice(recorder)

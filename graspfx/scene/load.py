@@ -126,7 +126,7 @@ def _unknown(keys: AbstractSet[str], parameters: AbstractSet[str]) -> Iterator[F
     names = parameters | Scene.model_fields.keys()
     for key in sorted(keys):
         if key.split(".")[0] not in names:
-            close = closest(key, names)
+            close = closest(key.partition(".")[0], names)
             hint = (
                 f"; did you mean {close!r}?" if close else f"; scene() takes {', '.join(sorted(parameters)) or 'none'}"
             )

@@ -159,9 +159,8 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
         rows_ = [_changes(_positions(columns, a, strokes, height)) for a in axes]
         displacements = [view.displacement_modes for view in columns]
         forces = [view.force_modes for view in columns]
-        along = sorted({*pushes(displacements), *pushes(forces)})
-        rows_ += _parts("displacement [mm]", columns, displacements, along, MM)
-        rows_ += _parts("force [N]", columns, forces, along, 1.0)
+        rows_ += _parts("displacement [mm]", columns, displacements, pushes(displacements), MM)
+        rows_ += _parts("force [N]", columns, forces, pushes(forces), 1.0)
         if not any(forces) or any(len(view.fingers) > 2 for view in columns):
             panels = tuple(_forces(view, strokes) for view in columns)
             rows_.append(Row("force of a\nfinger [N]", panels, LOW, signed=True))
@@ -170,9 +169,13 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
-    """Pick the axes along which a view moves by more than a share of its main axis; of views at rest, the first."""
-    axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * each.max()) if each.max() > 0.0}
-    return sorted(axes) or [0]
+    """Pick the axes along which a view moves by more than a share of the farthest way of all; of none, the first.
+
+    Views share an ordinate: what is little on it looks flat, however much it is of its own view.
+    """
+    farthest = max((float(each.max()) for each in ranges), default=0.0)
+    axes = {int(a) for each in ranges for a in np.flatnonzero(each >= SHARE * farthest)}
+    return sorted(axes) if farthest > 0.0 else [0]
 
 
 def _ranges(view: View) -> FloatArray:

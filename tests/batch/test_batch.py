@@ -182,7 +182,13 @@ def test_keys_of_one_part_are_built_together(line):
         np.testing.assert_array_equal(require(batch.recordings).item(index).rows, single(line, batch, index, 0.1).rows)
 
 
-def test_few_variants_are_built(line):
+@pytest.fixture
+def by_values(monkeypatch):
+    """Take no key for a plain one: a variant is built for each value of a key."""
+    monkeypatch.setattr("graspfx.batch.variants.plain_keys", lambda *rest: [])
+
+
+def test_few_variants_are_built(line, by_values):
     values = {"object.mass": np.linspace(0.05, 0.5, 20).tolist(), BV: np.linspace(0.61, 2.0, 20).tolist()}
     numbers = np.indices((20, 20)).reshape(2, -1).T
     variants = Variants(line, values, numbers)
@@ -205,7 +211,7 @@ def test_equal_gains_have_a_program_of_their_own(line, jobs):
         np.testing.assert_array_equal(batch["object_position"]["last"][index], run.object_position[-1])
 
 
-def test_what_does_not_add_up_is_built_whole(line, monkeypatch):
+def test_what_does_not_add_up_is_built_whole(line, by_values, monkeypatch):
     values = {KEP: np.linspace(20.0, 60.0, 5), BV: np.linspace(0.5, 1.0, 4)}
     expected = gx.run_batch(line, values, 0.1)
     monkeypatch.setattr(Variants, "_holds", lambda self, group, structure: False)
@@ -215,7 +221,7 @@ def test_what_does_not_add_up_is_built_whole(line, monkeypatch):
     require_same(found, expected)
 
 
-def test_a_wrong_entry_is_found(line):
+def test_a_wrong_entry_is_found(line, by_values):
     values = {KEP: np.linspace(20.0, 60.0, 5).tolist(), BV: np.linspace(0.5, 1.0, 5).tolist()}
     variants = Variants(line, values, np.indices((5, 5)).reshape(2, -1).T)
     [group] = variants.groups()

@@ -17,6 +17,8 @@ pytestmark = pytest.mark.alone
 BRIEF = Effort(rounds=9, batch=200_000, most=300_000_000, least=2, singles=1)
 
 
+FACE = "GraspFX Grasp.split, Coupling.force"
+SPLIT = "5 fingers, contacts fixed"
 NORMALS = "frictionless, 5 fingers, gains' ratio 3"
 PIVOTING = "GraspFX pivoting, compiled"
 WALL = "device on a wall, 60 by 60"
@@ -40,6 +42,9 @@ def method_of(case: Case, name: str) -> tuple[Method, Row]:
     [
         pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "numpy pinv", 90.0, id="direct-pinv"),
         pytest.param("eq4", "5 fingers", "GraspFX PointCoupling, compiled", "scipy posv", 25.0, id="direct-posv"),
+        pytest.param("eq4", "5 fingers", FACE, "numpy pinv", 2.5, id="face-pinv"),
+        pytest.param("eq4", SPLIT, "GraspFX Coupling.force, split known", "numpy, P known", 0.5, id="face-P-known"),
+        pytest.param("eq4", "1000 sets of 5 fingers, one call", FACE, "numpy pinv, stacked", 25.0, id="face-many"),
         pytest.param("projection", NORMALS, "GraspFX pivoting, compiled", "clarabel to 1e-08", 8.0, id="cone-clarabel"),
         pytest.param("maps", WALL, "GraspFX, numpy", "numpy eigenvalues, Brent", 100.0, id="map-eigenvalues"),
         pytest.param("startup", "whole processes", "import graspfx", "import numpy", 0.77, id="import-numpy"),

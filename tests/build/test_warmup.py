@@ -37,8 +37,9 @@ def test_a_scene_of_kernels_is_one_call_and_its_program_is_where_warmup_puts_it(
     assert f"not in {folder} yet" in before["program"] and "graspfx warmup" in before["program"]
     for state in ("compiled", "was there"):
         assert main(["warmup", "reference-1dof"]) == 0
-        line, last = capsys.readouterr().out.splitlines()
-        assert line.startswith(f"reference-1dof  {state}") and line.endswith(" kB") and last == f"in {folder}"
+        kernels_, line, last = capsys.readouterr().out.splitlines()
+        assert kernels_.startswith("kernels of all scenes") and kernels_.endswith(" kB")
+        assert line.split()[0] == "reference-1dof" and state in line and line.endswith(" kB") and last == f"in {folder}"
     assert f"kB in {folder}" in said(scene)["program"]
     assert main(["warmup", "reference-1dof", "--set", "coupling.internal.stiffness=30.0"]) == 0
     assert "compiled" in capsys.readouterr().out  # equal gains are another program
@@ -78,14 +79,15 @@ def test_a_real_device_is_neither_opened_nor_timed(tmp_path: Path) -> None:
     finger = {"start": [-0.025], "device": {"name": str(tmp_path / "real.py")}}
     found = said(gx.Scene(**{**LINE, "finger": [finger, LINE["finger"][1]]}))
     assert "the device of finger0 (Real) is no kernel" in found["calls"]
-    assert "in the first 16, with the devices" in found["engine"]
+    assert "kernels compiled for all scenes, for 20 ticks" in found["engine"]
 
 
 @pytest.mark.parametrize(
     ("engine", "duration", "says"),
     [
-        ("auto", 0.1, "interpreted, 20 ticks"),
-        ("auto", 1e5, "compiled after the first 16 of 20000000 ticks"),
+        ("auto", 0.1, "kernels compiled for all scenes, for 20 ticks; from 10000000 on"),
+        ("auto", 1e5, "kernels compiled for all scenes, for 20000000 ticks, until a program is specialised"),
+        ("generic", 0.1, "kernels compiled for all scenes, as the scene says"),
         ("compiled", 0.1, "compiled, before the first tick, as the scene says"),
         ("interpreted", 0.1, "interpreted, as the scene says"),
     ],
@@ -116,7 +118,7 @@ def test_a_scene_that_cannot_be_compiled_is_told_and_the_others_are(
 ) -> None:
     monkeypatch.setattr(warm, "processors", lambda: 1)
     assert main(["warmup", "nosuch", "reference-1dof"]) == 2
-    first, second, _ = capsys.readouterr().out.splitlines()
+    _, first, second, _ = capsys.readouterr().out.splitlines()
     assert "cannot" in first and "unknown scene 'nosuch'" in first
     assert "compiled" in second
 

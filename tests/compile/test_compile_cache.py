@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graspfx.compile import cache, native
+from graspfx.compile import cache, emission, native
 from graspfx.compile.native import compiled
 from graspfx.errors import InputError, MissingPackageError
 
@@ -115,11 +115,12 @@ def test_a_user_without_a_folder_compiles_every_time(monkeypatch: pytest.MonkeyP
 def test_code_of_another_wrapper_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`method.py` writes a part of the machine code too."""
     shutil.copytree(Path(native.__file__).parent / "llvm", tmp_path / "llvm")
-    shutil.copy(native.__file__, tmp_path)
-    monkeypatch.setattr(native, "__file__", str(tmp_path / "native.py"))
-    before = native._back_end.__wrapped__()
+    for module in (native, emission):
+        shutil.copy(str(module.__file__), tmp_path)
+    monkeypatch.setattr(emission, "__file__", str(tmp_path / "emission.py"))
+    before = emission._back_end.__wrapped__()
     (tmp_path / "llvm" / "method.py").write_text("# another one\n")
-    assert native._back_end.__wrapped__() != before
+    assert emission._back_end.__wrapped__() != before
 
 
 def test_the_folder_stays_within_its_limit(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,7 @@ def test_numbers_that_a_module_read_are_those_of_now(folders: Path) -> None:
     assert entry(folders, "one") == 10.25
     (folders / "shared" / "offsets.py").write_text("OFFSET = 0.5\n")
     assert entry(folders, "one") == 10.5
-    assert len(list((folders / "cache").iterdir())) == 1
+    assert len([path for path in (folders / "cache").iterdir() if not path.name.startswith("sources-")]) == 1
 
 
 def test_a_driver_of_the_same_name_elsewhere_is_another(folders: Path) -> None:

@@ -271,7 +271,9 @@ def test_modes_with_torsion_compile_to_the_same_bits() -> None:
         counts = modes_of(sets[0], 3, 0.1, 2.0), modes_of(sets[1], 3, 0.1, 2.0, written(rigid_modes))
         one, S = sets[2], sets[2].buffer
         group = (S, one.contacts.offset, one.contacts.stride, 3)
-        count, blended = twin(*group, S, one.freedom.offset, 3, 0.1, 2.0, 4, S, one.modes.offset, one.modes.columns)
+        count, blended = twin(
+            *group, S, one.freedom.offset, 3, 0.1, 2.0, 4, False, S, one.modes.offset, one.modes.columns
+        )
         assert counts[0] == counts[1] == (count, blended)
         assert sets[0].buffer.tobytes() == sets[1].buffer.tobytes() == S.tobytes()
 

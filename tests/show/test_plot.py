@@ -18,6 +18,7 @@ import graspfx as gx
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import InputError
 from graspfx.loop.recording.record import Recording
+from graspfx.show.panels import _axes_worth_showing
 from graspfx.show.plot import figure
 from graspfx.show.style import EXTERNAL, FINGERS, INTERNAL
 from tests.support.recordings import PERIOD, layout, recording, waving
@@ -461,3 +462,13 @@ def test_no_pyplot_draws() -> None:
 
 def test_fingers_have_other_colours_than_the_two_forces() -> None:
     assert not {EXTERNAL, INTERNAL} & set(FINGERS)
+
+
+def test_an_axis_that_would_look_flat_beside_others_is_not_drawn() -> None:
+    """A share of the farthest way of all views counts: they share an ordinate."""
+    shakes, calm = np.array([1.0, 0.02]), np.array([0.05, 0.03])
+    assert _axes_worth_showing([calm]) == [0, 1]
+    assert _axes_worth_showing([shakes, calm]) == [0]
+    assert _axes_worth_showing([shakes, np.array([0.0, 0.4])]) == [0, 1]
+    assert _axes_worth_showing([np.zeros(2)]) == [0]
+    assert _axes_worth_showing([]) == [0]

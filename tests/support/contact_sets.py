@@ -46,5 +46,5 @@ def modes_of(
     contacts: ContactSet, d: int, low: float, high: float, kernel: Callable[..., Any] = rigid_modes
 ) -> tuple[int, int]:
     """Compute the modes; give how many, and how many rotations are not in them whole."""
-    count, blended = kernel(contacts.contacts, contacts.freedom, d, low, high, contacts.width, contacts.modes)
+    count, blended = kernel(contacts.contacts, contacts.freedom, d, low, high, contacts.width, False, contacts.modes)
     return int(count), int(blended)

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.analysis.arguments import numbers
 from graspfx.analysis.critical import edges, first_loss, is_stable
 from graspfx.analysis.discrete import INTEGRATORS
-from graspfx.analysis.maps import map_compiled
 from graspfx.analysis.sampled_plant import ObjectOptions, Plant, plant_on_wall, plant_with_object
 
 FloatArray = NDArray[np.float64]
@@ -99,6 +98,8 @@ def external_stable_map(
 def _limit_map(plant: Plant, engine: str) -> FloatArray:
     shape = plant.shape
     limit = np.empty(shape).reshape(-1)
+    from graspfx.analysis.maps import map_compiled  # brings the compiler, which no other limit needs
+
     if map_compiled.is_compiled(engine, limit.size, covered=plant.plain):
         size, find = map_compiled.BLOCK, _compiled_losses
     else:
@@ -113,6 +114,8 @@ def _first_losses(block: Plant) -> FloatArray:
 
 
 def _compiled_losses(block: Plant) -> FloatArray:
+    from graspfx.analysis.maps import map_compiled
+
     device = block.mass, block.friction, block.period, block.spring
     if block.object_mass is None:
         return map_compiled.wall_limits(*device)

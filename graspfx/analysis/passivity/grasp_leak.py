@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspfx.analysis.arguments import number, one_of
 from graspfx.analysis.passivity.display import symmetric
 from graspfx.errors import InputError
+from graspfx.exponential import expm1
 from graspfx.numeric import SMALLEST, finite
 
 FloatArray = NDArray[np.float64]
@@ -193,9 +194,8 @@ def grasp_display(
     slows, pushes = np.linalg.solve(M, Bo), np.linalg.solve(M, G)
     zero, one = np.zeros((w, w)), np.eye(w)
     if integrator == "exact":
-        from scipy.linalg import expm
-
-        flow = expm(T * np.block([[zero, one, 0 * G], [zero, -slows, pushes], [np.zeros((m, 2 * w + m))]]))
+        flow = expm1(T * np.block([[zero, one, 0 * G], [zero, -slows, pushes], [np.zeros((m, 2 * w + m))]]))
+        flow += np.eye(len(flow))
         move, push = flow[: 2 * w, : 2 * w], flow[: 2 * w, 2 * w :]
     else:
         speed = np.hstack([zero, one - T * slows])

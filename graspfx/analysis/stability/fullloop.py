@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.linearisation import Linearisation, Subject, linear_of
+from graspfx.exponential import expm1
 
 FloatArray = NDArray[np.float64]
 
@@ -150,20 +152,48 @@ def uncoupled(linear: Linearisation) -> Motions:
 
 def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
     """Map (x, x') and forces held on the devices to (x, x') after T: (2 m, 2 m), (2 m, m)."""
-    from scipy.linalg import expm
-
     m, T = len(linear.mass), linear.period
+    K, B = linear.hand_stiffness, linear.hand_damping
+    if not (K - np.diag(np.diag(K))).any() and not (B - np.diag(np.diag(B))).any():
+        return _apart(linear)
+    per_mass = 1.0 / linear.mass[:, None]
+    E = _held(per_mass * K, per_mass * (np.diag(linear.friction) + B), per_mass * np.eye(m), T)
+    return E[:, : 2 * m], E[:, 2 * m :]
+
+
+def _held(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: float) -> FloatArray:
+    """Map (x, x', F) to (x, x') after T under x'' = -stiffness x - damping x' + push F, (2 m, 3 m)."""
+    m = len(push)
     A = np.zeros((3 * m, 3 * m))
-    per_mass = (T / linear.mass)[:, None]
     A[:m, m : 2 * m] = np.eye(m)  # in s = t/T, for x and T x'
-    A[m : 2 * m, :m] = -T * per_mass * linear.hand_stiffness
-    A[m : 2 * m, m : 2 * m] = -per_mass * (np.diag(linear.friction) + linear.hand_damping)
-    A[m : 2 * m, 2 * m :] = T * per_mass * np.eye(m)
-    E = np.asarray(expm(A), dtype=float)[: 2 * m]
+    A[m : 2 * m, :m] = -T * T * stiffness
+    A[m : 2 * m, m : 2 * m] = -T * damping
+    A[m : 2 * m, 2 * m :] = T * T * push
+    E = expm1(A)[: 2 * m]
+    np.einsum("ii->i", E[:, : 2 * m])[:] += 1.0
     E[:m, m : 2 * m] *= T
     E[m:] /= T
     E[m:, m : 2 * m] *= T
-    return E[:, : 2 * m], E[:, 2 * m :]
+    return E
+
+
+def _apart(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
+    """Compute `held_devices` of coordinates that hands do not couple: each is alone."""
+    m = len(linear.mass)
+    rows = zip(linear.mass, linear.friction, np.diag(linear.hand_stiffness), np.diag(linear.hand_damping), strict=True)
+    E = np.zeros((2, m, 3, m))
+    i = np.arange(m)
+    E[:, i, :, i] = [_held_alone(float(k / mass), float((b + B) / mass), float(1.0 / mass), linear.period)
+                     for mass, b, k, B in rows]  # fmt: skip
+    wide = E.reshape(2 * m, 3 * m)
+    return wide[:, : 2 * m], wide[:, 2 * m :]
+
+
+@lru_cache(maxsize=256)
+def _held_alone(stiffness: float, damping: float, push: float, T: float) -> FloatArray:
+    """Compute `_held` of one coordinate; alike ones are many."""
+    one = np.ones((1, 1))
+    return _held(stiffness * one, damping * one, push * one, T)
 
 
 def object_matrices(
@@ -173,7 +203,16 @@ def object_matrices(
 
     Under "implicit" q and s are also what the force is solved with.
     """
-    n = len(inertia)
+    figures = (np.ascontiguousarray(each, dtype=float).tobytes() for each in (inertia, viscosity))
+    return _object_matrices(integrator, len(inertia), *figures, T)
+
+
+@lru_cache(maxsize=64)
+def _object_matrices(
+    integrator: str, n: int, inertia_entries: bytes, viscosity_entries: bytes, T: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Compute `object_matrices`, once for an object whatever pushes it."""
+    inertia, viscosity = (np.frombuffer(each).reshape(n, n) for each in (inertia_entries, viscosity_entries))
     I = np.eye(n)  # noqa: E741 (the identity's letter)
     per: FloatArray = np.asarray(np.linalg.inv(inertia), dtype=float)
     a: FloatArray = per @ viscosity
@@ -184,15 +223,11 @@ def object_matrices(
     if integrator == "implicit":
         R: FloatArray = np.asarray(np.linalg.inv(I + T * a), dtype=float)
         return T * R, T * T * R @ per, R, T * R @ per
-    from scipy.linalg import expm
-
-    A = np.zeros((3 * n, 3 * n))  # q, T w, F
-    A[:n, n : 2 * n], A[n : 2 * n, n : 2 * n], A[n : 2 * n, 2 * n :] = I, -T * a, T * T * per
-    E = np.asarray(expm(A), dtype=float)
-    R, s = E[n : 2 * n, n : 2 * n], E[n : 2 * n, 2 * n :] / T
+    E = _held(np.zeros((n, n)), a, per, T)
+    R, s = E[n:, n : 2 * n], E[n:, 2 * n :]
     if integrator == "bullet":
         return T * R, T * s, R, s
-    return T * E[:n, n : 2 * n], E[:n, 2 * n :], R, s
+    return E[:n, n : 2 * n], E[:n, 2 * n :], R, s
 
 
 def radius_of(linear: Linearisation, *, drift: bool = False) -> float:

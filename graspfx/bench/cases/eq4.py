@@ -12,7 +12,16 @@ import graspfx as gx
 from graspfx.bench.case import Case, Method, each, is_installed, missing
 from graspfx.bench.cases.contact_sets import ContactSet, contact_sets
 from graspfx.bench.cases.eq4_fixed import fixed_case
-from graspfx.bench.cases.eq4_methods import EXTERNAL, INTERNAL, WRONG, Pair, force_method, relative_error
+from graspfx.bench.cases.eq4_many import many_case
+from graspfx.bench.cases.eq4_methods import (
+    EXTERNAL,
+    INTERNAL,
+    WRONG,
+    Pair,
+    force_method,
+    load_machine_code,
+    relative_error,
+)
 from graspfx.bench.oracles.exact import split_force
 from graspfx.bench.peers.eq4_peers import PEERS, GraspMatrix, Project, closed_form
 from graspfx.compile.kernel import kernel, source_function
@@ -35,7 +44,8 @@ FIXED = ("2 fingers", "5 fingers", "20 fingers", "100 fingers")
 TITLE = "Eq. (4)"
 LIMITS = """
 Contacts change at every call, so that each method starts from points, but in the cases that say "contacts fixed".
-"Grasp.split, Coupling.force" is the call `law.force(gx.Grasp(points).split(), e)`. PointCoupling is made once, which
+"Grasp.split, Coupling.force" is the call `law.force(gx.Grasp(points).split(), e)`; a process runs its first contacts
+interpreted, some milliseconds of them, then machine code if the cache has it. PointCoupling is made once, which
 compiles for a second, once on a machine; "written and read" copies points and displacements into it and forces out of
 it, "in place" leaves both out, for a loop that computes its points there. "Tick" and "direct kernel" are inside of the
 framework: nobody calls them so. Peers build G about the origin, in place, and use their library's tolerance for the
@@ -46,7 +56,7 @@ Equal weights, hard fingers in space, no damping.
 
 
 def cases(quick: bool) -> Iterator[Case]:
-    """Compare methods on every set of contacts, then on some whose contacts are fixed."""
+    """Compare methods on every set of contacts, then on some whose contacts are fixed, then on thousands at once."""
     sets = list(contact_sets(quick))
     for contacts in sets:
         pairs = list(zip(contacts.points, contacts.displacements, strict=True))
@@ -56,6 +66,7 @@ def cases(quick: bool) -> Iterator[Case]:
     for contacts in sets:
         if contacts.name in FIXED:
             yield fixed_case(contacts)
+    yield many_case(quick)
 
 
 def _peers(contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Iterator[Method]:
@@ -86,6 +97,7 @@ def _ours(contacts: ContactSet, pairs: Sequence[Pair], exact: FloatArray) -> Ite
     def by_split(pair: Pair) -> FloatArray:
         return law.force(gx.Grasp(pair[0]).split(tolerance=contacts.tolerance), pair[1].ravel())
 
+    load_machine_code()
     yield force_method("GraspFX Grasp.split, Coupling.force", by_split, pairs, exact)
     for engine in ("interpreted", "compiled"):
         yield from _direct(contacts, pairs, exact, law, engine)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import graspfx as gx
 from graspfx.bench.case import Case, Method, is_installed, missing
 from graspfx.bench.cases.contact_sets import ContactSet
-from graspfx.bench.cases.eq4_methods import EXTERNAL, INTERNAL, WRONG, force_method
+from graspfx.bench.cases.eq4_methods import EXTERNAL, INTERNAL, WRONG, force_method, load_machine_code
 from graspfx.bench.oracles.exact import split_force
 from graspfx.bench.peers.eq4_peers import grasp_matrix
 
@@ -26,6 +26,7 @@ def fixed_case(contacts: ContactSet) -> Case:
     points, displacements = contacts.points[0], list(contacts.displacements[:GRASPS])
     exact = np.array([split_force(points, e, EXTERNAL, INTERNAL, contacts.tolerance) for e in displacements])
     flat = [e.ravel() for e in displacements]
+    load_machine_code()
     methods = [
         force_method("GraspFX Coupling.force, split known", partial(LAW.force, gx.Grasp(points).split()), flat, exact),
         _in_place(points, displacements, exact),

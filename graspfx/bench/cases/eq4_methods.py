@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.bench.case import Method, each
+from graspfx.bench.case import Method, each, is_installed
+from graspfx.grasp import point_sets
+from graspfx.grasp.point_sets import COUPLE, COUPLE_ROWS, LOAD, MODE_ROWS
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[FloatArray, FloatArray]  # points and displacements of a grasp, (n, 3) each
@@ -26,6 +28,14 @@ def force_method(
         return relative_error(np.array([force(x).copy() for x in inputs]).reshape(exact.shape), exact)
 
     return Method(name, each(force, inputs), error, note, len(inputs))
+
+
+def load_machine_code() -> None:
+    """Bring the calls of a `Split` to where a loop of a user has them after some milliseconds: to machine code."""
+    if is_installed("llvmlite"):
+        point_sets.warm()
+        for engine in (COUPLE, COUPLE_ROWS, MODE_ROWS):
+            engine.machine(LOAD)
 
 
 def relative_error(forces: FloatArray, exact: FloatArray) -> float:

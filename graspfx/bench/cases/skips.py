@@ -18,8 +18,8 @@ from graspfx.build.build import build
 from graspfx.compile.records import Many
 from graspfx.coupling import block as at
 from graspfx.coupling.grasp_state import GraspState
-from graspfx.loop.tick.engine import Compiled
 from graspfx.loop.tick.memory import CHUNK
+from graspfx.loop.tick.programs import Compiled
 from graspfx.scene.model import Scene
 from graspfx.surfaces.triangles.mesh_finger import MeshFinger
 

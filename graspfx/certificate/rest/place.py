@@ -87,16 +87,16 @@ def squeezed(parts: Parts, index: int, grip: Grip, fingers: NDArray[np.intp]) ->
     place = Place("squeezed", None, np.full(grip.n, np.nan))
     load = load_of(parts, index, grip, fingers, place)
     grip.grasped.finger_position[:] = start
-    initial = grip.grasped.block.copy()
+    initial = grip.changing.copy()
     straight = start.ravel() + np.linspace(1.0 / STEPS, 1.0, STEPS)[:, None] * (load.course[-1] - start.ravel())
     result = settle(grip, straight, load.hands, load.weight)
     if result is None or result.slid.any() or bent(load.course, start.ravel()):
         # where contacts slide, or hands come from aside, it matters how they close
-        first, reached = result, grip.grasped.block.copy()
-        grip.grasped.block[:] = initial
+        first, reached = result, grip.changing.copy()
+        grip.changing[:] = initial
         result = settle(grip, load.course, load.hands, load.weight)
         if (result is None or not result.rest) and first is not None and first.rest:
-            result, grip.grasped.block[:] = first, reached
+            result, grip.changing[:] = first, reached
     if result is not None:
         log.info("settling: %s in %d steps", "at rest" if result.rest else "no rest", result.steps)
     if result is None:

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.certificate.rest.compiled_sample import compiled_sample
 from graspfx.certificate.rest.cone_edge import edge_directions, released
-from graspfx.compile.records import numbers
+from graspfx.compile.records import numbers, start_of
 from graspfx.cones.problem import SLIDE
 from graspfx.coupling import block as at
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.objects import integrators as body
 from graspfx.objects.body import FREEDOMS
@@ -48,10 +50,13 @@ class Grip:
         self.axes = np.array(FREEDOMS[self.d])[self.free]
         self.r = len(self.axes)
         self.rows_of_wrench = np.flatnonzero(self.free)
+        mesh = int(g.block[start_of(GraspState, "mesh")])
+        self._sample = compiled_sample(g)
+        self.changing = g.block[: mesh or None]  # all that a sample changes: a mesh, which stands last, is only read
 
     def forces(self) -> FloatArray | None:
         """Compute (f on the object, wrench on its free freedoms) of one sample here, (m + r,); None if it faults."""
-        if self.grasped.sample():
+        if self._sample():
             return None
         return np.concatenate([self.grasped.force.ravel(), self.grasped.wrench[self.rows_of_wrench]])
 
@@ -70,10 +75,10 @@ class Grip:
 
     def tried(self, y: FloatArray) -> FloatArray | None:
         """Compute `forces` after a motion y, from which nothing remains."""
-        block = self.grasped.block.copy()
+        before = self.changing.copy()
         self.move(y)
         forces = self.forces()
-        self.grasped.block[:] = block
+        self.changing[:] = before
         return forces
 
     @contextmanager
@@ -107,16 +112,16 @@ class Grip:
         o = at.BODY + body.ANGULAR_VELOCITY
         B = np.zeros((self.r, self.r))
         for i, axis in enumerate(self.axes):
-            block = self.grasped.block.copy()
+            before = self.changing.copy()
             if axis >= 3:
                 columns = []
                 for rate in (RATE, -RATE):
-                    self.grasped.block[:] = block
+                    self.changing[:] = before
                     self.grasped.block[o + axis - 3] = rate
                     now = self.forces()
                     columns.append(np.zeros(self.m + self.r) if now is None else now)
                 B[:, i] = (columns[1] - columns[0])[self.m :] / (2 * RATE)
-            self.grasped.block[:] = block
+            self.changing[:] = before
         return B
 
     def lengths(self) -> FloatArray:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
-from graspfx.compile.llvm.llvm_arithmetic import BINARY_LIBM, FLOAT, INT, Number
-from graspfx.compile.llvm.llvm_expressions import Array, LlvmFunction, Value, result_type
+from graspfx.compile.llvm.llvm_arithmetic import BINARY_LIBM, FLOAT, INT, LlvmFunction, Number
+from graspfx.compile.llvm.llvm_expressions import Array, Value, flat, result_type
 from graspfx.compile.llvm.llvm_statements import Statements, type_of
+from graspfx.compile.llvm.method import ENTRY
 from graspfx.errors import GraspFXError, InputError
 
-ENTRY = "graspfx_entry"
 INTRINSICS = "".join(
     f"declare double @llvm.{name}.f64(double{', double' if name == 'copysign' else ''})\n"
     for name in ("fabs", "copysign", "sqrt", "floor", "ceil", "trunc")
@@ -27,6 +27,8 @@ class LlvmProgram(NamedTuple):
         numbers: the types of its other parameters, INT or FLOAT.
         lanes: whether it has loops over lanes, of which the turns may be done side by side.
         libm: functions of the platform's library that it calls, as `graspfx_` and their name.
+        symbols: functions of other machine code that it calls.
+        checked: whether an index outside of its buffer is noticed.
     """
 
     text: str
@@ -34,23 +36,43 @@ class LlvmProgram(NamedTuple):
     numbers: tuple[str, ...]
     lanes: bool
     libm: tuple[str, ...]
+    symbols: tuple[str, ...] = ()
+    checked: bool = False
 
 
-class _Module:
+class Externals(Protocol):
+    """Functions that a program calls by symbol, in other machine code."""
+
+    def has(self, name: str) -> bool:
+        """Tell whether a name is one of them."""
+        ...
+
+    def find(self, name: str, types: tuple[str, ...]) -> LlvmFunction:
+        """Find the symbol of one for these types of arguments, buffers as `ptr`."""
+        ...
+
+
+class Module:
     """The functions of a program, written as they are called."""
 
-    def __init__(self, trees: Sequence[ast.FunctionDef], *, checked: bool) -> None:
+    def __init__(
+        self, trees: Sequence[ast.FunctionDef], *, checked: bool = False, externals: Externals | None = None
+    ) -> None:
         self.trees = {tree.name: tree for tree in trees}
         self.checked = checked
+        self.externals = externals
+        self.symbols: dict[str, str] = {}  # of externals, with their declarations
         self.functions: dict[object, LlvmFunction | None] = {}
         self.texts: list[str] = []
         self.notes: list[str] = []  # metadata
         self.libm: set[str] = set()
 
     def has(self, name: str) -> bool:
-        return name in self.trees
+        return name in self.trees or (self.externals is not None and self.externals.has(name))
 
     def function_for(self, name: str, arguments: Sequence[Value], why: Callable[[str], GraspFXError]) -> LlvmFunction:
+        if name not in self.trees:
+            return self._external(name, arguments)
         roots = [a.root for a in arguments if isinstance(a, Array)]
         # which of the buffers are the same; what is checked knows them by their names
         arrays = tuple(roots if self.checked else map(roots.index, roots))
@@ -69,14 +91,31 @@ class _Module:
             raise why("calls itself")
         return function
 
+    def _external(self, name: str, arguments: Sequence[Value]) -> LlvmFunction:
+        assert self.externals is not None
+        types = tuple("ptr" if isinstance(a, Array) else a.type for a in flat(arguments))
+        function = self.externals.find(name, types)
+        declaration = f'declare {result_type(function.result)} @"{function.name}"({", ".join(types)}) nounwind'
+        self.symbols[function.name] = declaration
+        return function
 
-def llvm_program(source: str, floats: Collection[str] = (), *, checked: bool = False) -> LlvmProgram:
+
+def llvm_program(
+    source: str,
+    floats: Collection[str] = (),
+    *,
+    checked: bool = False,
+    buffers: Collection[str] = (),
+    externals: Externals | None = None,
+) -> LlvmProgram:
     """Write a program in LLVM's language, its last function the entry `graspfx_entry`, which returns a whole number.
 
     Args:
         source: the program as Python, such as `Program.source()` gives it.
         floats: the entry's parameters that are floats; those that are indexed are buffers, the others whole numbers.
         checked: see to it that no index is outside of its buffer; `graspfx_outside` then holds the first that was.
+        buffers: parameters of the entry that are buffers though nothing in the source shows it.
+        externals: functions of other machine code that it calls.
 
     Raises:
         InputError: the program holds something that cannot be compiled; it names the function and the line.
@@ -86,7 +125,7 @@ def llvm_program(source: str, floats: Collection[str] = (), *, checked: bool = F
         raise InputError("source", source, "at least one function")
     tree, functions = trees[-1], {t.name: t for t in trees}
     names = [a.arg for a in tree.args.args]
-    arrays = tuple(name for name in names if _is_array(tree, name, functions))
+    arrays = tuple(name for name in names if name in buffers or _is_array(tree, name, functions))
     if list(arrays) != names[: len(arrays)]:
         raise InputError(f"{tree.name}", names, "buffers first, then numbers")
     unknown = set(floats) - set(names[len(arrays) :])
@@ -94,8 +133,9 @@ def llvm_program(source: str, floats: Collection[str] = (), *, checked: bool = F
         raise InputError("floats", sorted(unknown), f"numbers among the parameters of {tree.name}")
     numbers = tuple(FLOAT if name in floats else INT for name in names[len(arrays) :])
 
-    module = _Module(trees, checked=checked)
-    parameters: list[Array | Number] = [Array(name, f"%p{k}") for k, name in enumerate(arrays)]
+    module = Module(trees, checked=checked, externals=externals)
+    alone = externals is None  # else a kernel may be called with the same memory twice
+    parameters: list[Array | Number] = [Array(name if alone else "any", f"%p{k}") for k, name in enumerate(arrays)]
     parameters += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
 
     def why(text: str) -> GraspFXError:
@@ -104,14 +144,16 @@ def llvm_program(source: str, floats: Collection[str] = (), *, checked: bool = F
     function = module.function_for(tree.name, parameters, why)
     texts = [
         INTRINSICS,
-        *map(_declared, sorted(module.libm)),
+        *map(declared, sorted(module.libm)),
+        *module.symbols.values(),
         *module.texts,
-        _entry(function, parameters),
+        _entry(function, parameters, "noalias " if alone else ""),
         *module.notes,
     ]
     if checked:
         texts.insert(0, _checking(arrays))
-    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), tuple(sorted(module.libm)))
+    libm, symbols = tuple(sorted(module.libm)), tuple(module.symbols)
+    return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), libm, symbols, checked)
 
 
 def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.FunctionDef]) -> bool:
@@ -128,13 +170,13 @@ def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.Functio
     return False
 
 
-def _declared(name: str) -> str:
+def declared(name: str) -> str:
     arguments = {"ldexp": "double, i32", **dict.fromkeys(BINARY_LIBM, "double, double")}.get(name, "double")
     return f"declare double @graspfx_{name}({arguments}) nounwind willreturn nofree nosync memory(none)"
 
 
-def _entry(function: LlvmFunction, values: Sequence[Array | Number]) -> str:
-    parameters = ", ".join(f"ptr noalias {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
+def _entry(function: LlvmFunction, values: Sequence[Array | Number], alone: str) -> str:
+    parameters = ", ".join(f"ptr {alone}{a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
     arguments = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in values)
     call = f'call {result_type(function.result)} @"{function.name}"({arguments})'
     match function.result:

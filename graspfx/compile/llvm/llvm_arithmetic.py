@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 BOOL, INT, FLOAT = "i1", "i64", "double"
 WIDTH = {BOOL: 0, INT: 1, FLOAT: 2}  # what two numbers are joined to: the wider one
+Type = str | tuple[str, ...] | None  # of a number, of a tuple, of a function that returns nothing
 LIBM = (
     "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cos", "cosh", "exp", "expm1", "fmod", "log", "log10",
     "log1p", "log2", "pow", "sin", "sinh", "tan", "tanh",
@@ -26,6 +27,13 @@ class Number(NamedTuple):
 
     type: str
     text: str
+
+
+class LlvmFunction(NamedTuple):
+    """A function for some types of arguments: its name and what it returns."""
+
+    name: str
+    result: Type
 
 
 class Code:

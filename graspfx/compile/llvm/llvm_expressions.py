@@ -12,7 +12,9 @@ from graspfx.compile.llvm.llvm_arithmetic import (
     FLOAT,
     INT,
     Code,
+    LlvmFunction,
     Number,
+    Type,
     absolute,
     binary,
     compare,
@@ -48,15 +50,7 @@ class Tuple(NamedTuple):
 
 
 Value = Number | Tuple | Array
-Type = str | tuple[str, ...] | None  # of a number, of a tuple, of a function that returns nothing
 Variables = dict[str, Type | Array]
-
-
-class LlvmFunction(NamedTuple):
-    """A function for some types of arguments: its name and what it returns."""
-
-    name: str
-    result: Type
 
 
 class Functions(Protocol):
@@ -316,9 +310,7 @@ class Expressions:
     def own(self, node: ast.Call, name: str, arguments: Sequence[Value]) -> Number | Tuple | None:
         """Call another function of the program."""
         function = self.functions.function_for(name, arguments, lambda why: self.cannot(node, why))
-        operands = ", ".join(
-            f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in _flat(arguments)
-        )
+        operands = ", ".join(f"ptr {a.text}" if isinstance(a, Array) else f"{a.type} {a.text}" for a in flat(arguments))
         text = f'call {result_type(function.result)} @"{function.name}"({operands})'
         if function.result is None:
             self.code.put(text)
@@ -337,7 +329,7 @@ def result_type(result: Type) -> str:
     return result if isinstance(result, str) else f"{{ {', '.join(result)} }}"
 
 
-def _flat(values: Iterable[Value]) -> list[Number | Array]:
+def flat(values: Iterable[Value]) -> list[Number | Array]:
     return [part for value in values for part in (value.parts if isinstance(value, Tuple) else (value,))]
 
 

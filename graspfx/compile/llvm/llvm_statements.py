@@ -7,14 +7,12 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
-from graspfx.compile.llvm.llvm_arithmetic import BOOL, FLOAT, INT, Number, binary, convert, widest
+from graspfx.compile.llvm.llvm_arithmetic import BOOL, FLOAT, INT, LlvmFunction, Number, Type, binary, convert, widest
 from graspfx.compile.llvm.llvm_expressions import (
     Array,
     Expressions,
     Functions,
-    LlvmFunction,
     Tuple,
-    Type,
     Value,
     Variables,
     result_type,

@@ -10,7 +10,7 @@ from typing import Any
 
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 
-METHOD = "graspfx_method"
+ENTRY, METHOD = "graspfx_entry", "graspfx_method"
 FASTCALL = 0x80  # METH_FASTCALL: f(self, array of arguments, how many)
 READ = {False: ("i64", "PyLong_AsLongLong"), True: ("double", "PyFloat_AsDouble")}
 DECLARED = {

@@ -44,6 +44,7 @@ from graspfx.compile.lower.scratch import Frame, Scratch
 from graspfx.compile.marks import INLINE, LOWERED, optional, parameter_kinds
 from graspfx.compile.records import SCALARS, Floats, Record, Table, is_value, layout, parts_of
 from graspfx.compile.specialise.definitions import definition
+from graspfx.errors import KernelError
 
 OPERATORS: dict[type[ast.operator], str] = {
     ast.Add: "add",
@@ -143,8 +144,11 @@ class Expressions(Scratch):
         owner = self.value(node.value, frame)
         if isinstance(owner, Grid) and isinstance(node.slice, ast.Tuple):
             row, column = (self.number(part, frame) for part in node.slice.elts)
+            self.require_index(node, row, column)
             return ast.Subscript(load(owner.buffer), grid_entry(owner, row, column), ast.Load())
         index = self.number(node.slice, frame)
+        if isinstance(owner, Span | Grid | Group | ast.Name):
+            self.require_index(node, index)
         if isinstance(owner, Span):
             return ast.Subscript(load(owner.buffer), sum_of(owner.offset, index), ast.Load())
         if isinstance(owner, Grid):
@@ -153,6 +157,8 @@ class Expressions(Scratch):
             return owner.member(sum_of(owner.offset, product_of(index, owner.stride)))
         if isinstance(owner, Bundle | Pack):
             if isinstance(index, ast.Constant) and isinstance(index.value, int):
+                if not -len(owner.parts) <= index.value < len(owner.parts):
+                    raise self.cannot(node, f"is no entry of a value of {len(owner.parts)}", KernelError)
                 return owner.parts[index.value]
             if isinstance(owner, Bundle) and owner.offset is not None:
                 return ast.Subscript(load(owner.buffer), sum_of(owner.offset, index), ast.Load())

@@ -30,7 +30,7 @@ from graspfx.compile.lower.pieces import (
 )
 from graspfx.compile.marks import LOWERED
 from graspfx.compile.records import Field, Floats, Many, Record, Table, is_value, layout, size_of
-from graspfx.errors import InputError
+from graspfx.errors import InputError, KernelError
 
 
 @dataclass
@@ -179,7 +179,18 @@ class Scratch:
         self.out.append(assign_all(offsets(result), numbers))
         return result
 
-    def cannot(self, node: ast.AST, why: str) -> InputError:
+    def require_index(self, node: ast.Subscript, *indices: ast.expr) -> None:
+        """Require that no index is a negative number: in Python it counts from the end, in a block from elsewhere."""
+        for index in indices:
+            try:
+                negative = ast.literal_eval(index) < 0
+            except ValueError:
+                continue
+            if negative:
+                why = "is an entry before the first; of a group or an array the last is entry [count - 1]"
+                raise self.cannot(node, why, KernelError)
+
+    def cannot(self, node: ast.AST, why: str, kind: type[InputError] = InputError) -> InputError:
         line = getattr(node, "lineno", 0)
         text = ast.unparse(ast.fix_missing_locations(copy.deepcopy(node))).splitlines()[0]
-        return InputError(f"{self.file}:{line}", text, "what a kernel may hold", why)
+        return kind(f"{self.file}:{line}", text, "what a kernel may hold", why)

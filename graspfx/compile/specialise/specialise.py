@@ -9,7 +9,7 @@ program computes the same bits as the kernels that it was made from.
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import FunctionType
 from typing import Any
@@ -73,8 +73,8 @@ class Program:
         if key not in self._specialised and list(self._specialised.values()).count(None) < DEEPEST:
             self._specialised[key] = None
             self.files.update(getattr(function, "__source_files__", (code.co_filename,)))
-            kernel = Kernel(definition(function), function.__globals__, code.co_filename)
             written = getattr(function, "__written__", None)
+            kernel = Kernel(definition(function), function.__globals__, code.co_filename, written)
             new = self._make(kernel, arguments, f"{function.__name__}_{len(self._specialised)}")
             source = (written or function).__code__
             vars(new.node).update(origin=(source.co_filename, source.co_firstlineno), written=written)
@@ -96,14 +96,14 @@ class Program:
         self.functions.append(specialised.node)
         return specialised
 
-    def source(self) -> str:
-        """Write the program as Python."""
+    def source(self, entries: Collection[str] = ()) -> str:
+        """Write the program as Python; with entries of these names, of the last function if none is named."""
         lines = ["import math", "", "inf, nan = math.inf, math.nan", ""]
-        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in self.definitions())])
+        return "\n".join([*lines, *(ast.unparse(node) + "\n" for node in self.definitions(entries))])
 
-    def definitions(self) -> list[ast.FunctionDef]:
-        """List the functions that the program needs, each before those that call it."""
-        called = {self.functions[-1].name}
+    def definitions(self, entries: Collection[str] = ()) -> list[ast.FunctionDef]:
+        """List the functions that the entries need, each before those that call it."""
+        called = set(entries) or {self.functions[-1].name}
         reachable = []
         for node in reversed(self.functions):  # without what only a loop called that was not written out in the end
             if node.name in called:

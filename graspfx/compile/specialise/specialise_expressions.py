@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from graspfx.compile.kernel import source_function
 from graspfx.compile.specialise.syntax import calls, load, node_of, terms, tuple_of
 from graspfx.compile.specialise.values import Dynamic, Memory, Number, Reference, Static, TupleValue, Value, same
-from graspfx.errors import GraspFXError, InputError
+from graspfx.errors import GraspFXError, InputError, KernelError
 
 Scope = dict[str, Value]
 
@@ -41,6 +41,7 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
 }
+BEFORE = "is an entry before the buffer's first; of a group the last is entry [count - 1]"
 BUILTINS = (abs, min, max, int, float, bool)
 
 
@@ -63,6 +64,15 @@ class Kernel:
     tree: ast.FunctionDef
     namespace: Mapping[str, Any]
     file: str
+    written: Any = None  # the function whose lowered text it is
+
+    def place(self, line: int) -> str:
+        """Say in which file and line a line of it is written."""
+        if self.written is None:
+            return f"{self.file}:{line}"
+        from graspfx.compile.lower.lowering import written_lines
+
+        return f"{self.written.__code__.co_filename}:{written_lines(self.written)[line - 1]}"
 
 
 class Specialiser(Protocol):
@@ -205,7 +215,7 @@ class Expressions:
         offset += owner.base
         if place is None:
             if offset < 0:
-                raise self.cannot(node, "is an entry before the buffer's first")
+                raise self.cannot(node, BEFORE, KernelError)
             place = ast.Constant(offset)
         elif offset:
             sign = ast.Add() if offset > 0 else ast.Sub()
@@ -296,10 +306,10 @@ class Expressions:
         call = ast.Call(load(specialised.name), [*map(load, specialised.arrays), *dynamic], [])
         return call, result if isinstance(result, Static | TupleValue) else None
 
-    def cannot(self, node: ast.AST, why: str) -> GraspFXError:
+    def cannot(self, node: ast.AST, why: str, kind: type[InputError] = InputError) -> GraspFXError:
         line = getattr(node, "lineno", self.tree.lineno)
         text = ast.unparse(node).splitlines()[0] if isinstance(node, ast.expr | ast.stmt) else self.tree.name
-        return InputError(f"{self.kernel.file}:{line}", text, "what a kernel may hold", why)
+        return kind(self.kernel.place(line), text, "what a kernel may hold", why)
 
 
 def _folded(function: Callable[..., Any], *numbers: Number) -> Static | None:

@@ -100,7 +100,7 @@ def load(grasp: GraspState, ledger: LedgerState) -> None:
     if grasp.equal:  # the law has no use for modes
         low, high = grasp.arm_low, grasp.arm_high
         split.count, _ = rigid_modes(
-            ledger.fingers, grasp.freedom, grasp.dimensions, low, high, split.width, split.modes
+            ledger.fingers, grasp.freedom, grasp.dimensions, low, high, split.width, False, split.modes
         )
     else:
         split.count = grasp.mode_count

@@ -85,7 +85,9 @@ class Outcome:
     wall_time: float | None = None  # [s]
     complete: bool = True
     fade_shortfall: float = 0.0  # by how much free fingers began to fade too near the surface, at most [m]
-    engine: str = ""  # that ran the ticks: interpreted, compiled, or compiled after some of them; empty if not known
+    engine: str = (
+        ""  # that ran the ticks: generic, compiled, compiled after some of them, or interpreted; empty if not known
+    )
     fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
     ticks: int = 0  # that were run, where not each has a row; else as many as rows

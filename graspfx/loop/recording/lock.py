@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 from io import FileIO
 from pathlib import Path
 
+from graspfx.compile.file_lock import lock
 from graspfx.errors import RecordingError
-
-FAR = 1 << 62  # where Windows locks a byte: readers there could not read one that is locked
-BUSY = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK)
-NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 def claim(path: Path) -> FileIO:
@@ -33,31 +29,6 @@ def claim(path: Path) -> FileIO:
             file.close()
             raise
         file.close()
-
-
-def lock(descriptor: int) -> bool:
-    """Take the lock of an open file; False where another has it.
-
-    A file system without locks takes everyone: there it is the part's presence that keeps a second run out.
-    """
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            os.lseek(descriptor, FAR, os.SEEK_SET)
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-            os.lseek(descriptor, 0, os.SEEK_SET)
-        else:
-            import fcntl
-
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno in NO_LOCKS:
-            return True
-        if error.errno in BUSY:
-            return False
-        raise
-    return True
 
 
 def stands_at(file: FileIO, path: Path) -> bool:

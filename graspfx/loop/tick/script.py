@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -14,22 +15,46 @@ from graspfx.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-OF_TEXTS = ("begin", "end", "run", "k", "count", "r", "i", "rows")  # names that the text around a tick's lines has
+NAME = re.compile(r"[A-Za-z_]\w*")  # a name in a line of a text
+
+OF_TEXTS = (
+    "begin",
+    "end",
+    "run",
+    "k",
+    "count",
+    "r",
+    "i",
+    "rows",
+    "tick",
+)  # names that the text around a tick's lines has
 OF_PYTHON = ("abs", "float", "int", "math", "max", "min", "range")
 
 
 class Script:
-    """Runs as it stands, on memoryviews; or is specialised and compiled (`graspfx.compile`)."""
+    """Runs as it stands, on memoryviews; or is specialised and compiled (`graspfx.compile`).
+
+    Attributes:
+        frozen: entries of arrays that are of the scene's structure, which programs of it fold in.
+        fixed: these, and entries that follow from the scene's numbers and stay through a run.
+    """
 
     def __init__(self) -> None:
         self.arrays: dict[str, FloatArray] = {}
         self.frozen: dict[tuple[str, int], float] = {}
+        self.fixed: dict[tuple[str, int], float] = {}
         self.kernels: dict[str, Callable[..., Any]] = {}
         self.variables = {*OF_TEXTS, *OF_PYTHON}
         self._addresses: list[tuple[int, str]] = []  # of the arrays' first entries, in order
 
-    def memory(self, kind: str, array: FloatArray, structure: Iterable[int] = ()) -> str:
-        """Name an array, the same whenever it is the same memory; entries in `structure` never change.
+    def memory(self, kind: str, array: FloatArray, structure: Iterable[int] = (), steady: Iterable[int] = ()) -> str:
+        """Name an array, the same whenever it is the same memory.
+
+        Args:
+            kind: of memory, with which the name begins.
+            array: flat.
+            structure: entries that never change, whatever the scene's numbers are.
+            steady: entries that follow from these and stay through a run.
 
         Raises:
             InputError: no flat float64 array, or one that shares a part of its memory with another.
@@ -39,6 +64,7 @@ class Script:
         name = next((name for name, each in self.arrays.items() if each is array), None) or self._new_name(kind, array)
         self.arrays[name] = array
         self.frozen |= {(name, int(k)): float(array[k]) for k in structure}
+        self.fixed |= self.frozen | {(name, int(k)): float(array[k]) for k in steady}
         return name
 
     def _new_name(self, kind: str, array: FloatArray) -> str:

@@ -12,7 +12,7 @@ from graspfx.compile.program import specialise
 from graspfx.compile.specialise.listing import Listing, listings
 from graspfx.compile.unfold.writer import Line
 from graspfx.loop.parts import Parts
-from graspfx.loop.tick.engine import texts
+from graspfx.loop.tick.engine_text import texts
 from graspfx.loop.tick.names import Names, columns
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.loop.tick.text import lines_of

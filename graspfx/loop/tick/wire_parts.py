@@ -59,7 +59,7 @@ class Wirer:
         for name, number in whole.items():
             setattr(servo, name, number)
         servo.period = parts.period
-        self.script.memory("servo", tick.own, entries_of(ServoState, "period", *whole))
+        self.script.memory("servo", tick.own, entries_of(ServoState, *whole), entries_of(ServoState, "period"))
         for part in parts.objects:
             self.script.memory("object", part.grasped.block, part.grasped.structure)
         for observer in parts.observers:
@@ -242,7 +242,7 @@ class Wirer:
     def _memory(self, m: PlantWiring) -> FloatArray:
         """Give a plant's block, or its fingertips' positions, flat."""
         if isinstance(m.plant, FusedPlant):
-            self.script.memory("plant", m.plant.state, m.plant.structure)
+            self.script.memory("plant", m.plant.state, m.plant.structure, getattr(m.plant, "grouping", ()))
             return m.plant.state
         flat: FloatArray = m.plant.position.reshape(-1)
         if not np.shares_memory(flat, m.plant.position):

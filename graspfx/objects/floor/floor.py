@@ -17,6 +17,7 @@ from graspfx.objects import integrators as at
 from graspfx.objects.body import FloatArray, NativeBody
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.floor import rest
+from graspfx.objects.floor.hull import hull_points
 from graspfx.objects.floor.lowest import BALL, ELLIPSOID, NOTCH, RIM, lowest
 from graspfx.objects.floor.planes import MOST, SIDES, Feature, FloorState
 from graspfx.objects.surroundings import Meeting, Member, Obstacle
@@ -24,7 +25,6 @@ from graspfx.spatial import Vector
 from graspfx.surfaces.closed_form import proxy
 
 FLAT_KINDS = (proxy.HALF_SPACE, proxy.PLANE)
-SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
 
 
 @kernel
@@ -67,12 +67,13 @@ class FloorBody(NativeBody):
         points = features(member.shape, self.dimensions)
         planes = [plane_of(obstacle, self.state[at.POSITION : at.POSITION + 3]) for obstacle in obstacles]
         sizes = {"plane_count": len(planes), "feature_count": len(points)}
-        room = problem_size(len(planes) * MOST + len(points))
+        most = len(planes) * MOST + len(points)  # contacts
+        room = problem_size(most)
         self.buffer = np.zeros(size_for(FloorState, **sizes, problem_entries=room))
         floor = self._floor = FloorState(memoryview(self.buffer))
         floor.plane_count, floor.feature_count, floor.problem_entries = len(planes), len(points), room
         self.buffer[start_of(FloorState, "problem")] = problem = floor.problem_room.offset
-        set_up(self.buffer, problem, 0)
+        set_up(self.buffer, problem, most).count = 0
         self.structure = (*(start_of(FloorState, name) for name in (*sizes, "problem")), *choices(problem))
         floor.stiffness, floor.friction, floor.reach = meeting.stiffness, meeting.friction, reach(points)
         floor.damping = 2.0 * math.sqrt(meeting.stiffness * self._body.mass)
@@ -180,16 +181,6 @@ def _features(shape: Any, d: int) -> Iterator[tuple[float, ...]]:
                 yield NOTCH, a * math.cos(angle), a * math.sin(angle), end, 0.0
     else:
         yield ELLIPSOID, a, b, c, 0.0
-
-
-def hull_points(vertices: FloatArray) -> FloatArray:
-    """Select the vertices on the convex hull, (h, 3); of a flat sheet, on its hull in the plane."""
-    from scipy.spatial import ConvexHull
-
-    _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)
-    seen = vertices @ axes[:2].T if widths[2] <= SHEET * widths[0] else vertices
-    points: FloatArray = vertices[np.sort(ConvexHull(seen).vertices)]
-    return points
 
 
 def reach(points: FloatArray) -> float:

@@ -39,7 +39,9 @@ class NotValid(AttributeError):
 class Table(BaseModel):
     """A frozen table. Validated with the context DRAFT it keeps the fields that are valid, and only those."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=False, defer_build=True
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -43,9 +43,9 @@ class SceneTable(Readable, Table):
     title: Annotated[str, AfterValidator(_writable)] = ""
     dimensions: Annotated[Literal[1, 2, 3], BeforeValidator(_no_switch)] = Field(description="d")
     period: Positive = Field(description="T [s]")
-    engine: Literal["auto", "compiled", "interpreted"] = Field(
+    engine: Literal["auto", "generic", "compiled", "interpreted"] = Field(
         default="auto",
-        description="whether ticks run compiled, as they stand, or as the length of the run makes it worth",
+        description="what runs the ticks: kernels that all scenes share, a program of this scene, the script itself",
     )
     duration: Positive = Field(description="[s]")
     gravity: Vector | None = Field(default=None, description="(d,) [m/s^2]; none if not given")

@@ -57,7 +57,7 @@ class Observed:
         freedom.shifts, freedom.turns = self.d, turns
         for axis, row in zip(freedom.axes, np.vstack([np.eye(3)[: self.d], np.eye(3)[3 - turns :]]), strict=False):
             axis.vector = Vector(*row.tolist())
-        self.split.count, _ = rigid_modes(self.fingers, freedom, self.d, 1e-9, 2e-9, 3, self.split.modes)
+        self.split.count, _ = rigid_modes(self.fingers, freedom, self.d, 1e-9, 2e-9, 3, False, self.split.modes)
 
     def array(self, field: Any) -> np.ndarray:
         return self.fingers.array(field)[:, : self.d]

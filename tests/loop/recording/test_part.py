@@ -109,7 +109,7 @@ from graspfx.loop.recording import recorder
 from graspfx.loop.recording.places import NAME
 recorder.BLOCK = 200 * 136  # bytes: of this scene half a run
 cases, rng = int(sys.argv[1]), np.random.default_rng(int(sys.argv[2]))
-scene = gx.load("reference-1dof")
+scene = gx.load("reference-1dof", {"engine": "interpreted"})  # of which a tick is many calls
 whole = gx.run(scene, out="whole")
 def count_down(frame, event, argument):
     global left

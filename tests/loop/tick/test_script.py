@@ -10,7 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.errors import InputError
-from graspfx.loop.tick.engine import Interpreted
+from graspfx.loop.tick.programs import Interpreted
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.loop.tick.text import write
 

@@ -1,0 +1,106 @@
+"""Runs of variants one by one, each with the program that `gx.run` has for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.batch.lanes import FIRST, LATE_LOW, LOW
+from graspfx.batch.statistics import empty, take
+from graspfx.compile.native import compiled
+from graspfx.compile.program import program_source
+from graspfx.loop.tick.memory import ServoState
+
+if TYPE_CHECKING:
+    from graspfx.batch.many import Job
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+BLOCK = 1024  # rows that are written at a time
+LONG = 10_000_000  # ticks of all variants for which a program is worth the time that the best code takes to be made
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one variant ended, when its rows are kept: rows, the tick of its fault or -1, and its buffers, (arena,).
+
+    `told` is what the buffers held after the tick of its fault, of which its words give the figures.
+    """
+
+    rows: FloatArray
+    fault: int
+    arena: FloatArray
+    arena_copy: FloatArray
+
+
+class SingleRuns:
+    """The program for one variant at a time; each thread has buffers of its own."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
+        text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
+        source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
+        self.taking = compiled(source)
+
+    def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
+        """Run variants and note their measures and faults."""
+        job = self.job
+        arena, run, rows = self._bound(min(BLOCK, job.ticks))
+        begin = job.begin.arenas(members)
+        columns = np.array(job.columns, dtype=float)
+        sums = empty(len(columns))
+        wide = rows if job.more is None else np.zeros((len(rows), max(job.width, *job.columns) + 1))
+        buffers = {"rows": wide.reshape(-1), "columns": columns, "found": sums.reshape(-1)}
+        taking = self.taking.bind(*(buffers[name] for name in self.taking.arrays)).long
+        half = job.ticks // 2
+        for variant, arrays in zip(members.tolist(), begin, strict=True):
+            arena[:] = arrays
+            sums[...] = empty(len(columns))
+            more = None if job.more is None else job.more(arena[None])
+            k = 0
+            for end, low in ((half, LOW), (job.ticks, LATE_LOW)):
+                while k < end:
+                    count = run(k, min(len(rows), end - k), 0)
+                    if more is not None:
+                        extra = more(rows[:count, :, None])
+                        wide[:count, : job.width] = rows[:count]
+                        wide[:count, job.width : job.width + extra.shape[1]] = extra[..., 0]
+                    if k == 0:
+                        sums[:, FIRST] = wide[0, list(job.columns)]
+                    taking(count, wide.shape[1], len(columns), low)
+                    k += count
+            measures[variant] = sums
+            faults[variant] = self._fault(arena)
+            if job.look is not None:
+                with job.looking:
+                    job.look(arena)
+
+    def record(self, variant: int) -> Ended:
+        """Run one variant and record its rows."""
+        arena, run, rows = self._bound(self.job.ticks)
+        arena[:] = self.job.begin.arenas(slice(variant, variant + 1))[0]
+        k, copy = 0, arena
+        while k < self.job.ticks:
+            k += run(k, min(BLOCK, self.job.ticks - k), k)
+            if copy is arena and self._fault(arena) >= 0:
+                copy = arena.copy()
+        return Ended(rows, self._fault(arena), arena, copy)
+
+    def _fault(self, arena: FloatArray) -> int:
+        own = arena[self.job.places[self.job.tick.own_name]]
+        servo = ServoState(own)
+        return servo.tick if servo.faulted else -1
+
+    def _bound(self, count: int) -> tuple[FloatArray, Callable[..., int], FloatArray]:
+        """Bind the program to an arena, and give the rows that it writes."""
+        job = self.job
+        arena = np.zeros(max(place.stop for place in job.places.values()))
+        rows = np.zeros((count, job.width))
+        arrays = {name: arena[place] for name, place in job.places.items()} | {"rows": rows.reshape(-1)}
+        return arena, self.program.bind(*(arrays[name] for name in self.program.arrays)).long, rows

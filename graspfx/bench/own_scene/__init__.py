@@ -1,0 +1,1 @@
+"""Run time against error of one scene, over what its user may choose: integrator, period, dynamics, engine."""

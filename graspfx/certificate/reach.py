@@ -1,0 +1,161 @@
+"""The first loss of stability over the factor of a gain, of many families of loops side by side."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.analysis.linearisation import Linearisation
+from graspfx.certificate.certificate import is_stable
+from graspfx.certificate.crossing import bracketed, crossings
+from graspfx.certificate.whole_loop import Family, Stiffness, WholeLoop
+
+FloatArray = NDArray[np.float64]
+
+LEAST, MOST = 0.01, 100.0  # of a gain: where it is looked for
+GRID = 64  # factors between them, 16 % apart: a gap in what is stable narrower than that can be missed
+SMALL = 40  # states up to which `BATCH` factors are looked at together, of more a half of them
+BATCH = 4  # of factors, upwards until one is not stable
+ROUNDS = 8  # in which another root is looked for that crosses earlier
+BEYOND = 1e-9  # of the limit: where the root that has crossed is looked at
+ANOTHER = 1e-7  # above 1 there: |z| of a root that has crossed earlier
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The largest factor of a gain and the frequency of the oscillation that begins there [Hz]; inf, nan for none."""
+
+    factor: float
+    frequency: float
+
+
+@dataclass
+class _Search:
+    """The search of one family: factors yet to look at, the last stable one, the first that is not, the edge between.
+
+    `roots` are those farthest out, by factor; `beyond` is that of a factor just above the edge.
+    """
+
+    family: Family
+    factors: list[float]
+    from_below: bool = False
+    before: float | None = None
+    lost: float | None = None
+    edge: float | None = None
+    beyond: complex | None = None
+    roots: dict[float, complex] = field(default_factory=dict)
+
+    def upcoming(self) -> list[float]:
+        """Give the factors to look at now; none where the search is over."""
+        if self.lost is not None:
+            return []
+        return self.factors[: BATCH if self.family.size <= SMALL else BATCH // 2]
+
+    def take(self, factors: Sequence[float], roots: Sequence[complex]) -> None:
+        """Take the farthest roots of these factors into account."""
+        self.factors = self.factors[len(factors) :]
+        for s, z in zip(factors, roots, strict=True):
+            self.roots[s] = z
+            if is_stable(abs(z)):
+                self.before = s
+            elif self.before is not None:
+                self.lost = s
+                return
+            elif not self.from_below:  # the present gain is not stable
+                self.from_below, self.factors = True, np.geomspace(LEAST, 1.0, GRID // 2).tolist()
+                return
+
+    @property
+    def reach(self) -> Reach:
+        """The answer, once the search is over."""
+        if self.edge is None or self.beyond is None:
+            return Reach(0.0 if self.before is None else math.inf, math.nan)
+        return Reach(self.edge, abs(float(np.angle(self.beyond))) / (2 * math.pi * self.family.period))
+
+
+def reach(linear: Linearisation | WholeLoop, stiffness: Stiffness) -> Reach:
+    """Find the first loss of stability above the present gain, or, where that is unstable, above the first stable one.
+
+    Args:
+        linear: with s = 1.
+        stiffness: K(s).
+    """
+    return reaches([Family(linear, stiffness)])[0]
+
+
+def reaches(families: Sequence[Family]) -> list[Reach]:
+    """Find the reach of each family, as `reach` does; those of as many states share their eigenproblems."""
+    searches = [_Search(family, np.geomspace(1.0, MOST, GRID // 2).tolist()) for family in families]
+    while some := [(search, factors) for search in searches if (factors := search.upcoming())]:
+        roots = farthest([(search.family, factors) for search, factors in some])
+        for (search, factors), worst in zip(some, roots, strict=True):
+            search.take(factors, worst)
+    _find_edges([search for search in searches if search.lost is not None])
+    return [search.reach for search in searches]
+
+
+def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[complex]]:
+    """Find the eigenvalue of largest |z| of each family for each of its factors; matrices of one size go together."""
+    stacks: defaultdict[int, list[FloatArray]] = defaultdict(list)
+    places: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
+    worst: list[list[complex]] = [[0j] * len(factors) for _, factors in families]
+    for k, (family, factors) in enumerate(families):
+        for A in family.matrices(factors):
+            stacks[A.shape[-1]].append(A)
+            places[A.shape[-1]] += [(k, i) for i in range(len(factors))]
+    for size, matrices in stacks.items():
+        if not size:
+            continue
+        z = np.linalg.eigvals(np.concatenate(matrices))
+        far = z[np.arange(len(z)), np.abs(z).argmax(axis=1)].tolist()
+        for (k, i), each in zip(places[size], far, strict=True):
+            if abs(each) > abs(worst[k][i]):
+                worst[k][i] = complex(each)
+    return worst
+
+
+def _find_edges(searches: Sequence[_Search]) -> None:
+    """Find where between its last stable factor and the first that is not each search's family loses stability."""
+    for search in searches:
+        if abs(search.roots[search.before or 0.0]) >= 1.0:
+            search.edge = search.before  # on the circle to rounding
+    upper = {id(search): (search.lost or 0.0, search.roots[search.lost or 0.0]) for search in searches}
+    pending = [search for search in searches if search.edge is None]
+    for _ in range(ROUNDS):
+        candidates = crossings([(search.family, *upper[id(search)]) for search in pending])
+        inside = [
+            (search, s)
+            for search, s in zip(pending, candidates, strict=True)
+            if s is not None and (search.before or 0.0) <= s <= upper[id(search)][0]
+        ]
+        pending = []
+        for (search, s), z in zip(inside, _just_above(inside), strict=True):
+            if abs(z) <= 1.0 + ANOTHER:
+                search.edge, search.beyond = s, z
+            else:
+                upper[id(search)] = s * (1.0 + BEYOND), z
+                pending.append(search)
+        if not pending:
+            break
+    for search in searches:
+        if search.edge is None:
+            family = search.family
+            search.edge = bracketed(partial(_excess, family), search.before or 0.0, search.lost or 0.0)
+    late = [(search, search.edge or 0.0) for search in searches if search.beyond is None]
+    for (search, _), z in zip(late, _just_above(late), strict=True):
+        search.beyond = z
+
+
+def _excess(family: Family, s: float) -> float:
+    return family.radius(s) - 1.0
+
+
+def _just_above(searches: Sequence[tuple[_Search, float]]) -> list[complex]:
+    """Find the eigenvalue of largest |z| just above a factor of each search."""
+    return [z for (z,) in farthest([(search.family, [s * (1.0 + BEYOND)]) for search, s in searches])]

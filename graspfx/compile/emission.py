@@ -1,0 +1,181 @@
+"""LLVM's text to machine code for this processor, and the loading of it."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import hashlib
+import sys
+from collections.abc import Iterable, Sequence
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from graspfx.compile.llvm.method import DECLARED, python_function
+from graspfx.errors import MissingPackageError
+
+NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
+FULL, QUICK = 1, 0  # LLVM's levels of optimisation; loops over lanes take LANES
+LANES = 3
+
+
+def require_llvm() -> None:
+    """Require LLVM.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        import_module("llvmlite")
+    except ImportError as error:
+        raise MissingPackageError("llvmlite", "a compiled loop", "run `pip install llvmlite`") from error
+
+
+def emitted(text: str, level: int = FULL, *, lanes: bool = False, wide: bool = False) -> bytes:
+    """Emit machine code.
+
+    Args:
+        text: LLVM's language.
+        level: of optimisation.
+        lanes: whether it has loops over lanes, of which the turns may be done side by side.
+        wide: with the longest vectors that the processor has.
+    """
+    import llvmlite.binding as llvm
+
+    machine = _machine(level, wide=wide)
+    module = llvm.parse_assembly(text)
+    module.verify()
+    tuning = llvm.create_pipeline_tuning_options(speed_level=level)
+    # Else loops are short and were written out where that helps; and vectors read what was written entry by entry,
+    # which waits.
+    tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_interleaving = lanes
+    tuning.loop_unrolling = lanes
+    passes = llvm.create_pass_builder(machine, tuning)
+    passes.getModulePassManager().run(module, passes)
+    return bytes(machine.emit_object(module))
+
+
+def best(text: str, *, lanes: bool, wide: bool = False) -> bytes:
+    """Emit the best machine code; arguments as of `emitted`."""
+    return emitted(text, LANES if lanes else FULL, lanes=lanes, wide=wide)
+
+
+def loaded(objects: Iterable[bytes], libm: Iterable[str]) -> Any:
+    """Load machine code; the engine that holds it lives as long as anybody may call it.
+
+    Args:
+        objects: that may call one another, and what `show` has shown.
+        libm: functions of the platform's library that they call.
+    """
+    import llvmlite.binding as llvm
+
+    _define(libm)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+    for machine in objects:
+        engine.add_object_file(llvm.object_file.ObjectFileRef.from_data(machine))
+    engine.finalize_object()
+    return engine
+
+
+def address(engine: Any, name: str) -> int:
+    """Find a function of loaded machine code.
+
+    Raises:
+        OSError: it has no such function.
+    """
+    place = int(engine.get_function_address(name))
+    if not place:
+        raise OSError(f"the machine code has no {name}")
+    return place
+
+
+def show(engine: Any, names: Iterable[str]) -> None:
+    """Let machine code that is loaded from now on call these functions by their names."""
+    import llvmlite.binding as llvm
+
+    for name in names:
+        llvm.add_symbol(name, address(engine, name))
+
+
+@cache
+def platform() -> tuple[str, ...]:
+    """Name all that machine code depends on besides its source: the back end, LLVM and the processor."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    return _back_end(), llvmlite.__version__, str(llvm.llvm_version_info), *_processor()
+
+
+@cache
+def _back_end() -> str:
+    """Digest the sources of the back end: code that another version of it made is not used."""
+    here = Path(__file__)
+    folders = [here.with_name("llvm"), here.with_name("lanes")]
+    sources = sorted([*(file for folder in folders for file in folder.glob("*.py")), here, here.with_name("native.py")])
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+
+
+def side_by_side() -> int:
+    """Count the lanes that fit this processor best: as many floats as its longest vectors hold.
+
+    Raises:
+        MissingPackageError: no LLVM.
+    """
+    require_llvm()
+    _, _, features = _processor()
+    return 8 if "+avx512f" in features.split(",") else 4
+
+
+@cache
+def _processor() -> tuple[str, str, str]:
+    """Identify the processor: triple, name and features."""
+    import llvmlite.binding as llvm
+
+    return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _machine(level: int = FULL, *, wide: bool = False) -> Any:
+    """Make the machine that code is emitted for; an engine owns it, so that each needs one."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    triple, name, features = _processor()
+    if wide and "avx512f" in features:
+        features += ",-prefer-256-bit"  # of some processors LLVM has it that short vectors are the better choice
+    return llvm.Target.from_triple(triple).create_target_machine(
+        cpu=name, features=features, opt=level, codemodel="jitdefault", jit=True
+    )
+
+
+def _define(libm: Iterable[str]) -> None:
+    """Tell the loader where functions are; if it misses one, it silently leaves all calls undone."""
+    import llvmlite.binding as llvm
+
+    for name, library in [(n, n) for n in NEEDED] + [(f"graspfx_{n}", n) for n in libm]:
+        if llvm.address_of_symbol(name) is None:
+            function = _function(library)
+            if function is None:
+                raise MissingPackageError(library, "a compiled loop", "the platform's C library has no such function")
+            llvm.add_symbol(name, function)
+    for name in DECLARED:
+        if llvm.address_of_symbol(name) is None:
+            llvm.add_symbol(name, python_function(name))
+
+
+def _function(name: str) -> int | None:
+    for library in _libraries():
+        with_name = getattr(library, name, None)
+        if with_name is not None:
+            return ctypes.cast(with_name, ctypes.c_void_p).value
+    return None
+
+
+@cache
+def _libraries() -> Sequence[ctypes.CDLL]:
+    """Load the C libraries that Python itself computes with."""
+    if sys.platform == "win32":
+        return ctypes.CDLL("ucrtbase"), ctypes.CDLL("vcruntime140")
+    names = [ctypes.util.find_library("m"), None]
+    return tuple(ctypes.CDLL(name) for name in names)

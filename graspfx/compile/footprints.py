@@ -1,0 +1,31 @@
+"""Footprints in the disk cache of kernels that were compiled by themselves: to look for one, LLVM need not be loaded."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from typing import Any
+
+from graspfx.compile import cache as disk
+from graspfx.compile.marks import written
+from graspfx.compile.own_sources import is_own, source_stamps
+
+
+def was_compiled(kernel: Callable[..., Any]) -> bool:
+    """Tell whether a kernel of ours was compiled with this version of the sources."""
+    return _is_ours(kernel) and disk.load(_key(kernel)) is not None
+
+
+def note_compiled(kernel: Callable[..., Any]) -> None:
+    """Note that a kernel was compiled, if it is ours: the key says nothing of others' sources."""
+    if _is_ours(kernel):
+        disk.store(_key(kernel), b"")
+
+
+def _is_ours(kernel: Callable[..., Any]) -> bool:
+    return is_own(written(kernel).__code__.co_filename)
+
+
+def _key(kernel: Callable[..., Any]) -> str:
+    name = f"{kernel.__module__}.{kernel.__qualname__}"
+    return f"kernel-{hashlib.sha256(repr((name, source_stamps())).encode()).hexdigest()}"

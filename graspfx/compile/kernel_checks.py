@@ -1,0 +1,147 @@
+"""Kernels of others: what is checked of them before machine code computes without looking."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import FunctionType, ModuleType
+from typing import Any
+
+from graspfx.compile.kernel import source_function, written
+from graspfx.compile.own_sources import is_own
+from graspfx.errors import KernelError
+
+PAGE = "see docs/development/records-and-kernels.md"
+
+
+def foreign_kernels(kernels: Mapping[str, Callable[..., Any]]) -> dict[str, Callable[..., Any]]:
+    """Select the kernels that are not of this package."""
+    return {name: kernel for name, kernel in kernels.items() if _is_foreign(kernel)}
+
+
+def check(kernels: Iterable[Callable[..., Any]]) -> dict[str, FunctionType]:
+    """Check kernels of others, and all of theirs that these call.
+
+    Returns:
+        The functions as they are written, by the files that name their code: their own, and those of lowered text.
+
+    Raises:
+        KernelError: a name that may be unbound where it is used, with its file and line.
+    """
+    from graspfx.compile.specialise.definitions import definition
+    from graspfx.compile.unbound import unbound_names
+
+    functions: dict[str, FunctionType] = {}
+    left: list[Any] = [written(kernel) for kernel in kernels]
+    seen: set[Any] = set()
+    while left:
+        function = left.pop()
+        if function in seen:
+            continue
+        seen.add(function)
+        tree, file = definition(function), function.__code__.co_filename
+        for name in unbound_names(tree):
+            raise KernelError(
+                f"{file}:{name.lineno}", name.id, "a name that has a value on every way to here",
+                f"assign to {name.id!r} before the branch or the loop, which may be passed by; {PAGE}",
+            )  # fmt: skip
+        functions[f"<{function.__module__}.{function.__qualname__}, lowered>"] = function
+        functions[file] = function
+        left += [written(called) for called in _called(tree, function) if _is_foreign(called)]
+    return functions
+
+
+def _called(tree: ast.FunctionDef, function: Any) -> Iterator[Any]:
+    """List the functions that a kernel's names stand for."""
+    for node in ast.walk(tree):
+        item: Any = None
+        if isinstance(node, ast.Name):
+            item = function.__globals__.get(node.id)
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = function.__globals__.get(node.value.id)
+            item = getattr(module, node.attr, None) if isinstance(module, ModuleType) else None
+        if isinstance(item, FunctionType):
+            yield item
+
+
+def _is_foreign(kernel: Any) -> bool:
+    code = getattr(written(kernel), "__code__", None)
+    return code is not None and not is_own(code.co_filename)
+
+
+class OutsideError(Exception):
+    """An index outside of a buffer."""
+
+    def __init__(self, index: int, length: int) -> None:
+        super().__init__(f"entry {index} of a buffer of {length}")
+
+
+class CheckedBuffer:
+    """A buffer of floats of which each index is checked: neither beyond its end nor before its beginning.
+
+    Args:
+        view: the buffer.
+    """
+
+    __slots__ = ("_view",)
+
+    def __init__(self, view: Any) -> None:
+        self._view = view
+
+    def __len__(self) -> int:
+        return len(self._view)
+
+    def __getitem__(self, index: int) -> float:
+        if not 0 <= index < len(self._view):
+            raise OutsideError(index, len(self._view))
+        return float(self._view[index])
+
+    def __setitem__(self, index: int, value: float) -> None:
+        if not 0 <= index < len(self._view):
+            raise OutsideError(index, len(self._view))
+        self._view[index] = value
+
+
+def checked_function(kernel: Callable[..., Any], functions: Mapping[str, FunctionType]) -> Callable[..., Any]:
+    """Make a function that runs a kernel interpreted, each index of its buffers checked.
+
+    Args:
+        kernel: of others.
+        functions: of `check`.
+
+    Raises:
+        KernelError: by the function: an index outside of a buffer, with the file and line of the kernel.
+    """
+    run = source_function(kernel)
+
+    def checked(*arguments: Any) -> Any:
+        try:
+            return run(*(CheckedBuffer(a) if isinstance(a, memoryview) else a for a in arguments))
+        except OutsideError as error:
+            place, text = _place_of(error, functions)
+            raise KernelError(
+                place, str(error), "an index of the buffer",
+                f"`{text}`: count from 0 to less than what the record declares; compiled, it would read or write "
+                f"memory of others; {PAGE}",
+            ) from error  # fmt: skip
+
+    return checked
+
+
+def _place_of(error: OutsideError, functions: Mapping[str, FunctionType]) -> tuple[str, str]:
+    """Find the innermost line of a kernel of others that led to an error: its place and its text."""
+    import linecache
+
+    from graspfx.compile.lower.lowering import written_lines
+
+    place, step = ("", ""), error.__traceback__
+    while step is not None:
+        code, line = step.tb_frame.f_code, step.tb_lineno
+        function = functions.get(code.co_filename)
+        if function is not None:
+            file = function.__code__.co_filename
+            if code.co_filename != file:
+                line = written_lines(function)[line - 1]
+            place = f"{file}:{line}", linecache.getline(file, line).strip()
+        step = step.tb_next
+    return place

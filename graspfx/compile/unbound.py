@@ -1,0 +1,149 @@
+"""Names of a kernel that may be unbound where they are used: machine code would read what stands there by chance."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from graspfx.compile.specialise.syntax import assigned
+
+Bound = frozenset[str] | None  # names that have a value for certain; None where no way leads to
+
+
+@dataclass
+class Loop:
+    """What is bound where a loop is left, and where its next turn begins."""
+
+    breaks: list[Bound] = field(default_factory=list)
+
+
+def unbound_names(tree: ast.FunctionDef) -> list[ast.Name]:
+    """List the uses of a function's variables that some way through it reaches before a value is assigned.
+
+    A test is taken to go either way, whatever was tested before, and a loop to have no turns at all unless its range or
+    its tuple is written there.
+    """
+    flow = Flow(assigned(tree.body))
+    flow.block(tree.body, frozenset(a.arg for a in tree.args.args))
+    return flow.uses
+
+
+class Flow:
+    """Ways through a function.
+
+    Args:
+        variables: names that the function assigns to.
+    """
+
+    def __init__(self, variables: set[str]) -> None:
+        self._variables = variables
+        self._loops: list[Loop] = []
+        self.uses: list[ast.Name] = []
+
+    def block(self, statements: Sequence[ast.stmt], bound: Bound) -> Bound:
+        """Follow statements; return what is bound behind them."""
+        for statement in statements:
+            if bound is None:
+                break
+            bound = self.statement(statement, bound)
+        return bound
+
+    def statement(self, node: ast.stmt, bound: frozenset[str]) -> Bound:
+        match node:
+            case ast.Assign():
+                self.use(node.value, bound)
+                for target in node.targets:
+                    bound = self.assign(target, bound)
+            case ast.AnnAssign():
+                if node.value is not None:
+                    self.use(node.value, bound)
+                    bound = self.assign(node.target, bound)
+            case ast.AugAssign():
+                if isinstance(node.target, ast.Name):
+                    self.note(node.target, bound)
+                self.use(node.value, bound)
+                bound = self.assign(node.target, bound)
+            case ast.If():
+                self.use(node.test, bound)
+                return common([self.block(node.body, bound), self.block(node.orelse, bound)])
+            case ast.While():
+                self.use(node.test, bound)
+                return self.turns(node.body, bound, bound, endless=_is_true(node.test))
+            case ast.For():
+                self.use(node.iter, bound)
+                return self.turns(node.body, bound, self.assign(node.target, bound), once=_has_turns(node.iter))
+            case ast.Return():
+                if node.value is not None:
+                    self.use(node.value, bound)
+                return None
+            case ast.Break():
+                if self._loops:
+                    self._loops[-1].breaks.append(bound)
+                return None
+            case ast.Continue():
+                return None
+            case ast.Expr():
+                self.use(node.value, bound)
+        return bound
+
+    def turns(
+        self, body: Sequence[ast.stmt], before: Bound, inside: Bound, *, once: bool = False, endless: bool = False
+    ) -> Bound:
+        """Follow a loop's body once: a turn begins with no more than what was bound before the first."""
+        loop = Loop()
+        self._loops.append(loop)
+        behind = self.block(body, inside)
+        self._loops.pop()
+        if endless:
+            return common(loop.breaks)
+        first = common([behind, *self._continued(body, inside)]) if once else before
+        return common([first, *loop.breaks])
+
+    def _continued(self, body: Sequence[ast.stmt], inside: Bound) -> list[Bound]:
+        """Say what is bound for certain where a turn is cut short: no more than where it begins."""
+        return [inside] if any(isinstance(node, ast.Continue) for each in body for node in ast.walk(each)) else []
+
+    def assign(self, target: ast.expr, bound: frozenset[str]) -> frozenset[str]:
+        if isinstance(target, ast.Name):
+            return bound | {target.id}
+        if isinstance(target, ast.Tuple):
+            for part in target.elts:
+                bound = self.assign(part, bound)
+            return bound
+        self.use(target, bound)
+        return bound
+
+    def use(self, node: ast.expr, bound: frozenset[str]) -> None:
+        for name in _names(node):
+            self.note(name, bound)
+
+    def note(self, name: ast.Name, bound: frozenset[str]) -> None:
+        if name.id in self._variables and name.id not in bound:
+            self.uses.append(name)
+
+
+def common(ways: Sequence[Bound]) -> Bound:
+    """Say what is bound where several ways meet."""
+    sets = [way for way in ways if way is not None]
+    return frozenset.intersection(*sets) if sets else None
+
+
+def _names(node: ast.expr) -> Iterator[ast.Name]:
+    return (n for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
+
+
+def _is_true(test: ast.expr) -> bool:
+    return isinstance(test, ast.Constant) and bool(test.value)
+
+
+def _has_turns(turns: ast.expr) -> bool:
+    """Tell whether a loop's range or tuple, as it is written, has a turn at least."""
+    if isinstance(turns, ast.Tuple):
+        return bool(turns.elts)
+    if not (isinstance(turns, ast.Call) and isinstance(turns.func, ast.Name) and turns.func.id == "range"):
+        return False
+    try:
+        return bool(range(*(int(ast.literal_eval(bound)) for bound in turns.args)))
+    except ValueError:
+        return False

@@ -1,0 +1,167 @@
+"""Symmetric matrices as sums of signed squares, M = sum_k h_k l_k l_k', and systems with many right sides."""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Table
+
+ROUNDING = 1e-15  # of a diagonal entry: a pivot up to that is nothing
+PAIR = (1.0 + math.sqrt(17.0)) / 8.0  # a pivot on the diagonal over an entry off it, at least
+
+
+@kernel
+def factor_definite(M: Table, size: int) -> None:
+    """Replace M >= 0 by its factor L, lower triangular, M = L L'; a pivot of rounding size is a column of zeros."""
+    for j in range(size):
+        own = M[j, j]
+        left = own
+        for k in range(j):
+            left -= M[j, k] * M[j, k]
+        if not left > ROUNDING * own:
+            for i in range(j, size):
+                M[i, j] = 0.0
+        else:
+            root = math.sqrt(left)
+            inverse = 1.0 / root
+            M[j, j] = root
+            for i in range(j + 1, size):
+                total = M[i, j]
+                for k in range(j):
+                    total -= M[i, k] * M[j, k]
+                M[i, j] = total * inverse
+        for i in range(j):
+            M[i, j] = 0.0
+
+
+@kernel
+def solve_factored(L: Table, x: Floats, size: int) -> None:
+    """Solve L L'x = b in place, L of `factor_definite` without a zero pivot."""
+    lower(L, x, size)
+    for i in range(size - 1, -1, -1):
+        total = x[i]
+        for k in range(i + 1, size):
+            total -= L[k, i] * x[k]
+        x[i] = total / L[i, i]
+
+
+@kernel
+def lower(L: Table, x: Floats, size: int) -> None:
+    """Solve L x = b in place."""
+    for i in range(size):
+        total = x[i]
+        for k in range(i):
+            total -= L[i, k] * x[k]
+        x[i] = total / L[i, i]
+
+
+@kernel
+def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
+    """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M is changed.
+
+    The largest entry on the diagonal is a pivot unless one off it is much larger; then a pair is, in the axes of its
+    two eigenvectors, of which one sign is plus and the other minus (Bunch and Parlett 1971).
+
+    Args:
+        M: its lower triangle is read.
+        size: of it.
+        columns: l_k as column k.
+        signs: h_k.
+    """
+    k = 0
+    while k < size:
+        r = p = q = 0
+        top = off = 0.0
+        for i in range(size):
+            if abs(M[i, i]) > top:
+                top = abs(M[i, i])
+                r = i
+            for j in range(i):
+                if abs(M[i, j]) > off:
+                    off = abs(M[i, j])
+                    p = i
+                    q = j
+        if top >= PAIR * off:
+            take_pivot(M, size, r, columns, signs, k)
+            k += 1
+        else:
+            take_pair(M, size, p, q, columns, signs, k)
+            k += 2
+
+
+@kernel
+def take_pivot(M: Table, size: int, r: int, columns: Table, signs: Floats, k: int) -> None:
+    """Take h l l' off M for its pivot r, and write it as number k; where there is nothing left, zeros."""
+    pivot = M[r, r]
+    signs[k] = -1.0 if pivot < 0.0 else 1.0
+    inverse = signs[k] / math.sqrt(abs(pivot)) if pivot != 0.0 else 0.0
+    for i in range(size):
+        columns[i, k] = inverse * (M[i, r] if i >= r else M[r, i])
+    take_off(M, size, r, columns, signs[k], k)
+
+
+@kernel
+def take_pair(M: Table, size: int, p: int, q: int, columns: Table, signs: Floats, k: int) -> None:
+    """Take what the pair p > q of pivots stands for off M, and write it as numbers k and k + 1."""
+    a, b, c = M[q, q], M[p, q], M[p, p]
+    half = 0.5 * (a - c)
+    angle = 0.5 * math.atan2(b, half)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    radius = math.sqrt(half * half + b * b)
+    high, low = 0.5 * (a + c) + radius, 0.5 * (a + c) - radius  # above and below zero, as b is that large
+    signs[k] = 1.0
+    signs[k + 1] = -1.0
+    for i in range(size):
+        u = M[i, q] if i >= q else M[q, i]
+        v = M[i, p] if i >= p else M[p, i]
+        columns[i, k] = (cosine * u + sine * v) / math.sqrt(high)
+        columns[i, k + 1] = (sine * u - cosine * v) / math.sqrt(-low)
+    take_off(M, size, p, columns, 1.0, k)
+    take_off(M, size, q, columns, -1.0, k + 1)
+    for i in range(size):
+        M[max(i, p), min(i, p)] = 0.0
+
+
+@kernel
+def take_off(M: Table, size: int, r: int, columns: Table, sign: float, k: int) -> None:
+    """Take h l_k l_k' off the lower triangle of M, of which row and column r are zero then."""
+    for i in range(size):
+        left = sign * columns[i, k]
+        for j in range(i + 1):
+            M[i, j] -= left * columns[j, k]
+    for i in range(size):
+        M[max(i, r), min(i, r)] = 0.0
+
+
+@kernel
+def eliminate_rows(A: Table, B: Table, size: int, columns: int) -> bool:
+    """Solve A X = B in place, with row exchanges; False where a pivot is zero."""
+    for p in range(size):
+        top = p
+        for i in range(p + 1, size):
+            if abs(A[i, p]) > abs(A[top, p]):
+                top = i
+        if top != p:
+            for j in range(p, size):
+                A[p, j], A[top, j] = A[top, j], A[p, j]
+            for j in range(columns):
+                B[p, j], B[top, j] = B[top, j], B[p, j]
+        if not abs(A[p, p]) > 0.0:
+            return False
+        inverse = 1.0 / A[p, p]
+        for i in range(p + 1, size):
+            factor = A[i, p] * inverse
+            if factor != 0.0:
+                for j in range(p + 1, size):
+                    A[i, j] -= factor * A[p, j]
+                for j in range(columns):
+                    B[i, j] -= factor * B[p, j]
+    for p in range(size - 1, -1, -1):
+        inverse = 1.0 / A[p, p]
+        for j in range(columns):
+            total = B[p, j]
+            for k in range(p + 1, size):
+                total -= A[p, k] * B[k, j]
+            B[p, j] = total * inverse
+    return True

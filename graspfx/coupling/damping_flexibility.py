@@ -1,0 +1,428 @@
+"""The law with damping of an object that moves under the forces of the sample, as a flexibility, O(n).
+
+Springs and dampers are parallel branches, each of the fingers that touch alone (the others are released from each by
+itself), between the same roots of W:
+
+    K = kip (I - Q E_K Q'),    D / T = kid / T (R - R Q E_D Q'R),    M = K + D / T - J'N^-1 J,
+
+J = G K + H D / T, N = C^-1 + G K G' + H D H' / T; R is the share of its damping that each finger has by its depth, G
+and H are the levers of springs and dampers. So M = A - V E V' with A = kip + R kid / T and the columns V: Q, R Q where
+damping grows with depth, and the levers that are no sums of modes, R H' of the fingertips. The friction problem asks
+for its inverse, M^-1 = A^-1 + A^-1 V Y V'A^-1, Y = E (I - V'A^-1 V E)^-1: 6 unknowns with rates at the contacts, 9 with
+rates at the fingertips, 12 and 15 with depth damping; three more where torsion acts along other axes than the normals.
+"""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Table
+from graspfx.cones.factors import eliminate_rows, factor_definite, lower, solve_factored
+from graspfx.cones.friction import friction_force_flexible
+from graspfx.cones.problem import FrictionProblem
+from graspfx.coupling.contact_frames import in_frame
+from graspfx.coupling.depth import compliance, is_whole
+from graspfx.coupling.flexibility import combine_modes, factor
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.implicit import LEAST
+from graspfx.coupling.law import normal_force
+from graspfx.coupling.recoil import damping_share, find_levers, inertia, lever
+from graspfx.grasp.contact_state import motion_of
+from graspfx.grasp.rigid_modes import component
+from graspfx.spatial import NOTHING
+
+
+@kernel
+def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> int:
+    """Find elastic force and damping of the fingers that touch, in a problem of d coordinates; give the law."""
+    per = 1.0 / grasp.period
+    base = pose_damped(grasp, problem, d, slipped)
+    highest = max(grasp.external_stiffness, grasp.internal_stiffness)
+    highest += per * max(grasp.external_damping, grasp.internal_damping)
+    soft = grasp.external_stiffness <= grasp.internal_stiffness and grasp.external_damping <= grasp.internal_damping
+    return friction_force_flexible(problem, d, base, max(base, highest), soft, False, 0).law
+
+
+@kernel
+def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> float:
+    """Write the law with damping into a problem of d coordinates a contact: its bilateral force and its modes.
+
+    `slipped`: displacements are those that slipping has left. Give the largest entry of A.
+    """
+    find_levers(grasp, True)
+    state, per = grasp.recoil, 1.0 / grasp.period
+    kep, kip = grasp.external_stiffness, grasp.internal_stiffness
+    most = max(grasp.external_damping, grasp.internal_damping)
+    ked, kid = max(grasp.external_damping, LEAST * most), max(grasp.internal_damping, LEAST * most)
+    soft = grasp.gradual and not is_whole(grasp)
+    turns, p = grasp.freedom.turns, grasp.mode_count
+    near = p + (turns if state.twisted else 0)
+    far = p + (turns if state.distant else 0)
+    count = near + far if soft else near + far - p
+    base = kip + per * kid
+    write_columns(grasp, problem, d, soft, kip, kid, slipped)
+    add_up(grasp, problem, d, soft, kid, near, far, count, base)
+    if kep > kip or ked > kid:
+        find_lack(grasp, problem, d, soft, kid)
+    condense(grasp, state.near, state.elastic_lack, kep, kip, state.elastic_part)
+    condense(grasp, state.far, state.damping_lack, ked, kid, state.damping_part)
+    clear(grasp, count)
+    twisted, distant = state.twisted, state.distant
+    add_branch(grasp, state.near, state.elastic_part, state.elastic_share, state.stretch, kip, 1.0, near, 0, 0, twisted)
+    first, rest = (near, near) if soft else (0, near - p)
+    add_branch(
+        grasp, state.far, state.damping_part, damping_share(grasp), state.rate, per * kid, grasp.period,
+        far, first, rest, distant,
+    )  # fmt: skip
+    eliminate_motion(grasp, count)
+    write_force(grasp, problem, d, soft, kip, kid, count)
+    definite = kep <= kip and ked <= kid
+    if definite:
+        factor_inverse(grasp, problem, count)
+    else:
+        invert(grasp, count)
+        factor(grasp, problem, count, False)
+    root = math.sqrt(base)
+    for contact in problem.contacts:
+        own = base / (1.0 + base * contact.compliance) if problem.compliant else base
+        for a in range(d):
+            combine_modes(grasp, contact, a, count, root / own, definite)
+    return base
+
+
+@kernel
+def write_columns(
+    grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, slipped: bool
+) -> None:
+    """Write the columns V of what carries force, its displacements and rates, and the compliances behind 1 / A.
+
+    Displacements and rates stand in the contacts' `displacement` and `base_force` until `write_force`.
+    """
+    state, p = grasp.recoil, grasp.mode_count
+    shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        root = finger.sqrt_weight if contact.status >= 0 else 0.0
+        part = damping_part(grasp, finger, kid) if soft else 1.0
+        if problem.compliant:
+            contact.compliance = per * kid * (1.0 - part) / ((kip + per * kid) * (kip + per * kid * part))
+        e = finger.retained if slipped else finger.displacement
+        contact.displacement = root * in_frame(grasp, finger, e)
+        contact.base_force = root * in_frame(grasp, finger, finger.rate)
+        for a in range(d):
+            for j in range(p):
+                q = component(finger, motion_of(grasp.modes[j], i, grasp.width), a) if root > 0.0 else 0.0
+                contact.modes[j].motion[a] = q
+            k = p
+            if state.twisted:
+                for u in range(turns):
+                    contact.modes[k].motion[a] = root * lever(grasp, finger, shifts + u, a, False)
+                    k += 1
+            if soft:
+                for j in range(p):
+                    contact.modes[k].motion[a] = part * contact.modes[j].motion[a]
+                    k += 1
+            if state.distant:
+                for u in range(turns):
+                    contact.modes[k].motion[a] = part * root * lever(grasp, finger, shifts + u, a, True)
+                    k += 1
+
+
+@kernel
+def damping_part(grasp: GraspState, finger: FingerState, kid: float) -> float:
+    """Compute r_i = 1 / (1 + kid C_i), what a finger's depth leaves of kid."""
+    if not finger.touching:
+        return 1.0
+    return 1.0 / (1.0 + kid * compliance(grasp, finger, normal_force(finger)))
+
+
+@kernel
+def add_up(
+    grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float, near: int, far: int, count: int,
+    base: float,
+) -> None:  # fmt: skip
+    """Compute V'A^-1 V, V'V of the elastic columns, V'R^-1 V of the damping's, and V'e and V'e' of all columns."""
+    state, p = grasp.recoil, grasp.mode_count
+    for j in range(count):
+        state.stretch[j] = 0.0
+        state.rate[j] = 0.0
+        for k in range(j + 1):
+            state.gram[j, k] = 0.0
+    if soft:
+        for j in range(max(near, far)):
+            for k in range(j + 1):
+                state.near[j, k] = 0.0
+                state.far[j, k] = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        if contact.status < 0:
+            continue
+        modes = contact.modes
+        own = 1.0 / base + (contact.compliance if problem.compliant else 0.0)
+        part = damping_part(grasp, finger, kid) if soft else 1.0
+        for j in range(count):
+            for a in range(d):
+                v = modes[j].motion[a]
+                state.stretch[j] += v * contact.displacement[a]
+                state.rate[j] += v * contact.base_force[a]
+            for k in range(j + 1):
+                total = 0.0
+                for a in range(d):
+                    total += modes[j].motion[a] * modes[k].motion[a]
+                state.gram[j, k] += own * total
+                if soft and j < near:
+                    state.near[j, k] += total
+                if soft and k >= near:
+                    state.far[j - near, k - near] += total / part
+    if not soft:
+        for j in range(near):
+            for k in range(j + 1):
+                state.near[j, k] = base * state.gram[j, k]
+        for j in range(far):
+            for k in range(j + 1):
+                a, b = j if j < p else near + j - p, k if k < p else near + k - p
+                state.far[j, k] = base * state.gram[a, b]
+    mirror(state.gram, count)
+    mirror(state.near, near)
+    mirror(state.far, far)
+
+
+@kernel
+def mirror(square: Table, count: int) -> None:
+    """Copy the lower triangle of a symmetric matrix to the upper one."""
+    for j in range(count):
+        for k in range(j):
+            square[k, j] = square[j, k]
+
+
+@kernel
+def find_lack(grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float) -> None:
+    """Compute I - Q'Q and I - Q'R Q of the coordinates that carry force, from those that do not: no digits are lost."""
+    state, p = grasp.recoil, grasp.mode_count
+    for j in range(p):
+        for k in range(p):
+            state.elastic_lack[j, k] = 0.0
+            state.damping_lack[j, k] = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        free = problem.contacts[i].status < 0
+        part = damping_part(grasp, finger, kid) if soft else 1.0
+        for a in range(grasp.coordinates):
+            carries = not free and a < d
+            if carries and not soft:
+                continue
+            for j in range(p):
+                left = component(finger, motion_of(grasp.modes[j], i, grasp.width), a)
+                for k in range(p):
+                    both = left * component(finger, motion_of(grasp.modes[k], i, grasp.width), a)
+                    state.elastic_lack[j, k] += 0.0 if carries else both
+                    state.damping_lack[j, k] += (1.0 - part) * both if carries else both
+
+
+@kernel
+def condense(grasp: GraspState, gram: Table, lack: Table, external: float, internal: float, out: Table) -> None:
+    """Compute E of a branch, of the contacts that carry force: (Y^-1 + S)^-1, or where it is negative (X^-1 - R)^-1.
+
+    S = Q'Q and R = I - S, Y = k_i / kappa - 1 and X = 1 - kappa / k_i: either way a sum of positive matrices.
+    """
+    p, A = grasp.mode_count, grasp.recoil.work
+    for j in range(p):
+        beta = grasp.modes[j, 0]
+        kappa = internal + (external - internal) * beta
+        x = (internal - external) * beta / (kappa if external <= internal else internal)
+        for k in range(p):
+            A[j, k] = x * gram[j, k] if external <= internal else -x * lack[j, k]
+            out[j, k] = 0.0
+        A[j, j] += 1.0
+        out[j, j] = x
+    eliminate_rows(A, out, p, p)
+    for j in range(p):
+        for k in range(j):
+            out[j, k] = out[k, j] = 0.5 * (out[j, k] + out[k, j])
+
+
+@kernel
+def clear(grasp: GraspState, count: int) -> None:
+    """Clear what the branches add to."""
+    state = grasp.recoil
+    for j in range(count):
+        state.row[j] = 0.0
+        for k in range(count):
+            state.whole[j, k] = 0.0
+        for u in range(6):
+            state.levers[j, u] = 0.0
+    for u in range(grasp.freedom.shifts + grasp.freedom.turns):
+        state.motion[u] = 0.0
+        for v in range(u + 1):
+            state.system[u, v] = inertia(grasp, u, v)
+
+
+@kernel
+def add_branch(
+    grasp: GraspState, gram: Table, part: Table, share: Table, vector: Floats, gain: float, unit: float, size: int,
+    first: int, rest: int, beyond: bool,
+) -> None:  # fmt: skip
+    """Add one branch, gain (R - R Q E Q'R): to E, to its levers J', to N, and its force to the right sides.
+
+    Args:
+        grasp: the block.
+        gram: of its own columns.
+        part: E.
+        share: T of its levers, where they are sums of modes.
+        vector: V'e or V'e' of all columns.
+        gain: in front of it.
+        unit: what its displacement is multiplied by.
+        size: how many columns it has.
+        first: its first mode's place among all columns.
+        rest: place of its first column, if columns behind the modes were counted from there.
+        beyond: its levers of rotations are columns of their own.
+    """
+    state, p, shifts = grasp.recoil, grasp.mode_count, grasp.freedom.shifts
+    free = shifts + grasp.freedom.turns
+    products, turned = state.products, state.turned
+    for u in range(free):
+        for j in range(size):
+            total = 0.0
+            if u < shifts:
+                total = share[u, u] * gram[j, u]
+            elif beyond:
+                total = gram[j, p + u - shifts]
+            else:
+                for k in range(p):
+                    total += gram[j, k] * share[k, u]
+            products[j, u] = total
+    for j in range(p):
+        for u in range(free):
+            total = 0.0
+            for k in range(p):
+                total += part[j, k] * products[k, u]
+            turned[j, u] = total
+    for u in range(free):
+        for v in range(u + 1):
+            total = 0.0
+            if u < shifts:
+                total = share[u, u] * products[u, v]
+            elif beyond:
+                total = products[p + u - shifts, v]
+            else:
+                for k in range(p):
+                    total += share[k, u] * products[k, v]
+            for k in range(p):
+                total -= products[k, u] * turned[k, v]
+            state.system[u, v] += gain * total
+    for j in range(size):
+        at = first + j if j < p else rest + j
+        value = unit * vector[at]
+        for u in range(free):
+            total = 0.0
+            if u < shifts:
+                total = share[u, u] if j == u else 0.0
+            elif beyond:
+                total = 1.0 if j == p + u - shifts else 0.0
+            elif j < p:
+                total = share[j, u]
+            if j < p:
+                total -= turned[j, u]
+            state.levers[at, u] += gain * total
+            state.motion[u] += gain * total * value
+    for j in range(p):
+        total = 0.0
+        for k in range(p):
+            state.whole[first + j, first + k] += gain * part[j, k]
+            total += part[j, k] * vector[first + k]
+        state.row[first + j] += gain * unit * total
+
+
+@kernel
+def eliminate_motion(grasp: GraspState, count: int) -> None:
+    """Find the object's motion u = N^-1 r, add J'N^-1 J to E and J'u to what the columns take from the force."""
+    state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
+    factor_definite(state.system, free)
+    solve_factored(state.system, state.motion, free)
+    for j in range(count):
+        for u in range(free):
+            state.row[j] += state.levers[j, u] * state.motion[u]
+        lower(state.system, state.levers[j], free)
+    for j in range(count):
+        for k in range(j + 1):
+            total = state.whole[j, k]
+            for u in range(free):
+                total += state.levers[j, u] * state.levers[k, u]
+            state.whole[j, k] = total
+    mirror(state.whole, count)
+
+
+@kernel
+def write_force(
+    grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, count: int
+) -> None:
+    """Write the bilateral force of the contacts that carry force into the problem's base forces."""
+    row = grasp.recoil.row
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        part = damping_part(grasp, finger, kid) if soft else 1.0
+        contact.base_force = kip * contact.displacement + (kid * part) * contact.base_force
+        contact.displacement = NOTHING
+        for a in range(d):
+            total = contact.base_force[a]
+            for j in range(count):
+                total -= contact.modes[j].motion[a] * row[j]
+            contact.base_force[a] = finger.sqrt_weight * total
+
+
+@kernel
+def invert(grasp: GraspState, count: int) -> None:
+    """Compute Y = E (I - S E)^-1 of E in `whole` and S in `gram`, into `work`."""
+    state = grasp.recoil
+    A, Y = state.near, state.work
+    for j in range(count):
+        for k in range(count):
+            total = 1.0 if j == k else 0.0
+            for i in range(count):
+                total -= state.whole[j, i] * state.gram[i, k]
+            A[j, k] = total
+            Y[j, k] = state.whole[j, k]
+    eliminate_rows(A, Y, count, count)
+    for j in range(count):
+        for k in range(j):
+            Y[j, k] = Y[k, j] = 0.5 * (Y[j, k] + Y[k, j])
+
+
+@kernel
+def factor_inverse(grasp: GraspState, problem: FrictionProblem, count: int) -> None:
+    """Compute the factor L = F U'^-1 of Y = F (I - F'S F)^-1 F' >= 0, E = F F' and I - F'S F = U U', into `gram`.
+
+    F and L are lower triangular, U is upper triangular.
+    """
+    state = grasp.recoil
+    F, S, U, W = state.whole, state.gram, state.work, state.near
+    factor_definite(F, count)
+    for j in range(count):
+        for k in range(count):
+            total = 0.0
+            for i in range(k, count):
+                total += S[j, i] * F[i, k]
+            W[j, k] = total
+    for j in range(count):
+        for k in range(j, count):
+            total = 1.0 if j == k else 0.0
+            for i in range(k, count):
+                total -= F[i, k] * W[i, j]
+            U[j, k] = total
+    for j in range(count - 1, -1, -1):
+        for i in range(j, -1, -1):
+            total = U[i, j]
+            for k in range(j + 1, count):
+                total -= U[i, k] * U[j, k]
+            if i == j:
+                state.row[j] = 1.0 / math.sqrt(total)
+            U[i, j] = total * state.row[j]
+    for i in range(count):
+        for j in range(i, -1, -1):
+            total = F[i, j]
+            for k in range(j + 1, i + 1):
+                total -= S[i, k] * U[j, k]
+            S[i, j] = total * state.row[j]
+    problem.modes = count
+    for k in range(count):
+        problem.unknowns[k].share = 1.0

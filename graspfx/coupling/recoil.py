@@ -1,0 +1,259 @@
+"""Bilateral forces of a sample whose object moves under them: eq. (4) at the end of the sample, O(n).
+
+Under the implicit integrator f = K (e - G'u) + D (e' - H'u / T), u the object's displacement by the forces,
+
+    [C^-1 + G K G' + H D H' / T] u = G K e + H D e',
+
+C the object's compliance, G the moment arms of the contacts and H those of the points where rates are taken. With
+numbers for gains G K G' = kip G W G' + (kep - kip) T' beta T, T = Q'sqrt(W) G' a row for each mode.
+"""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import inline, kernel
+from graspfx.compile.records import Table
+from graspfx.cones.factors import factor_definite, solve_factored
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.grasp.contact_state import motion_of
+from graspfx.spatial import ZERO, Vector, Vector4, cross, dot, with_torsion
+
+
+@kernel
+def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
+    """Compute the bilateral forces and the displacement u, with or without damping.
+
+    `slipped`: the displacements are those that slipping has left, e + s of the elastic force.
+    """
+    ked = grasp.external_damping if damped else 0.0
+    kid = grasp.internal_damping if damped else 0.0
+    kep, kip, per = grasp.external_stiffness, grasp.internal_stiffness, 1.0 / grasp.period
+    shifts, turns, state = grasp.freedom.shifts, grasp.freedom.turns, grasp.recoil
+    find_levers(grasp, damped)
+    stretch, rate = state.stretch, state.rate
+    for k in range(grasp.mode_count):
+        mode = grasp.modes[k]
+        p = q = 0.0
+        for i, finger in enumerate(grasp.fingers):
+            motion = motion_of(mode, i, grasp.width)
+            e = finger.retained if slipped else finger.displacement
+            along = dot(motion.shift, e.vector)
+            if grasp.coordinates > 3:
+                along += motion.twist * e.t
+            p += finger.sqrt_weight * along
+            if damped:
+                along = dot(motion.shift, finger.rate.vector)
+                if grasp.coordinates > 3:
+                    along += motion.twist * finger.rate.t
+                q += finger.sqrt_weight * along
+        stretch[k], rate[k] = p, q
+    find_motion(grasp, kep, ked, kip, kid, damped, slipped)
+    for k in range(grasp.mode_count):
+        p, q = stretch[k], rate[k]
+        for u in range(shifts + turns):
+            p -= state.elastic_share[k, u] * state.motion[u]
+            if damped:
+                q -= per * damping_share(grasp)[k, u] * state.motion[u]
+        stretch[k] = grasp.modes[k, 0] * ((kep - kip) * p + (ked - kid) * q)
+    shift, turn = motion_of_object(grasp)
+    for i, finger in enumerate(grasp.fingers):
+        e = finger.retained if slipped else finger.displacement
+        f = kip * (e - path_of(grasp, finger, shift, turn, False))
+        if damped:
+            f += kid * (finger.rate - per * path_of(grasp, finger, shift, turn, not grasp.at_contact))
+        f = finger.weight * f
+        for k in range(grasp.mode_count):
+            motion = motion_of(grasp.modes[k], i, grasp.width)
+            twist = motion.twist if grasp.coordinates > 3 else 0.0
+            f += (stretch[k] * finger.sqrt_weight) * with_torsion(motion.shift, twist)
+        finger.local = f
+
+
+@kernel
+def find_levers(grasp: GraspState, damped: bool) -> None:
+    """Compute the levers of this sample: those of the contacts only if the modes are others, or they are no modes'."""
+    state = grasp.recoil
+    if not state.known or state.twisted:
+        write_roots(grasp)
+        write_levers(grasp, False, state.elastic_share, state.elastic_weight)
+        state.known = True
+    if damped and state.distant:
+        write_levers(grasp, True, state.damping_share, state.damping_weight)
+
+
+@inline
+def damping_share(grasp: GraspState) -> Table:
+    """Give T of the damping's levers."""
+    return grasp.recoil.damping_share if grasp.recoil.distant else grasp.recoil.elastic_share
+
+
+@kernel
+def write_levers(grasp: GraspState, at_tip: bool, share: Table, weight: Table) -> None:
+    """Compute T = Q'sqrt(W) G' of all free directions, and G W G' of the rotations.
+
+    That of translations is known: sqrt(sum w) for the mode that each of them is, nothing for another.
+    """
+    shifts, turns = grasp.freedom.shifts, grasp.freedom.turns
+    total = 0.0
+    for k in range(6):
+        for u in range(shifts + turns):
+            share[k, u] = 0.0
+    for u in range(turns):
+        for v in range(turns):
+            weight[u, v] = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        total += finger.weight
+        for u in range(turns):
+            axis = grasp.freedom.axes[shifts + u].vector
+            way = finger.sqrt_weight * path_of(grasp, finger, ZERO, axis, at_tip)
+            for k in range(grasp.mode_count):
+                motion = motion_of(grasp.modes[k], i, grasp.width)
+                along = dot(motion.shift, way.vector)
+                if grasp.coordinates > 3:
+                    along += motion.twist * way.t
+                share[k, shifts + u] += along
+            for v in range(u + 1):
+                other = path_of(grasp, finger, ZERO, grasp.freedom.axes[shifts + v].vector, at_tip)
+                both = dot(way.vector, other.vector)
+                if grasp.coordinates > 3:
+                    both += way.t * other.t
+                weight[u, v] += finger.sqrt_weight * both
+    root = math.sqrt(total)
+    for u in range(shifts):
+        share[u, u] = root
+
+
+@kernel
+def write_roots(grasp: GraspState) -> None:
+    """Write the roots of the weights."""
+    for finger in grasp.fingers:
+        finger.sqrt_weight = math.sqrt(finger.weight)
+
+
+@kernel
+def find_motion(grasp: GraspState, kep: float, ked: float, kip: float, kid: float, damped: bool, slipped: bool) -> None:
+    """Find u from V'e in `stretch` and V'e' in `rate`: translations, all of one inertia, are eliminated first."""
+    state, system, motion = grasp.recoil, grasp.recoil.system, grasp.recoil.motion
+    shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
+    near, far = state.elastic_share, damping_share(grasp)
+    own, root = 1.0, 0.0
+    if shifts > 0:
+        root = near[0, 0]
+        own = inertia(grasp, 0, 0) + root * root * (kep + per * ked)
+    for s in range(shifts):
+        motion[s] = root * (kep * state.stretch[s] + (ked * state.rate[s] if damped else 0.0))
+    if turns == 0:
+        for s in range(shifts):
+            motion[s] /= own
+        return
+    moment = moment_of_displacements(grasp, kip, kid, damped, slipped)
+    for u in range(turns):
+        a = shifts + u
+        for v in range(u + 1):
+            b = shifts + v
+            total = inertia(grasp, a, b) + kip * state.elastic_weight[u, v]
+            if damped:
+                total += per * kid * (state.damping_weight[u, v] if state.distant else state.elastic_weight[u, v])
+            for k in range(grasp.mode_count):
+                beta = grasp.modes[k, 0]
+                total += beta * (kep - kip) * near[k, a] * near[k, b]
+                if damped:
+                    total += beta * per * (ked - kid) * far[k, a] * far[k, b]
+            for s in range(shifts):
+                total -= lever_of_shift(near, far, s, a, root, kep, per * ked) * (
+                    lever_of_shift(near, far, s, b, root, kep, per * ked) / own
+                )
+            system[u, v] = total
+        total = dot(grasp.freedom.axes[a].vector, moment)
+        for k in range(grasp.mode_count):
+            beta = grasp.modes[k, 0]
+            total += beta * (kep - kip) * near[k, a] * state.stretch[k]
+            if damped:
+                total += beta * (ked - kid) * far[k, a] * state.rate[k]
+        for s in range(shifts):
+            total -= lever_of_shift(near, far, s, a, root, kep, per * ked) * (motion[s] / own)
+        state.row[u] = total
+    factor_definite(system, turns)
+    solve_factored(system, state.row, turns)
+    for u in range(turns):
+        motion[shifts + u] = state.row[u]
+    for s in range(shifts):
+        total = motion[s]
+        for u in range(turns):
+            total -= lever_of_shift(near, far, s, shifts + u, root, kep, per * ked) * state.row[u]
+        motion[s] = total / own
+
+
+@inline
+def lever_of_shift(near: Table, far: Table, s: int, a: int, root: float, kep: float, ked: float) -> float:
+    """Compute what translation s and rotation a have to do with each other by the springs and the dampers."""
+    return root * (kep * near[s, a] + ked * far[s, a])
+
+
+@kernel
+def moment_of_displacements(grasp: GraspState, kip: float, kid: float, damped: bool, slipped: bool) -> Vector:
+    """Compute the moment about the object's centre of w (kip e + kid e'), e at the contacts, e' where rates are."""
+    moment = ZERO
+    for finger in grasp.fingers:
+        e = finger.retained if slipped else finger.displacement
+        f = kip * e
+        moment += finger.weight * cross(finger.contact, f.vector)
+        if damped:
+            drag = kid * finger.rate
+            moment += finger.weight * cross(arm(grasp, finger, not grasp.at_contact), drag.vector)
+            f += drag
+        if grasp.coordinates > 3:
+            moment += (finger.weight * finger.patch * f.t) * finger.twist_axis
+    return moment
+
+
+@kernel
+def inertia(grasp: GraspState, u: int, v: int) -> float:
+    """Compute an entry of C^-1 = (M + T B) / T^2, for the object's free directions u and v."""
+    T, body, shifts = grasp.period, grasp.body, grasp.freedom.shifts
+    total = 0.0
+    if u == v and u < shifts:
+        total = body.mass + T * body.viscosity
+    if u >= shifts and v >= shifts:
+        one, other = grasp.freedom.axes[u], grasp.freedom.axes[v]
+        for a in range(3):
+            total += one.vector[a] * other.vector[a] * (body.inertia[a] + T * body.rotational_viscosity)
+    return total / (T * T)
+
+
+@kernel
+def motion_of_object(grasp: GraspState) -> tuple[Vector, Vector]:
+    """Give u as a translation and a turn, in the object's axes."""
+    shifts, motion = grasp.freedom.shifts, grasp.recoil.motion
+    shift = turn = ZERO
+    for u in range(shifts):
+        shift += motion[u] * grasp.freedom.axes[u].vector
+    for u in range(grasp.freedom.turns):
+        turn += motion[shifts + u] * grasp.freedom.axes[shifts + u].vector
+    return shift, turn
+
+
+@inline
+def path_of(grasp: GraspState, finger: FingerState, shift: Vector, turn: Vector, at_tip: bool) -> Vector4:
+    """Compute what a small motion of the object does to a finger's contact, or its tip, and to its torsion."""
+    way = shift + cross(turn, arm(grasp, finger, at_tip)) if grasp.freedom.turns > 0 else shift
+    return with_torsion(way, finger.patch * dot(turn, finger.twist_axis) if grasp.coordinates > 3 else 0.0)
+
+
+@inline
+def arm(grasp: GraspState, finger: FingerState, at_tip: bool) -> Vector:
+    """Give where the object's centre sees a finger's contact, or its tip."""
+    return finger.contact + finger.displacement.vector if at_tip else finger.contact
+
+
+@kernel
+def lever(grasp: GraspState, finger: FingerState, u: int, a: int, at_tip: bool) -> float:
+    """Compute an entry of G in contact frames: what force coordinate a does along the object's free direction u."""
+    axis = grasp.freedom.axes[u].vector
+    if a == 3:
+        return finger.patch * dot(axis, finger.twist_axis) if u >= grasp.freedom.shifts else 0.0
+    f = finger.frame.row(a)
+    if u < grasp.freedom.shifts:
+        return dot(axis, f)
+    return dot(axis, cross(arm(grasp, finger, at_tip), f))

@@ -1,0 +1,45 @@
+"""Room for the recoil of an object, as it stands in a block (`coupling.recoil`, `coupling.flexibility`)."""
+
+from __future__ import annotations
+
+from graspfx.compile.records import Floats, Record, Table, floats, size_for, table
+
+
+class RecoilState(Record):
+    """Levers, systems and columns of a law whose forces move the object within the sample.
+
+    Directions are the object's free ones, translations first; columns are those of a law K = W^1/2 (A - V E V') W^1/2.
+    """
+
+    most: int  # columns that there is room for
+    twisted: bool  # torsion acts along axes that are not the normals: elastic levers are no sums of modes
+    distant: bool  # rates are taken at the fingertips: so are the levers of damping
+    known: bool  # elastic levers are those of the modes
+    stuck: bool  # the last sample's forces all lay inside their cones
+    elastic_share: Table = table("6", "6")  # T = Q'sqrt(W) G', a row for each mode
+    elastic_weight: Table = table("6", "6")  # G W G' of rotations
+    damping_share: Table = table("6", "6")  # with H, the levers of damping, for G
+    damping_weight: Table = table("6", "6")
+    system: Table = table("6", "6")  # C^-1 + G K G' + H D H' / T
+    motion: Floats = floats("6")  # u, along the free directions [m], [rad]
+    stretch: Floats = floats("most")  # V'e
+    rate: Floats = floats("most")  # V'e'
+    near: Table = table("most", "most")  # V'V of the elastic columns
+    far: Table = table("most", "most")  # V'R^-1 V of the damping's
+    elastic_lack: Table = table("6", "6")  # I - Q'Q: what coordinates have of the modes that carry no force
+    damping_lack: Table = table("6", "6")  # I - Q'R Q
+    gram: Table = table("most", "most")  # V'A^-1 V
+    elastic_part: Table = table("most", "most")  # E of the stiffness, and the damping
+    damping_part: Table = table("most", "most")
+    whole: Table = table("most", "most")  # E of both, the object's motion eliminated
+    levers: Table = table("most", "6")  # K G' + D H' / T in the columns
+    products: Table = table("most", "6")  # work
+    turned: Table = table("6", "6")  # work
+    work: Table = table("most", "most")
+    signs: Floats = floats("most")
+    row: Floats = floats("most")
+
+
+def recoil_size(most: int) -> int:
+    """Count the entries for so many columns."""
+    return size_for(RecoilState, most=most)

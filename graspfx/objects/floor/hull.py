@@ -1,0 +1,40 @@
+"""Convex hulls of meshes: the corners that can touch a plane."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import installed
+from graspfx.compile.array_cache import content_key, load_arrays, store_arrays
+
+FloatArray = NDArray[np.float64]
+
+SHEET = 1e-9  # thickness over width below which a mesh is flat: Qhull finds no volume in it
+
+
+def hull_points(vertices: FloatArray) -> FloatArray:
+    """Select the vertices on the convex hull, (h, 3); of a flat sheet, on its hull in the plane.
+
+    Which they are comes from the disk cache where they were asked for before: to load scipy.spatial takes longer than
+    most runs.
+    """
+    corners = np.ascontiguousarray(vertices, dtype=np.float64)
+    key = content_key(("hull", installed.version("scipy"), corners.shape), corners.tobytes())
+    entry = load_arrays(key)
+    if entry is None:
+        chosen = _hull(corners)
+        store_arrays(key, {}, [chosen])
+    else:
+        [chosen] = entry[1]
+    points: FloatArray = vertices[chosen]
+    return points
+
+
+def _hull(vertices: FloatArray) -> NDArray[np.intp]:
+    """Find the numbers of the vertices on the hull, in their order."""
+    from scipy.spatial import ConvexHull
+
+    _, widths, axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)
+    seen = vertices @ axes[:2].T if widths[2] <= SHEET * widths[0] else vertices
+    return np.sort(ConvexHull(seen).vertices).astype(np.intp)

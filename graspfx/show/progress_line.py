@@ -1,0 +1,124 @@
+"""The line on which a terminal shows what a wait of more than a second is about: share, rate and time left."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from threading import Event, Lock, Thread
+from time import perf_counter
+from typing import TextIO
+
+from graspfx.progress import Wait, listening
+
+PATIENCE = 1.0  # [s] that a wait may take without a word
+PAUSE = 0.2  # [s] from one look to the next
+START, CLEAR = "\r", "\x1b[K"  # back to the first column; from the cursor to the end of the line
+USUAL = 80  # columns of a terminal
+SCALES = ((1e9, "G"), (1e6, "M"), (1e3, "k"))
+
+
+class ProgressLine:
+    """A listener that draws on the last line of a terminal, from a thread of its own, which ends with the last wait.
+
+    Args:
+        terminal: where it draws; nothing but escape sequences that every terminal has.
+    """
+
+    def __init__(self, terminal: TextIO) -> None:
+        self._terminal, self._lock, self._waits = terminal, Lock(), list[Wait]()
+        self._shown, self._idle = False, Event()
+        self._idle.set()
+        self._thread: Thread | None = None
+
+    def begin(self, wait: Wait) -> None:
+        with self._lock:
+            self._waits.append(wait)
+        self._idle.clear()
+        if self._thread is None:
+            self._thread = Thread(target=self._draw_on, name="graspfx-progress", daemon=True)
+            self._thread.start()
+
+    def end(self, wait: Wait) -> None:
+        with self._lock:
+            self._waits.remove(wait)
+            self._wipe()
+            last = not self._waits
+        if last:
+            self._idle.set()
+            thread, self._thread = self._thread, None
+            if thread is not None:
+                thread.join()
+
+    def clear(self) -> None:
+        with self._lock:
+            self._wipe()
+
+    def _draw_on(self) -> None:
+        while not self._idle.wait(PAUSE):
+            with self._lock:
+                now = perf_counter()
+                long = [wait for wait in self._waits if now - wait.began >= PATIENCE]
+                if long:
+                    self._write(text_of(long[-1], now)[: self._columns() - 1] + CLEAR + START)
+                    self._shown = True
+
+    def _wipe(self) -> None:
+        if self._shown:
+            self._write(START + CLEAR)
+            self._shown = False
+
+    def _write(self, text: str) -> None:
+        with suppress(OSError, ValueError):  # a terminal that is gone takes no run along
+            self._terminal.write(text)
+            self._terminal.flush()
+
+    def _columns(self) -> int:
+        try:
+            return os.get_terminal_size(self._terminal.fileno()).columns or USUAL  # a serial line has none
+        except (OSError, ValueError):
+            return USUAL
+
+
+@contextmanager
+def progress_line(terminal: TextIO) -> Iterator[None]:
+    """Show the waits within the block on a terminal; on what is none, nothing."""
+    if not terminal.isatty():
+        yield
+        return
+    with listening(ProgressLine(terminal)):
+        yield
+
+
+def text_of(wait: Wait, now: float) -> str:
+    """Write what is to be said of a wait: what is done, its share, the rate, and how long it will still take.
+
+    The time left is that at the mean rate so far.
+    """
+    seconds, done = now - wait.began, wait.progress()
+    if not wait.total or done <= 0:
+        return f"{wait.text}: {duration_text(seconds)}"
+    share = min(done / wait.total, 1.0)
+    rate = f", {quantity_text(done / seconds)} {wait.unit}/s" if wait.unit and seconds > 0 else ""
+    left = duration_text(seconds * (1.0 - share) / share)
+    return f"{wait.text}: {100.0 * share:.0f} %{rate}, {left} left"
+
+
+def quantity_text(value: float) -> str:
+    """Write a number with three digits, and a letter for thousands, millions and thousands of millions."""
+    for size, letter in SCALES:
+        if value >= size:
+            return f"{value / size:.3g} {letter}"
+    return f"{value:.3g}"
+
+
+def duration_text(seconds: float) -> str:
+    """Write a time in whole seconds, in minutes and seconds, or in hours and minutes."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min"

@@ -1,0 +1,72 @@
+"""Names that may be unbound where they are used, as the flow through a kernel has them."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from graspfx.compile.own_sources import source_folders
+from graspfx.compile.unbound import unbound_names
+
+FLAWED = {
+    "one branch": ("if a > 0:\n    x = 1\nreturn x", [("x", 4)]),
+    "the other": ("if a > 0:\n    pass\nelse:\n    x = 1\nreturn x", [("x", 6)]),
+    "a test tested before": ("if a > 0:\n    x = 1\nif a > 0:\n    a = x\nreturn a", [("x", 5)]),
+    "a loop without turns": ("for i in range(a):\n    x = i\nreturn x", [("x", 4)]),
+    "the loop's own variable": ("for i in range(a):\n    pass\nreturn i", [("i", 4)]),
+    "a while": ("while a > 0:\n    x = a\n    a -= 1\nreturn x", [("x", 5)]),
+    "a turn that is cut short": (
+        "for i in range(3):\n    if a > i:\n        continue\n    x = i\nreturn x",
+        [("x", 6)],
+    ),
+    "a loop that is left": ("for i in range(3):\n    if a > i:\n        break\n    x = i\nreturn x", [("x", 6)]),
+    "an addition": ("if a > 0:\n    x = 1\nx += a\nreturn x", [("x", 4)]),
+    "an entry's index": ("if a > 0:\n    j = 1\nS[j] = 0.0\nreturn a", [("j", 4)]),
+    "before its assignment": ("y = x\nx = 1\nreturn x + y", [("x", 2)]),
+    "an empty range": ("for i in range(2, 2):\n    x = i\nreturn x", [("x", 4)]),
+}
+SOUND = {
+    "both branches": "if a > 0:\n    x = 1\nelse:\n    x = 2\nreturn x",
+    "before the branch": "x = 0\nif a > 0:\n    x = 1\nreturn x",
+    "the other way returns": "if a > 0:\n    x = 1\nelse:\n    return 0\nreturn x",
+    "turns as written": "for i in range(3):\n    x = i\nreturn x + i",
+    "a tuple": "for i in (1, a):\n    x = i\nreturn x",
+    "within a turn": "for i in range(a):\n    x = i\n    a += x\nreturn a",
+    "an endless loop that is left": "while True:\n    x = a\n    if x > 0:\n        break\nreturn x",
+    "an early way out of a loop": "while a > 0:\n    x = a\n    if x > 3:\n        return x\n    a -= 1\nreturn a",
+    "a tuple's parts": "x, (S[0]) = a, a\nreturn x",
+    "a name of the module": "return a + other",
+}
+
+
+def tree_of(body: str) -> ast.FunctionDef:
+    text = "def f(S, a):\n" + "\n".join("    " + line for line in dedent(body).splitlines())
+    [tree] = ast.parse(text).body
+    assert isinstance(tree, ast.FunctionDef)
+    return tree
+
+
+@pytest.mark.parametrize(("body", "expected"), FLAWED.values(), ids=FLAWED)
+def test_ways_on_which_a_name_has_no_value(body: str, expected: list[tuple[str, int]]) -> None:
+    assert [(name.id, name.lineno) for name in unbound_names(tree_of(body))] == expected
+
+
+@pytest.mark.parametrize("body", SOUND.values(), ids=SOUND)
+def test_ways_on_which_each_name_has_a_value(body: str) -> None:
+    assert unbound_names(tree_of(body)) == []
+
+
+def test_no_kernel_of_ours_has_such_a_name() -> None:
+    files = [file for folder in source_folders() for file in Path(folder).rglob("*.py")]
+    kernels = [
+        node
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.FunctionDef)
+        and {d.id for d in node.decorator_list if isinstance(d, ast.Name)} & {"kernel", "inline"}
+    ]
+    assert len(kernels) > 300
+    assert [name for kernel in kernels for name in unbound_names(kernel)] == []
