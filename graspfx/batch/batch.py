@@ -30,6 +30,7 @@ from graspfx.errors import InputError, UnknownNameError
 from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.selection import Selection, chosen_layout
 from graspfx.progress import waiting
 from graspfx.scene.overrides import overridden
 
@@ -324,8 +325,10 @@ class Runs:
         results: list[Any] = [None] * len(self.faults)
         header = header_of(resolve(self.scene))
         for group in groups:
-            layout = group.program.servo.layout
+            layout, record = group.program.servo.layout, self.scene.record
+            selection = Selection(layout, chosen_layout(layout, record.columns), record.every)
             job = self._job(group, [], ())
+            ticks = job.ticks if record.every > 1 else 0  # which the rows do not tell
             require_memory(job.ticks * (job.variants if whole else 1), 8 * job.width)
             for member, ended in zip(group.members.tolist(), job.recorded(self.threads), strict=True):
                 self.faults[member] = ended.fault
@@ -333,7 +336,8 @@ class Runs:
                 if job.look is not None:
                     job.look(ended.arena)
                 own = replace(self._header(header, group, member), split=split_of(group, ended.arena))
-                results[member] = make(Recording(ended.rows, layout, own, outcome))
+                rows = selection.cut(ended.rows)
+                results[member] = make(Recording(rows, selection.layout, own, replace(outcome, ticks=ticks)))
             self.run_time += job.spent
         return results
 

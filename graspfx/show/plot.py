@@ -17,6 +17,7 @@ from graspfx.show.brief import brief_rows
 from graspfx.show.panels import Curve, Row, View, rows, views
 from graspfx.show.strokes import finger_strokes
 from graspfx.show.style import BAND, HAIR, NEUTRAL, NOTE, panel, plain
+from graspfx.show.thin import thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,6 +107,7 @@ def sheet(
     for name, texts in (("titles", titles), ("labels", labels)):
         if texts is not None and len(texts) != len(recordings):
             raise InputError(name, len(texts), f"as many as recordings, {len(recordings)}")
+    recordings = [thinned(each) for each in recordings]
     columns = views(recordings)
     rows_ = brief_rows(columns) if brief else rows(columns, finger_strokes([view.names for view in columns]))
     if not rows_:

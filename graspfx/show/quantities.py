@@ -30,11 +30,21 @@ class Quantity(NamedTuple):
     meaning: str
 
 
-def quantities(recording: Recording) -> Iterator[Quantity]:
+def works_of(recording: Recording) -> dict[str, NDArray[Any]]:
+    """Give what is added up over a recording, by its name; empty where it cannot be told."""
+    values = {name: _derived(recording, name) for name in ENERGIES}
+    return {name: each for name, each in values.items() if each is not None}
+
+
+def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = None) -> Iterator[Quantity]:
     """List the columns of a recording, those of its objects together, and what follows from them.
 
     A column `objects/NAME/position` is `object_position` with a dimension `object`; an object that lacks a column which
     another has gets NaN.
+
+    Args:
+        recording: all of it, or a part.
+        works: `works_of` the whole in the rows of a part, as it is added up from the beginning.
     """
     layout = recording.layout
     for column in layout.columns.values():
@@ -44,7 +54,8 @@ def quantities(recording: Recording) -> Iterator[Quantity]:
         if (values := _derived(recording, column.name)) is not None:
             yield Quantity(column.name, values, column.dimensions, column.unit, column.meaning)
     for name, meaning in ENERGIES.items():
-        if (values := _derived(recording, name)) is not None:
+        values = _derived(recording, name) if works is None else works.get(name)
+        if values is not None:
             yield Quantity(name, values, ("finger",), "J", meaning)
     for part, column in parts_of_objects(layout).items():
         values = np.stack([_of_object(recording, name, part, column) for name in layout.objects], axis=1)

@@ -22,7 +22,8 @@ FASTEST = 5.0  # [1/s]: nor as fast
 
 def remarks(recording: Recording) -> list[str]:
     """Write a sentence for each warning; none for a run of attached contacts, or without a tick."""
-    if recording.gap is None or not len(recording):
+    needs = {"gap", "touching", *(f"objects/{name}/position" for name in recording.layout.objects)}
+    if not needs.isdisjoint(recording.layout.omitted) or recording.gap is None or not len(recording):
         return []
     return [*_shortfall(recording), *_untouched(recording, recording.gap), *_lost(recording), *_chatter(recording)]
 

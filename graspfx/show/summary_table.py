@@ -110,6 +110,8 @@ def print_summary(
             print(
                 f"note: {of}and {len(recording.changes) - MOST_CHANGES} changes more, all of them in Recording.changes"
             )
+        if summary["recorded"]:
+            print(f"note: {of}{summary['recorded']}")
         for growth in summary["growth"]:
             print(f"note: {of}{growth['text']}")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.errors import InputError, MissingPackageError
 from graspfx.loop.recording.places import placing, recording_path, require_vacancy
 from graspfx.show.labelled import HOW, summary_numbers
-from graspfx.show.quantities import Quantity, components, coordinates, quantities
+from graspfx.show.quantities import Quantity, components, coordinates, quantities, works_of
 
 if TYPE_CHECKING:
     from graspfx.batch.batch import Batch
@@ -64,17 +64,24 @@ def csv_lines(recording: Recording) -> Iterator[str]:
 
     Names of fingers and objects have no commas or quotes.
     """
-    table = {"time": recording.time, **dict(_columns(recording))}
-    yield ",".join(table) + "\r\n"
-    columns = [values.astype(np.int8) if values.dtype == bool else values for values in table.values()]
-    for first in range(0, len(recording), BLOCK):
-        block = [values[first : first + BLOCK].tolist() for values in columns]
-        yield "".join(",".join(map(repr, row)) + "\r\n" for row in zip(*block, strict=True))
+    together, first = works_of(recording), 0
+    for part in recording.parts() if len(recording) else [recording]:
+        late = {name: values[first : first + len(part)] for name, values in together.items()}
+        table = {"time": part.time, **dict(_columns(part, late))}
+        if not first:
+            yield ",".join(table) + "\r\n"
+        first += len(part)
+        columns = [values.astype(np.int8) if values.dtype == bool else values for values in table.values()]
+        for k in range(0, len(part), BLOCK):
+            block = [values[k : k + BLOCK].tolist() for values in columns]
+            yield "".join(",".join(map(repr, row)) + "\r\n" for row in zip(*block, strict=True))
 
 
-def _columns(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:
+def _columns(
+    recording: Recording, works: Mapping[str, NDArray[Any]] | None = None
+) -> Iterator[tuple[str, NDArray[Any]]]:  # fmt: skip
     names = coordinates(recording.layout)
-    for quantity in quantities(recording):
+    for quantity in quantities(recording, works):
         yield from components(quantity, names)
 
 

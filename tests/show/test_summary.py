@@ -10,7 +10,8 @@ import pytest
 
 from graspfx.loop.recording.header import Outcome, RunFault
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.summary import internal_deformation, vibration
+from graspfx.loop.recording.tally import internal_deformation
+from graspfx.loop.recording.vibration import vibration
 from graspfx.show import table
 from graspfx.show.summary_table import ROWS, columns, print_summary
 from tests.support.recordings import PERIOD, layout, recording, waving

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 from weakref import WeakValueDictionary
@@ -10,13 +10,12 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.card import Card, Carded
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.by_name import PartsOnDemand, by_name
 from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.store import BLOCK, MemoryRows, RowStore
-from graspfx.spatial import Quaternion, Vector, rotate
+from graspfx.loop.recording.object_motion import ObjectMotion, described_pose
+from graspfx.loop.recording.store import BLOCK, MemoryRows, RowStore, joined
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.two_parts import RowSplit
@@ -25,53 +24,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 Beside = Callable[[str, str], dict[str, Any]]  # of an object's name and a mode's
-
-
-class ObjectMotion(Carded):
-    """One object over time."""
-
-    def __init__(self, history: History, name: str) -> None:
-        self._history, self._at = history, f"objects/{name}/"
-
-    @property
-    def position(self) -> FloatArray:
-        """Positions of its centre, (N, d) [m]."""
-        return self._history.array(self._at + "position")
-
-    @property
-    def velocity(self) -> FloatArray:
-        """Velocities of its centre, (N, d) [m/s]."""
-        return self._history.array(self._at + "velocity")
-
-    @property
-    def orientation(self) -> FloatArray | None:
-        """Angles (N,) [rad] in a plane, quaternions x y z w (N, 4) in space, or None on a line."""
-        return self._history.optional(self._at + "orientation")
-
-    @property
-    def angular_velocity(self) -> FloatArray | None:
-        """Angular velocities, (N,) or (N, 3) [rad/s], or None on a line."""
-        return self._history.optional(self._at + "angular_velocity")
-
-    @property
-    def wrench(self) -> FloatArray:
-        """Wrenches of the fingers on the object about its centre, (N, w) [N, N m]."""
-        return self._history.array(self._at + "wrench")
-
-    @cached_property
-    def law(self) -> NDArray[np.int8] | None:
-        """Law that the elastic force satisfies, (N,), 0 Coulomb's, 1 the associated one; None without a coefficient."""
-        return self._history._whole(self._at + "law")
-
-    @property
-    def residual(self) -> FloatArray | None:
-        """Residuals of that law, (N,) [N]; None without a coefficient."""
-        return self._history.optional(self._at + "residual")
-
-    def _card(self) -> Card:
-        from graspfx.loop.recording.recording_card import motion_card
-
-        return motion_card(self)
 
 
 class History:
@@ -128,9 +80,8 @@ class History:
 
     def read(self, column: str, first: int, stop: int) -> FloatArray:
         """Give a column of the layout in the rows from one up to another."""
-        entry = self.layout.columns[column]
-        values = self.store.read(first, stop, entry.where)
-        return values.reshape(len(values), *entry.shape)
+        values = self.store.read(first, stop, self.layout.columns[column].where)
+        return values.reshape(len(values), *self.layout.columns[column].shape)
 
     def array(self, column: str) -> FloatArray:
         """View a column of the layout, or give what follows from columns by its name in `Layout.derived`, (N, ...).
@@ -172,7 +123,8 @@ class History:
                 "add the name there and run the scene again"
             )
 
-    def _whole(self, column: str) -> NDArray[np.int8] | None:
+    def whole_numbers(self, column: str) -> NDArray[np.int8] | None:
+        """Give a column of whole numbers; None if the scene has no such quantity."""
         values = self.optional(column)
         return None if values is None else values.astype(np.int8)
 
@@ -237,7 +189,7 @@ class History:
     @cached_property
     def status(self) -> NDArray[np.int8] | None:
         """0 free, 1 stick, 2 slide, (N, n); None in a scene without a coefficient of friction."""
-        return self._whole("status")
+        return self.whole_numbers("status")
 
     @property
     def gap(self) -> FloatArray | None:
@@ -253,8 +205,6 @@ class History:
     def device_energy(self) -> FloatArray:
         """Work done so far on each fingertip by `displayed_force`, (N, n) [J]."""
         return self.array("device_energy")
-
-    # The two forces (docs/explanation/two-forces.md): computed when they are first asked for.
 
     @cached_property
     def external_force(self) -> FloatArray:
@@ -286,7 +236,7 @@ class History:
         """P' e of e = p - c, the rigid motion of the contacts in it, (N, n, d) [m]; as `external_force`."""
         if not self.is_stored:
             return self._row_split.external_displacements()
-        return _joined([each._row_split.external_displacements() for each in self.parts()], self)
+        return joined([each._row_split.external_displacements() for each in self.parts()], self.layout)
 
     @cached_property
     def internal_displacement(self) -> FloatArray:
@@ -300,14 +250,15 @@ class History:
         With the internal one it is `device_energy`. The parts are those of the force on the object, whose negative is
         displayed; where it is not, as in recordings of old, of what is displayed.
         """
-        return self._work(self._external_display)
+        return self._work(lambda part: part._external_display)
 
     @cached_property
     def internal_energy(self) -> FloatArray:
         """Work done so far on each fingertip by the internal part of `displayed_force`, (N, n) [J]."""
-        return self._work(self.displayed_force - self._external_display)
+        return self._work(lambda part: part.displayed_force - part._external_display)
 
-    def _work(self, force: FloatArray) -> FloatArray:
+    def _work(self, part: Callable[[Self], FloatArray]) -> FloatArray:
+        """Add up the work of a part of the displayed force."""
         from graspfx.loop.recording.two_parts import work
 
         if self.header.every > 1:
@@ -315,8 +266,18 @@ class History:
                 f"the work of each force is added up from every tick, and this recording has one row in "
                 f"{self.header.every}: set record.every = 1, or read device_energy, which the ticks add up"
             )
-        tip = self.finger_position if self.true_position is None else self.true_position
-        return work(force, tip, self.device_energy, self.faults)
+        tips = "true_position" if self.layout.simulated else "finger_position"
+        self.require(tips, "device_energy")
+        if not self.is_stored:
+            return work(part(self), self.array(tips), self.device_energy, self.faults)
+        works, before = np.zeros((len(self), len(self.layout.fingers))), 0
+        for each in self.parts():  # with the row before, of which the first step is
+            first = max(each.start - 1, 0)
+            rows = self.part(first, each.start + len(each))
+            start = works[first : first + 1] if before else None
+            done = work(part(rows), rows.array(tips), rows.device_energy, self.faults, first, start)
+            works[first : first + len(rows)], before = done, before + len(each)
+        return works
 
     @property
     def _external_display(self) -> FloatArray:
@@ -330,7 +291,9 @@ class History:
             return self._row_split.external_forces()
         parts = [each._row_split.external_forces() for each in self.parts()]
         moments = [moment for _, moment in parts if moment is not None]
-        return _joined([force for force, _ in parts], self), _joined(moments, self) if self.layout.moments else None
+        return joined([force for force, _ in parts], self.layout), (
+            joined(moments, self.layout) if self.layout.moments else None
+        )
 
     @property
     def _row_split(self) -> RowSplit:
@@ -370,14 +333,7 @@ class History:
         """
         if name not in self.layout.objects:
             raise UnknownNameError("object", str(name), self.layout.objects)
-        motion = self.objects[name]
-        frame = self.header.frames.get(name)
-        if frame is None or motion.orientation is None:
-            return motion.position, motion.orientation
-        q: Any = Quaternion(*motion.orientation.T)  # of columns of ticks: the formulas are elementwise
-        offset, turn = rotate(q, Vector(*frame["position"])), q @ Quaternion(*frame["orientation"])
-        columns = np.broadcast_arrays(offset.x, offset.y, offset.z)
-        return motion.position + np.stack(columns, axis=1), np.stack([turn.x, turn.y, turn.z, turn.w], axis=1)
+        return described_pose(self.objects[name], self.header.frames.get(name))
 
     @property
     def object_position(self) -> FloatArray:
@@ -442,9 +398,3 @@ class History:
     def scene_text(self) -> str:
         """The scene file, verbatim."""
         return self.header.scene_text
-
-
-def _joined(parts: Sequence[FloatArray], history: History) -> FloatArray:
-    if parts:
-        return np.concatenate(parts)
-    return np.empty((0, len(history.layout.fingers), history.layout.dimensions))

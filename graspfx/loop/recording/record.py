@@ -54,41 +54,10 @@ class Recording(Carded, History):
         from graspfx.loop.recording.growth.growth import losses
         from graspfx.loop.recording.summary import summarise
 
-        return summarise(
-            period=self.period,
-            finger_position=self.finger_position,
-            contact_position=self.contact_position,
-            finger_force=self.finger_force,
-            displayed_force=self.displayed_force,
-            saturated=self.saturated,
-            touching=self.touching,
-            gap=self.gap,
-            device_energy=self.device_energy,
-            object_position=[motion.position for motion in self.objects.values()],
-            finger_objects=self.layout.finger_objects,
-            wall_time=self.wall_time,
-            engine=self.outcome.engine,
-            fade_shortfall=self.outcome.fade_shortfall,
-            blended=self.outcome.blended,
-            true_position=self.true_position,
-            faults=len(self.faults),
-            law=[motion.law for motion in self.objects.values() if motion.law is not None],
-            residual=[motion.residual for motion in self.objects.values() if motion.residual is not None],
-            energy=list(self.energy.values()),
-            growth=losses(self),
-            **self._two_forces(),
-            changes=len(self.changes),
-        )
-
-    def _two_forces(self) -> dict[str, Any]:
-        """Give the two forces for a summary, and the moment of the internal ones; nothing of an earlier format's."""
-        if not self.header.split:
-            return {}
-        return {
-            "internal_force": self.internal_force,
-            "external_force": self.external_force,
-            "internal_moment": self._row_split.moment_share(self.internal_force),
-        }
+        needs = {"finger_position", "contact_position", "touching", "true_position"}
+        needs |= {f"objects/{name}/position" for name in self.layout.objects}
+        is_seen = needs.isdisjoint(self.layout.omitted)
+        return summarise(self, losses(self) if is_seen else [])
 
     def plot(
         self,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.check import NUMBER, check_of, rows_sum
+from graspfx.loop.recording.layout import Layout
 
 FloatArray = NDArray[np.float64]
 
@@ -161,3 +162,8 @@ class PackedRows:
             high = min(low + step, stop)
             rows[low - first : high - first] = self._data[low:high, where]
         return rows
+
+
+def joined(parts: Sequence[FloatArray], layout: Layout) -> FloatArray:
+    """Join what was computed part by part, (N, n, ...); of no part (0, n, d)."""
+    return np.concatenate(parts) if parts else np.empty((0, len(layout.fingers), layout.dimensions))

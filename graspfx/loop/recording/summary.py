@@ -3,56 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import pi, sin
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.recording.growth.smoother import roughness
+from graspfx.loop.recording.history import History
+from graspfx.loop.recording.tally import Ledger, Mean, Parts, Peaks, books_of, internal_deformation, lengths
+from graspfx.loop.recording.vibration import Vibration
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
-VIBRATION_FROM = 5.0  # [Hz]: an operator's own motion stays below
-FINEST = 1e-3  # [s]: beyond it the smoother's equations are singular to rounding
 MICROSECONDS = 1e6
+FORCES = ("internal_force", "external_force")
 
 
-def summarise(
-    *,
-    period: float,
-    finger_position: FloatArray,
-    contact_position: FloatArray,
-    finger_force: FloatArray,
-    touching: BoolArray,
-    gap: FloatArray | None,
-    device_energy: FloatArray,
-    object_position: Sequence[FloatArray],
-    finger_objects: Sequence[int],
-    wall_time: float | None = None,
-    engine: str = "",
-    true_position: FloatArray | None = None,
-    fade_shortfall: float = 0.0,
-    blended: int = 0,
-    faults: int = 0,
-    law: Sequence[NDArray[np.int8]] = (),
-    residual: Sequence[FloatArray] = (),
-    energy: Sequence[Mapping[str, FloatArray]] = (),
-    displayed_force: FloatArray | None = None,
-    saturated: BoolArray | None = None,
-    growth: Sequence[Mapping[str, Any]] = (),
-    internal_force: FloatArray | None = None,
-    external_force: FloatArray | None = None,
-    internal_moment: float | None = None,
-    changes: int = 0,
-) -> dict[str, Any]:
-    """Summarise a run in SI units; a value is None where this run does not have it.
+def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Summarise a run in SI units, in one pass over its rows; a value is None where this run does not have it.
 
     Keys:
         ticks, period, duration: N, T [s], N T [s].
         touching: per finger, the share of ticks in which it touches.
-        internal_deformation_mean, internal_deformation_peak: see `internal_deformation` [m].
+        internal_deformation_mean, internal_deformation_peak: see `tally.internal_deformation` [m].
         invasion_mean, invasion_peak: depth of touching fingers in the object, along its normal [m]; None if attached.
         finger_distance_mean, finger_distance_least: between two fingers [m]; None for another number of them.
         tracking_error: RMS distance between an object's centre and the centre of its fingers [m].
@@ -65,7 +37,7 @@ def summarise(
         internal_force_vibration, external_force_vibration: as `force_vibration` [N]; all of these None for a recording
             of an earlier format, which does not say how its forces divide.
         internal_moment: moment sum e_i x f_i of the internal forces f at the fingertips, the largest over the largest
-            |f| r (`two_parts.RowSplit.moment_share`); None where the reaction is at the contacts or nothing turns.
+            |f| r (`two_parts.RowSplit.moments`); None where the reaction is at the contacts or nothing turns.
         finger_vibration: RMS over fingers and ticks of what is above 5 Hz in a fingertip's position, true if known [m].
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
@@ -88,172 +60,210 @@ def summarise(
         engine: what ran the ticks, "generic", "compiled" or "interpreted", or since when; None if not known.
         faults: how many.
         changes: how many values of keys were replaced in mid-run; None if none was.
+        recorded: what the rest is of, where a recording has not every number of every tick, in a sentence; else None.
 
     Args:
-        period: T [s].
-        finger_position, contact_position: (N, n, d) [m].
-        finger_force: (N, n, d) [N].
-        touching: (N, n).
-        gap: (N, n), negative inside [m].
-        device_energy: (N, n), cumulative [J].
-        object_position: (N, d) per object [m].
-        finger_objects: per finger, the number of its object.
-        wall_time: that the run took [s].
-        engine: that ran the ticks; empty if not known.
-        true_position: (N, n, d), of simulated fingertips [m].
-        fade_shortfall, blended: as in the recording's outcome [m], [samples].
-        faults: how many there were.
-        changes: of values of keys in mid-run.
-        law, residual: (N,) per object with a coefficient of friction, as recorded.
-        energy: per observed object, the columns of its ledger.
-        displayed_force: (N, n, d) [N].
-        saturated: (N, n).
+        recording: in memory or on a disk.
         growth: as in the result.
-        internal_force, external_force: (N, n, d) [N].
-        internal_moment: as in the result.
     """
-    N, n, _ = finger_position.shape
-    groups = [[i for i in range(n) if finger_objects[i] == k] for k in range(len(object_position))]
-    deformation = np.concatenate(
-        [internal_deformation(finger_position[:, g], contact_position[:, g], touching[:, g]) for g in groups]
-    )
-    errors = [
-        np.linalg.norm(x - finger_position[:, g].mean(axis=1), axis=1)
-        for x, g in zip(object_position, groups, strict=True)
-        if g
-    ]
-    depth = None if gap is None else np.maximum(-gap, 0.0)[touching]
-    apart = np.linalg.norm(finger_position[:, 1] - finger_position[:, 0], axis=1) if n == 2 else np.empty(0)
-    timed = wall_time is not None and wall_time > 0.0 and N > 0
-    return {
-        "ticks": N,
-        "period": float(period),
-        "duration": float(N * period),
-        "touching": [_mean(touching[:, i]) for i in range(n)],
-        "internal_deformation_mean": _mean(deformation) or 0.0,
-        "internal_deformation_peak": _peak(deformation) or 0.0,
-        "invasion_mean": None if depth is None else _mean(depth) or 0.0,
-        "invasion_peak": None if depth is None else _peak(depth) or 0.0,
-        "finger_distance_mean": _mean(apart),
-        "finger_distance_least": float(apart.min()) if apart.size else None,
-        "tracking_error": _rms(np.concatenate(errors)) if errors else None,
-        "peak_force": _peaks(finger_force),
-        "peak_displayed_force": None if displayed_force is None else _peaks(displayed_force),
-        "saturated": None if saturated is None else [_mean(saturated[:, i]) for i in range(n)],
-        "force_vibration": vibration(finger_force, period),
-        **_two_forces("internal_force", internal_force, touching, period),
-        **_two_forces("external_force", external_force, touching, period),
-        "internal_moment": internal_moment,
-        "finger_vibration": vibration(finger_position if true_position is None else true_position, period),
-        "object_vibration": vibration(np.stack(object_position, axis=1), period),
-        "port_energy": [float(device_energy[-1, i]) if N else None for i in range(n)],
-        "fade_shortfall": fade_shortfall or None,
-        "blended": blended / N if blended and N else None,
-        "associated": _mean(np.stack(law) == 1) if law else None,
-        "friction_residual": _peak(np.stack(residual)) if residual else None,
-        **_books(energy),
-        "growth": [dict(each) for each in growth],
-        "wall_time": wall_time,
-        "engine": engine or None,
-        "ticks_per_second": N / wall_time if timed and wall_time else None,
-        "tick_cost": wall_time / N * MICROSECONDS if timed and wall_time else None,
-        "faults": faults,
-        "changes": changes or None,
-    }
+    tally = Tally(recording)
+    for part in recording.parts():
+        tally.add(part)
+    return tally.result(growth)
 
 
-def _two_forces(name: str, force: FloatArray | None, touching: BoolArray, period: float) -> dict[str, Any]:
-    if force is None:
-        return dict.fromkeys((f"{name}_peak", f"{name}_mean", f"{name}_vibration"))
-    size = np.linalg.norm(force, axis=2)
-    return {
-        f"{name}_peak": [_peak(size[touching[:, i], i]) for i in range(size.shape[1])],
-        f"{name}_mean": _mean(size[touching]),
-        f"{name}_vibration": vibration(force, period),
-    }
-
-
-def _books(ledgers: Sequence[Mapping[str, FloatArray]]) -> dict[str, Any]:
-    summary: dict[str, Any] = dict.fromkeys(("leak", "braking", "braked", "ledger_gap"))
-    if not ledgers or not len(ledgers[0]["gap"]):
-        return summary
-    summary["leak"] = np.max([np.maximum(-each["balance"], 0.0).max(axis=0) for each in ledgers], axis=0).tolist()
-    summary["ledger_gap"] = max(_gap(each) for each in ledgers)
-    if "damping" in ledgers[0]:
-        summary["braking"] = np.max([each["damping"].max(axis=0) for each in ledgers], axis=0).tolist()
-        summary["braked"] = np.sum([each["braked"][-1] for each in ledgers], axis=0).tolist()
-    return summary
-
-
-def _gap(ledger: Mapping[str, FloatArray]) -> float:
-    largest = max(float(np.abs(values).max()) for name, values in ledger.items() if name not in ("gap", "damping"))
-    return float(np.abs(ledger["gap"]).max()) / largest if largest > 0.0 else 0.0
-
-
-def internal_deformation(
-    finger_position: FloatArray, contact_position: FloatArray, touching: BoolArray | None = None
-) -> FloatArray:
-    """Compute sqrt(mean_i |e_i - mean e|^2), e = p - c: how far touching fingers squeeze in against each other [m].
-
-    e less its mean is (I - P) e with the object's rotation locked, eq. (3), so that moving the whole hand against the
-    object does not count; for two opposed fingers, each d deep, it is d.
+class Tally:
+    """The sums and peaks of a recording's blocks.
 
     Args:
-        finger_position, contact_position: (N, n, d) of the fingers of one object [m].
-        touching: (N, n); all if not given.
-
-    Returns:
-        One number for each tick in which at least two fingers touch.
+        recording: the whole.
     """
-    e = finger_position - contact_position
-    w = np.ones(e.shape[:2]) if touching is None else touching.astype(float)  # (N, n)
-    grasped = w.sum(axis=1) >= 2.0
-    e, w = e[grasped], w[grasped, :, None]
-    count = w.sum(axis=1, keepdims=True)
-    spread = w * (e - (w * e).sum(axis=1, keepdims=True) / count)
-    mean_square: FloatArray = (spread**2).sum(axis=(1, 2)) / count[:, 0, 0]
-    return np.sqrt(mean_square)
 
+    def __init__(self, recording: History) -> None:
+        layout = recording.layout
+        self.recording, self.n = recording, len(layout.fingers)
+        self.groups = [
+            (name, [i for i, owner in enumerate(layout.finger_objects) if owner == k])
+            for k, name in enumerate(layout.objects)
+        ]
+        self.touching = [Mean() for _ in range(self.n)]
+        self.saturated = [Mean() for _ in range(self.n)]
+        self.deformation, self.depth, self.apart, self.error, self.associated = (Mean() for _ in range(5))
+        self.deepest, self.force, self.displayed = Peaks(2), Peaks(self.n), Peaks(self.n)
+        self.least_apart = np.inf
+        self.residual = Peaks(1)
+        self.parts = {name: Parts(Peaks(self.n), Mean()) for name in FORCES}
+        self.moments: dict[tuple[int, int], tuple[float, float]] = {}
+        self.ledgers = {name: Ledger() for name in layout.objects}
+        self.energy: FloatArray | None = None
+        self.shaking = Vibration(recording.row_period, len(recording))
+        self.signals: dict[str, slice] = {}
 
-def vibration(signal: FloatArray, period: float, above: float = VIBRATION_FROM) -> float | None:
-    """Compute the RMS of |x - s| over ticks and rows of x, s minimising |x - s|^2 + q |D s|^2, D fourth differences.
+    def has(self, *columns: str) -> bool:
+        """Tell whether the recording has all of these columns."""
+        return all(column in self.recording.layout.columns for column in columns)
 
-    Whittaker's smoother: x - s is what a Butterworth high-pass of order 4 run forth and back leaves, x passed by
-    1/(1 + (above/f)^8), but it takes polynomials up to the third degree away entirely and needs nothing beyond the ends
-    (E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Math. Soc. 41, 1923; P. H. C. Eilers, A perfect
-    smoother, Analytical Chemistry 75(14), 2003). Ticks are first averaged over 1 ms if they are shorter.
+    def add(self, part: History) -> None:
+        """Add a block of rows, in memory."""
+        layout, signals = part.layout, list[tuple[str, FloatArray]]()
+        touching = part.touching if self.has("touching") else np.zeros((len(part), self.n), dtype=bool)
+        if self.has("touching"):
+            for i in range(self.n):
+                self.touching[i].add(touching[:, i])
+        if self.has("saturated") and (saturated := part.saturated) is not None:
+            for i in range(self.n):
+                self.saturated[i].add(saturated[:, i])
+        if self.has("finger_position"):
+            self._add_places(part, touching)
+        if self.has("gap", "touching"):
+            depth = np.maximum(-part.read("gap", 0, len(part)), 0.0)[touching]
+            self.depth.add(depth)
+            self.deepest.add(1, depth)
+        if self.has("finger_force"):
+            self._add_forces(part, touching, signals)
+        tips = "true_position" if layout.simulated else "finger_position"
+        if self.has(tips):
+            signals.append(("finger_vibration", part.array(tips)))
+        places = [f"objects/{name}/position" for name in layout.objects]
+        if self.has(*places):
+            signals.append(("object_vibration", np.stack([part.array(place) for place in places], axis=1)))
+        for name in layout.objects:
+            at = f"objects/{name}/"
+            if self.has(at + "law"):
+                self.associated.add(part.array(at + "law") == 1.0)
+            if self.has(at + "residual"):
+                self.residual.add(0, part.array(at + "residual"))
+            books = [column for column in layout.columns if column.startswith(at + "energy/")]
+            self.ledgers[name].add((each.rpartition("/")[2], part.array(each)) for each in books)
+        if self.has("device_energy") and len(part):
+            self.energy = part.array("device_energy")[-1].copy()
+        self._add_signals(signals)
 
-    Args:
-        signal: (N, k, d): k vectors of d components over time.
-        period: T [s].
-        above: [Hz].
+    def _add_places(self, part: History, touching: NDArray[np.bool_]) -> None:
+        p = part.finger_position
+        for name, fingers in self.groups:
+            if self.has("contact_position", "touching"):
+                squeeze = internal_deformation(p[:, fingers], part.contact_position[:, fingers], touching[:, fingers])
+                self.deformation.add(squeeze)
+                self.deepest.add(0, squeeze)
+            if fingers and self.has(f"objects/{name}/position"):
+                x = part.array(f"objects/{name}/position")
+                self.error.add(lengths(x - p[:, fingers].mean(axis=1)), squares=True)
+        if self.n == 2:
+            apart = lengths(p[:, 1] - p[:, 0])
+            self.apart.add(apart)
+            self.least_apart = min(self.least_apart, float(apart.min(initial=np.inf)))
 
-    Returns:
-        In the signal's unit; None for a signal shorter than two periods of `above`, or sampled too slowly to tell.
-    """
-    group = max(1, int(FINEST / period))
-    if group > 1:
-        signal = signal[: len(signal) // group * group].reshape(-1, group, *signal.shape[1:]).mean(axis=1)
-        period *= group
-    N = len(signal)
-    if 2.0 * above * period >= 1.0 or N * period * above < 2.0:
-        return None
-    fast = roughness(signal.reshape(N, -1), (2.0 * sin(pi * above * period)) ** -8)
-    return float(np.sqrt((fast**2).sum() / (N * signal.shape[1])))
+    def _add_forces(
+        self, part: History, touching: NDArray[np.bool_], signals: list[tuple[str, FloatArray]]
+    ) -> None:  # fmt: skip
+        force = part.finger_force
+        sizes = lengths(force)
+        shown = lengths(part.array("displayed_force")) if self.has("displayed_force") else sizes
+        for i in range(self.n):
+            self.force.add(i, sizes[:, i])
+            self.displayed.add(i, shown[:, i])
+        signals.append(("force_vibration", force))
+        if not part.header.split or not part.layout.forces or not self.has("touching"):
+            return
+        both = {"internal_force": part.internal_force, "external_force": part.external_force}
+        for name, values in both.items():
+            self.parts[name].add(values, touching)
+            signals.append((f"{name}_vibration", values))
+        if self.has("finger_position"):
+            for key, moment, whole in part._row_split.moments(both["internal_force"]):
+                before = self.moments.get(key, (0.0, 0.0))
+                self.moments[key] = max(before[0], moment), max(before[1], whole)
 
+    def _add_signals(self, signals: list[tuple[str, FloatArray]]) -> None:
+        if not signals or not self.shaking.is_long:
+            return
+        if not self.signals:
+            start = 0
+            for name, values in signals:
+                width = int(np.prod(values.shape[1:]))
+                self.signals[name] = slice(start, start + width)
+                start += width
+        self.shaking.add(np.concatenate([values.reshape(len(values), -1) for _, values in signals], axis=1))
 
-def _mean(values: NDArray[Any]) -> float | None:
-    return float(values.mean()) if values.size else None
+    def result(self, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """Give the summary."""
+        recording, n = self.recording, self.n
+        outcome, ticks, wall_time = recording.outcome, recording.ticks, recording.wall_time
+        timed = wall_time is not None and wall_time > 0.0 and ticks > 0
+        touching = self.has("touching")
+        divided = bool(recording.header.split) and bool(recording.layout.forces) and touching
+        deformed = self.has("finger_position", "contact_position", "touching")
+        deep, energy = self.has("gap", "touching"), self.energy
+        friction = any(self.has(f"objects/{name}/law") for name in recording.layout.objects)
+        residual = any(self.has(f"objects/{name}/residual") for name in recording.layout.objects)
+        return {
+            "ticks": ticks,
+            "period": float(recording.period),
+            "duration": float(ticks * recording.period),
+            "touching": [each.mean for each in self.touching] if touching else None,
+            "internal_deformation_mean": self.deformation.mean or 0.0 if deformed else None,
+            "internal_deformation_peak": self.deepest.values[0] or 0.0 if deformed else None,
+            "invasion_mean": self.depth.mean or 0.0 if deep else None,
+            "invasion_peak": self.deepest.values[1] or 0.0 if deep else None,
+            "finger_distance_mean": self.apart.mean,
+            "finger_distance_least": float(self.least_apart) if self.apart.count else None,
+            "tracking_error": self.error.rms,
+            "peak_force": self.force.values if self.has("finger_force") else None,
+            "peak_displayed_force": self.displayed.values if self.has("finger_force") else None,
+            "saturated": [each.mean for each in self.saturated] if self.has("saturated") else None,
+            "force_vibration": self._vibration("force_vibration"),
+            **self._two_forces("internal_force", divided=divided),
+            **self._two_forces("external_force", divided=divided),
+            "internal_moment": self._moment() if divided else None,
+            "finger_vibration": self._vibration("finger_vibration"),
+            "object_vibration": self._vibration("object_vibration"),
+            "port_energy": [None if energy is None else float(energy[i]) for i in range(n)],
+            "fade_shortfall": outcome.fade_shortfall or None,
+            "blended": outcome.blended / ticks if outcome.blended and ticks else None,
+            "associated": self.associated.mean if friction else None,
+            "friction_residual": self.residual.values[0] if residual else None,
+            **dict(books_of(list(self.ledgers.values()))),
+            "growth": [dict(each) for each in growth],
+            "wall_time": wall_time,
+            "engine": outcome.engine or None,
+            "ticks_per_second": ticks / wall_time if timed and wall_time else None,
+            "tick_cost": wall_time / ticks * MICROSECONDS if timed and wall_time else None,
+            "faults": len(recording.faults),
+            "changes": len(recording.changes) or None,
+            "recorded": self._recorded(),
+        }
 
+    def _two_forces(self, name: str, *, divided: bool) -> dict[str, Any]:
+        if not divided:
+            return dict.fromkeys((f"{name}_peak", f"{name}_mean", f"{name}_vibration"))
+        parts = self.parts[name]
+        return {
+            f"{name}_peak": parts.peaks.values,
+            f"{name}_mean": parts.mean.mean,
+            f"{name}_vibration": self._vibration(f"{name}_vibration"),
+        }
 
-def _peak(values: FloatArray) -> float | None:
-    return float(values.max()) if values.size else None
+    def _vibration(self, name: str) -> float | None:
+        squares = self.mean_squares
+        if squares is None or name not in self.signals:
+            return None
+        where = self.signals[name]
+        d = self.recording.layout.dimensions
+        return float(np.sqrt(squares[where].sum() / ((where.stop - where.start) // d)))
 
+    @property
+    def mean_squares(self) -> FloatArray | None:
+        """Mean squares of the signals."""
+        return self.shaking.mean_squares()
 
-def _peaks(force: FloatArray) -> list[float | None]:
-    """Find the largest length of each finger's force [N]."""
-    return [_peak(np.linalg.norm(force[:, i], axis=1)) for i in range(force.shape[1])]
+    def _moment(self) -> float | None:
+        shares = [moment / whole for moment, whole in self.moments.values() if whole > 0.0]
+        return max(shares, default=None)
 
-
-def _rms(values: FloatArray) -> float | None:
-    return float(np.sqrt(np.mean(values**2))) if values.size else None
+    def _recorded(self) -> str | None:
+        layout, every = self.recording.layout, self.recording.header.every
+        texts = [f"peaks, means and energies are of the rows recorded, one in {every} ticks"] if every > 1 else []
+        if layout.omitted:
+            texts.append(f"not recorded, nor what follows from it: {', '.join(layout.omitted)}")
+        return "; ".join(texts) or None

@@ -29,6 +29,7 @@ class GraspRows(NamedTuple):
     rule: SplitRule
     fingers: list[int]
     samples: Samples
+    key: tuple[int, int]  # numbers of the object and of the rule, of those in the run
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class RowSplit:
         whole = self.column("finger_force") if force is None else force
         external = np.zeros(whole.shape)
         moment = np.zeros((*whole.shape[:2], 3)) if self.layout.moments else None
-        for rows, rule, fingers, samples in self.grasps():
+        for rows, rule, fingers, samples, _ in self.grasps():
             if moment is None or not rule.soft:
                 external[rows, fingers], _ = external_part(rule, samples, whole[rows, fingers])
                 continue
@@ -75,7 +76,7 @@ class RowSplit:
         """Compute P' e of e = p - c, (r, n, d) [m]."""
         e = self.column("finger_position") - self.column("contact_position")
         external = np.zeros(e.shape)
-        for rows, rule, fingers, samples in self.grasps():
+        for rows, rule, fingers, samples, _ in self.grasps():
             torsion = self.column("torsion_displacement")[rows, fingers] if rule.soft else None
             external[rows, fingers], _ = external_part(rule, samples, e[rows, fingers], torsion, dual=True)
         return external
@@ -101,8 +102,8 @@ class RowSplit:
             variables |= {"internal_displacement": internal, "external_displacement": external}
         return variables
 
-    def moment_share(self, internal: FloatArray) -> float | None:
-        """Compute the peak of |sum e_i x f_i| over that of |f| r, f the internal forces; of objects the largest.
+    def moments(self, internal: FloatArray) -> Iterator[tuple[tuple[int, int], float, float]]:
+        """Compute the peaks of |sum e_i x f_i| and of |f| r, f the internal forces, of each object and rule.
 
         The fingers act on the object at their tips, so that internal forces, which have no moment about the contact
         points, turn it by that moment. It is taken along free rotations; |f|^2 = sum |f_i|^2, and r^2 is the mean
@@ -111,33 +112,31 @@ class RowSplit:
         Args:
             internal: (r, n, d) [N].
 
-        Returns:
-            None where the reaction is at the contact points, and where nothing turns or nothing squeezes.
+        Yields:
+            The numbers of object and rule, and the peaks [N m]; none where the reaction is at the contact points, and
+            where nothing turns.
         """
         e = self.column("finger_position") - self.column("contact_position")
-        shares = []
-        for rows, rule, fingers, samples in self.grasps():
+        for rows, rule, fingers, samples, key in self.grasps():
             if rule.reaction == "contact" or not any(rule.rotations):
                 continue
             f = internal[rows, fingers]
             moment = np.cross(_in_space(e[rows, fingers]), _in_space(f)).sum(axis=1)[:, np.array(rule.rotations)]
             arm = samples.contact - samples.contact.mean(axis=1, keepdims=True)
             whole = np.sqrt((f**2).sum(axis=(1, 2)) * (arm**2).sum(axis=(1, 2)) / len(fingers))
-            if whole.max(initial=0.0) > 0.0:
-                shares.append(float(np.sqrt((moment**2).sum(axis=1).max()) / whole.max()))
-        return max(shares, default=None)
+            yield key, float(np.sqrt((moment**2).sum(axis=1).max(initial=0.0))), float(whole.max(initial=0.0))
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""
         ends = [*(row - self.start for row, _ in self.splits[1:]), len(self.rows)]
         first = 0
-        for (_, split), end in zip(self.splits, ends, strict=True):
+        for number, ((_, split), end) in enumerate(zip(self.splits, ends, strict=True)):
             last = min(max(first, end), len(self.rows))
             if last > first:
-                yield from self._grasps_in(slice(first, last), split)
+                yield from self._grasps_in(slice(first, last), split, number)
             first = last
 
-    def _grasps_in(self, rows: slice, split: Split) -> Iterator[GraspRows]:
+    def _grasps_in(self, rows: slice, split: Split, number: int) -> Iterator[GraspRows]:
         for k, name in enumerate(self.layout.objects):
             fingers = [i for i, number in enumerate(self.layout.finger_objects) if number == k]
             if not fingers:
@@ -149,7 +148,7 @@ class RowSplit:
                 contact = contact - self.column(f"objects/{name}/{place}")[rows, None]
             gap = None if rule.fade is None else self.column("gap")[rows, fingers]
             normal = self.column("contact_normal")[rows, fingers] if rule.soft else None
-            yield GraspRows(rows, rule, fingers, Samples(contact, gap, normal))
+            yield GraspRows(rows, rule, fingers, Samples(contact, gap, normal), (k, number))
 
 
 def _rule_of(split: Split, name: str) -> SplitRule:
@@ -206,7 +205,14 @@ def wide_rows(
     return wide
 
 
-def work(force: FloatArray, tip: FloatArray, device_energy: FloatArray, faults: Sequence[RunFault]) -> FloatArray:
+def work(
+    force: FloatArray,
+    tip: FloatArray,
+    device_energy: FloatArray,
+    faults: Sequence[RunFault],
+    first: int = 0,
+    start: FloatArray | None = None,
+) -> FloatArray:
     """Compute the work done so far on each fingertip by a displayed force, (N, n) [J], as a tick does.
 
     A sample's force times the fingertip's motion up to the next sample. None is booked after a fault, and none in the
@@ -217,14 +223,18 @@ def work(force: FloatArray, tip: FloatArray, device_energy: FloatArray, faults: 
         tip: where the fingertips are, (N, n, d) [m].
         device_energy: (N, n) [J].
         faults: of the run.
+        first: tick of the first row.
+        start: work up to it, (1, n) [J]; zero if not given.
     """
     steps = np.zeros(device_energy.shape)
     steps[1:] = (force[:-1] * np.diff(tip, axis=0)).sum(axis=2)
+    if start is not None:
+        steps[:1] = start
     for fault in faults[:1]:
-        k = fault.tick
+        k = fault.tick - first
         if 0 < k < len(steps):
             steps[k, device_energy[k] == device_energy[k - 1]] = 0.0
-        steps[k + 1 :] = 0.0
+        steps[max(k + 1, 1 if start is not None else 0) :] = 0.0
     return np.cumsum(steps, axis=0)
 
 
