@@ -76,7 +76,7 @@ def test_a_locked_direction_is_not_turned_into_a_free_one() -> None:
 
 
 def test_alike_sets_are_orbits() -> None:
-    """Of four fingers in a square: one kind of single, neighbours or opposite ones, one kind of three."""
+    """Four fingers in a square: one kind of single, neighbours or opposite ones, one kind of three."""
     sets = [(0,), (1,), (0, 1), (0, 2), (1, 3), (1, 2), (0, 1, 2), (1, 2, 3)]
     linear, contacts = around(4)
     assert alike_sets(sets, symmetries(linear, contacts, FREE)) == [0, 0, 2, 3, 3, 2, 6, 6]

@@ -157,11 +157,11 @@ def held_devices(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
     if not (K - np.diag(np.diag(K))).any() and not (B - np.diag(np.diag(B))).any():
         return _apart(linear)
     per_mass = 1.0 / linear.mass[:, None]
-    E = _held(per_mass * K, per_mass * (np.diag(linear.friction) + B), per_mass * np.eye(m), T)
+    E = _advance(per_mass * K, per_mass * (np.diag(linear.friction) + B), per_mass * np.eye(m), T)
     return E[:, : 2 * m], E[:, 2 * m :]
 
 
-def _held(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: float) -> FloatArray:
+def _advance(stiffness: FloatArray, damping: FloatArray, push: FloatArray, T: float) -> FloatArray:
     """Map (x, x', F) to (x, x') after T under x'' = -stiffness x - damping x' + push F, (2 m, 3 m)."""
     m = len(push)
     A = np.zeros((3 * m, 3 * m))
@@ -183,17 +183,17 @@ def _apart(linear: Linearisation) -> tuple[FloatArray, FloatArray]:
     rows = zip(linear.mass, linear.friction, np.diag(linear.hand_stiffness), np.diag(linear.hand_damping), strict=True)
     E = np.zeros((2, m, 3, m))
     i = np.arange(m)
-    E[:, i, :, i] = [_held_alone(float(k / mass), float((b + B) / mass), float(1.0 / mass), linear.period)
+    E[:, i, :, i] = [_advance_alone(float(k / mass), float((b + B) / mass), float(1.0 / mass), linear.period)
                      for mass, b, k, B in rows]  # fmt: skip
     wide = E.reshape(2 * m, 3 * m)
     return wide[:, : 2 * m], wide[:, 2 * m :]
 
 
 @lru_cache(maxsize=256)
-def _held_alone(stiffness: float, damping: float, push: float, T: float) -> FloatArray:
-    """Compute `_held` of one coordinate; alike ones are many."""
+def _advance_alone(stiffness: float, damping: float, push: float, T: float) -> FloatArray:
+    """Compute `_advance` of one coordinate; alike ones are many."""
     one = np.ones((1, 1))
-    return _held(stiffness * one, damping * one, push * one, T)
+    return _advance(stiffness * one, damping * one, push * one, T)
 
 
 def object_matrices(
@@ -223,7 +223,7 @@ def _object_matrices(
     if integrator == "implicit":
         R: FloatArray = np.asarray(np.linalg.inv(I + T * a), dtype=float)
         return T * R, T * T * R @ per, R, T * R @ per
-    E = _held(np.zeros((n, n)), a, per, T)
+    E = _advance(np.zeros((n, n)), a, per, T)
     R, s = E[n:, n : 2 * n], E[n:, 2 * n :]
     if integrator == "bullet":
         return T * R, T * s, R, s
