@@ -80,7 +80,7 @@ def test_direct_kernel_is_exact(case_name: str) -> None:
     [("GraspFX gx.run", 4.0), ("GraspFX gx.run to disk", 12.0), ("GraspFX gx.run and its summary", 16.0)],
 )
 def test_a_long_run_costs_little_more_than_its_ticks(name: str, most: float) -> None:
-    """The limits are about twice what was measured, building the scene included; a busy machine gets further chances."""
+    """The limits are about twice what was measured, with building the scene; a busy machine gets further chances."""
     pytest.importorskip("llvmlite")
     with case_of("runs", "space, 5 fingers, a long run") as case:
         methods = {method.name: method for method in case.methods}
