@@ -18,6 +18,7 @@ from graspfx.commands.loudness import add_loudness, is_quiet, loudness
 from graspfx.commands.output import CODES, INTERRUPTED, WRONG
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError, InputError, UnknownNameError
+from graspfx.plugins import unchanged
 
 COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser) and execute(chosen) -> exit code
     "run": "simulate a scene, record it and sum it up",
@@ -39,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options = parse(words)
-        with loudness(options), _progress(options), _plain_warnings(), granted(getattr(options, "trust", False)):
+        trust = granted(getattr(options, "trust", False))
+        with loudness(options), _progress(options), _plain_warnings(), unchanged(), trust:
             code: int = options.command(options)
         sys.stdout.flush()
     except BrokenPipeError:  # who reads has left, as in `graspfx schema | head`: nothing more to say, at exit neither

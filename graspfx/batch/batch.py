@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.analysis.arguments import count
 from graspfx.batch.grid import as_array, as_objects, grid
+from graspfx.batch.groups import Group
 from graspfx.batch.many import Job
 from graspfx.batch.measured_columns import columns_of, divider, is_quantity, split_of
 from graspfx.batch.single_runs import Ended
 from graspfx.batch.statistics import STATISTICS, Statistics, statistic
-from graspfx.batch.variants import Group, Variants
+from graspfx.batch.variants import Variants
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
 from graspfx.card import Card, Carded, counted, listed
@@ -30,6 +31,7 @@ from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.selection import Selection, chosen_layout
+from graspfx.progress import waiting
 from graspfx.scene.overrides import overridden
 
 if TYPE_CHECKING:
@@ -207,15 +209,20 @@ def run_batch(
 ) -> Batch:
     """Simulate many variants of a scene at once; each is the scene with some values replaced.
 
-    The runs are those of `gx.run`, to the last bit but for the sign of a zero. One variant for every value of each key
-    is built as a whole scene, which takes some milliseconds: a grid of a hundred values of two keys takes seconds, as
-    many different values as runs take no less than runs one by one. All others are put together from what each value
-    changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit by
-    bit; where keys act on one another their combinations are built too. Every value is thereby checked as the scene's
-    own.
+    The runs are those of `gx.run`, to the last bit but for the sign of a zero. Values of gains that are numbers, of
+    coefficients of friction, and of an object's mass and viscosities go to the fields that they reach as columns, all
+    at once: one variant is built of each kind, as of equal gains, and two others to check the columns. Of another key
+    one variant is built for every value, which takes some milliseconds; combinations are put together from what each
+    value changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit
+    by bit; where keys act on one another their combinations are built too. Every value is checked as the scene's own.
 
-    Variants whose ticks are all alike, with one law and no finger that lets go or slips, run side by side, some
-    nanoseconds each tick. All others run one by one with the program that `gx.run` has for them.
+    Variants run side by side, as many as the processor's vectors have numbers, on all processors: those whose ticks are
+    all alike, with one law and no finger that lets go or slips, as a straight line, some nanoseconds a tick each; all
+    others as lanes that part where the program branches, at a third to a half of a single tick. Where there is too
+    little to run for a program to be compiled, they run one by one with the program that `gx.run` has for them.
+
+    Memory: of measures a few hundred bytes for each variant; blocks of lanes and their rows take some megabytes for
+    each processor, however many variants there are. Whole recordings take what their rows do.
 
     Args:
         scene: a Scene, a name or a path; native throughout: every device, hand and body a kernel.
@@ -225,8 +232,9 @@ def run_batch(
         keep: "measures", of the quantities in `measure`; "recordings", whole ones, a `Recording` of each; or
             "summary", `Recording.summary()` of each, which costs a millisecond apiece.
         measure: quantities: columns of a recording's layout; `internal_force`, `external_force`,
-            `internal_displacement`, `external_displacement` and `displayed_force` (with these variants run one by
-            one); or `object_position`, `object_velocity`, `object_orientation` and `wrench` of the first object.
+            `internal_displacement`, `external_displacement` and `displayed_force`, which are computed from recorded
+            rows, some microseconds each; or `object_position`, `object_velocity`, `object_orientation` and `wrench` of
+            the first object.
         statistics: of each number of these: first, last, mean, rms, min, max, peak (the largest magnitude) and growth
             (the peak of the second half of the run over that of the first).
         threads: as many as there are processors if not given; the result is the same.
@@ -250,7 +258,8 @@ def run_batch(
     shape, lists, numbers = grid(values, zip=zip)
     with plugins.unchanged():
         variants = Variants(scene_, lists, numbers)
-        groups = variants.groups()
+        with waiting("building variants", unit="built", count=lambda: variants.builds):
+            groups = variants.groups()
     warn_of_axes(resolve(scene_))
     runs = Runs(scene_, variants, len(numbers), duration, threads)
     if keep == "measures":
@@ -295,7 +304,8 @@ class Runs:
             where = [k for column in columns.values() for k in range(column.where.start, column.where.stop)]
             job = self._job(group, where, statistics)
             job.more = partial(divider, group, behind) if behind else None
-            raw, faults = job.measured(self.threads)
+            with waiting("running variants", job.variants, "variants", partial(getattr, job, "done")):
+                raw, faults = job.measured(self.threads)
             self.run_time += job.spent
             self.faults[group.members] = faults
             start = 0

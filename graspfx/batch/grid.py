@@ -1,4 +1,4 @@
-"""The grid of a batch: the values of each key, and which of them each variant has."""
+"""The grid of a batch: the values of each key, and choice of them each variant has."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def grid(
 def _first_alike(items: Sequence[Any]) -> IndexArray:
     """Give for each value the number of the first that is written like it."""
     if all(type(value) is float for value in items):
-        _, first, which = np.unique(np.array(items).view(np.int64), return_index=True, return_inverse=True)
-        return np.asarray(first[which.ravel()])
+        _, first, choice = np.unique(np.array(items).view(np.int64), return_index=True, return_inverse=True)
+        return np.asarray(first[choice.ravel()])
     written = {repr(value): k for k, value in reversed(list(enumerate(items)))}
     return np.array([written[repr(value)] for value in items])
 
 
 def _plain(value: Any) -> Any:
-    """Write a value without arrays, of which numpy writes out the beginning and the end."""
+    """Write a value without arrays, of choice numpy writes out the beginning and the end."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):

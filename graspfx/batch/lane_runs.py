@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.lane_text import ROWS, TAKEN, lane_text, taking_text
+from graspfx.batch.lane_text import ROWS, SUMS, lane_text, taking_text
 from graspfx.batch.lanes import LATE_LOW, LOW, MEASURES
 from graspfx.batch.statistics import empty
+from graspfx.batch.task import More, Task
 from graspfx.compile.emission import side_by_side
 from graspfx.compile.native import Bound, Native, compiled
 from graspfx.compile.records import start_of
 from graspfx.loop.tick.memory import ServoState
 
-if TYPE_CHECKING:
-    from graspfx.batch.many import Job
-
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
-More = Callable[[FloatArray], FloatArray]
 
 ALIGNED = 64  # bytes
 BLOCK = 1024  # rows that are recorded at a time to compute what follows from them
@@ -43,7 +38,7 @@ class LaneRuns:
         InputError: the program holds what lanes cannot do.
     """
 
-    job: Job
+    job: Task
     measuring: bool
     make: bool
     lanes: int = field(default_factory=side_by_side)
@@ -55,7 +50,7 @@ class LaneRuns:
 
     @cached_property
     def shared(self) -> dict[str, int]:
-        """By buffer, the entry from which on all variants have the same ones, which nothing writes."""
+        """Entries, by buffer, from which on all variants have the same ones, which nothing writes."""
         varying = self.job.varying
         out = {}
         for name, first in self.job.constant.items():
@@ -90,7 +85,7 @@ class LaneBuffers:
         self.rows = aligned(max(1, rows * width * lanes)).reshape(-1, lanes)
         self.measures = aligned(max(1, len(job.columns) * MEASURES * lanes)).reshape(-1, lanes)
         self.blank = np.repeat(empty(len(job.columns)).reshape(-1, 1), lanes, axis=1)
-        buffers: dict[str, FloatArray] = {ROWS: self.rows.reshape(-1), TAKEN: self.measures.reshape(-1)}
+        buffers: dict[str, FloatArray] = {ROWS: self.rows.reshape(-1), SUMS: self.measures.reshape(-1)}
         start = 0
         for name, size in self.sizes.items():
             buffers[name] = self.arena[start : start + size].reshape(-1)

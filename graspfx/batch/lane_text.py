@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 from graspfx.batch.lanes import FIRST, HIGH, LAST, LATE_LOW, LOW, MEASURES, NEEDS, SQUARES, SUM
 
-ROWS, TAKEN = "rows", "measures"
+ROWS, SUMS = "rows", "measures"
 
 
 def lane_text(source: str, columns: Sequence[int] | None, statistics: Collection[str]) -> str:
@@ -26,9 +26,9 @@ def lane_text(source: str, columns: Sequence[int] | None, statistics: Collection
     run.body = [loop]
     loop.body = [each for each in loop.body if not any(isinstance(node, ast.Return) for node in ast.walk(each))]
     if columns is not None:
-        wanted = {column: place for place, column in enumerate(dict.fromkeys(columns))}
-        loop.body = [kept for each in loop.body if (kept := _kept(each, wanted)) is not None]
-        places = [wanted[column] for column in columns]
+        place_of = {column: place for place, column in enumerate(dict.fromkeys(columns))}
+        loop.body = [line for each in loop.body if (line := _lasting(each, place_of)) is not None]
+        places = [place_of[column] for column in columns]
         last = next(i for i, each in enumerate(loop.body) if ast.unparse(each) == "k = k + 1")
         loop.body[last:last] = ast.parse("\n".join(_measured(places, statistics))).body
         run.args.args = [
@@ -41,7 +41,7 @@ def taking_text(columns: int, statistics: Collection[str]) -> str:
     """Write the program of `run(rows, measures, k, count, low)`, which takes rows of some columns into measures."""
     lines = [line.replace(f"{ROWS}[", f"{ROWS}[i * {columns} + ") for line in _measured(range(columns), statistics)]
     body = "\n".join(f"        {line}" for line in [*lines, "k = k + 1"])
-    return f"def run({ROWS}, {TAKEN}, k, count, low):\n    for i in range(count):\n{body}\n"
+    return f"def run({ROWS}, {SUMS}, k, count, low):\n    for i in range(count):\n{body}\n"
 
 
 def _with_measures(parameters: Sequence[ast.arg], *, some: bool) -> list[ast.arg]:
@@ -51,12 +51,12 @@ def _with_measures(parameters: Sequence[ast.arg], *, some: bool) -> list[ast.arg
         if parameter.arg != ROWS:
             out.append(parameter)
         elif some:
-            out += [parameter, ast.arg(TAKEN)]
+            out += [parameter, ast.arg(SUMS)]
     return out
 
 
-def _kept(node: ast.stmt, wanted: dict[int, int]) -> ast.stmt | None:
-    """Drop what is recorded and not wanted, and what counts rows."""
+def _lasting(node: ast.stmt, place_of: dict[int, int]) -> ast.stmt | None:
+    """Drop the recording of columns that have no place, and what counts rows."""
     text = ast.unparse(node)
     if text.startswith("row = ") or text == "r = r + 1":
         return None
@@ -64,9 +64,9 @@ def _kept(node: ast.stmt, wanted: dict[int, int]) -> ast.stmt | None:
         target = node.targets[0]
         if isinstance(target.value, ast.Name) and target.value.id == ROWS:
             column = _column(target.slice)
-            if column not in wanted:
+            if column not in place_of:
                 return None
-            target.slice = ast.Constant(wanted[column])
+            target.slice = ast.Constant(place_of[column])
     return node
 
 
@@ -85,17 +85,17 @@ def _measured(places: Sequence[int], statistics: Collection[str]) -> list[str]:
         o = c * MEASURES
         lines.append(f"x = {ROWS}[{place}]")
         if FIRST in needed:
-            lines += ["if k == 0:", f"    {TAKEN}[{o + FIRST}] = x"]
+            lines += ["if k == 0:", f"    {SUMS}[{o + FIRST}] = x"]
         if LAST in needed:
-            lines.append(f"{TAKEN}[{o + LAST}] = x")
+            lines.append(f"{SUMS}[{o + LAST}] = x")
         if SUM in needed:
-            lines.append(f"{TAKEN}[{o + SUM}] = {TAKEN}[{o + SUM}] + x")
+            lines.append(f"{SUMS}[{o + SUM}] = {SUMS}[{o + SUM}] + x")
         if SQUARES in needed:
-            lines.append(f"{TAKEN}[{o + SQUARES}] = {TAKEN}[{o + SQUARES}] + x * x")
+            lines.append(f"{SUMS}[{o + SQUARES}] = {SUMS}[{o + SQUARES}] + x * x")
         if LOW in needed:
             for first in (LOW, LATE_LOW):
                 lines += [f"if low == {first}:"]
-                lines += [f"    if x < {TAKEN}[{o + first}]:", f"        {TAKEN}[{o + first}] = x"]
-                lines += [f"    if x > {TAKEN}[{o + first + HIGH - LOW}]:"]
-                lines += [f"        {TAKEN}[{o + first + HIGH - LOW}] = x"]
+                lines += [f"    if x < {SUMS}[{o + first}]:", f"        {SUMS}[{o + first}] = x"]
+                lines += [f"    if x > {SUMS}[{o + first + HIGH - LOW}]:"]
+                lines += [f"        {SUMS}[{o + first + HIGH - LOW}] = x"]
     return lines or ["pass"]

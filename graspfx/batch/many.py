@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from threading import Lock, local
 from time import perf_counter
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +15,14 @@ from numpy.typing import NDArray
 from graspfx.batch.lane_runs import BLOCK, LaneBuffers, LaneRuns
 from graspfx.batch.lanes import LANES, MEASURES, LanesText, lanes_text
 from graspfx.batch.single_runs import Ended, SingleRuns
+from graspfx.batch.task import Task
 from graspfx.compile.native import Native, compiled
-from graspfx.compile.program import program_source
 from graspfx.compile.records import start_of
 from graspfx.compile.straight.bounds import LARGEST_TICK
 from graspfx.compile.straight.straight import NotSteadyError, written_down
 from graspfx.compile.straight.trace import Node, Slot, Traceable
 from graspfx.errors import InputError
-from graspfx.loop.tick.engine_text import whole_text
 from graspfx.loop.tick.memory import ServoState
-from graspfx.loop.tick.script import Tick
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -41,59 +38,9 @@ MOST_ROWS = 2**28  # bytes of the rows of a block of lanes that are recorded who
 MOST_LANES = 8  # of a block
 
 
-More = Callable[[FloatArray], FloatArray]
-
-
-class Beginnings(Protocol):
-    """The buffers of variants at the beginning."""
-
-    def arenas(self, members: Any) -> FloatArray:
-        """Give all of it, (v, arena)."""
-        ...
-
-    def entry(self, k: int, members: Any) -> FloatArray:
-        """Give one entry that varies, (v,)."""
-        ...
-
-    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
-        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
-
-
 @dataclass
-class Job:
-    """Variants of one program.
-
-    Args:
-        tick: its script.
-        places: where each buffer is in an arena.
-        begin: what the buffers hold at the beginning, one arena of all variants.
-        variants: how many.
-        width: of a row.
-        columns: numbers of a row of which measures are kept.
-        statistics: that are asked for.
-        ticks: N.
-        varying: entries of the arena that are not the same in all variants.
-        constant: by buffer, the entry from which on no run writes it.
-        look: at the arena of every variant when its run is over.
-        more: makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
-            places are behind those of a row.
-    """
-
-    tick: Tick
-    places: dict[str, slice]
-    begin: Beginnings
-    variants: int
-    width: int
-    columns: Sequence[int]
-    statistics: Collection[str]
-    ticks: int
-    varying: Index
-    constant: Mapping[str, int] = field(default_factory=dict)
-    look: Callable[[FloatArray], None] | None = None
-    more: Callable[[FloatArray], More] | None = None
-    looking: Lock = field(default_factory=Lock)
-    side_by_side: int = 0  # variants that ran as straight lines
-    spent: float = 0.0  # on runs [s]
+class Job(Task):
+    """Variants of one program, run by the way that suits them."""
 
     def measured(self, threads: int) -> tuple[FloatArray, Index]:
         """Give measures (V, columns, MEASURES), and the tick of each variant's fault, -1 if it has none."""
@@ -113,8 +60,13 @@ class Job:
             if lanes is not None:
                 self._in_lanes(lanes, rest, measures, faults, threads)
             if single is not None:
+
+                def alone(members: Index) -> None:
+                    single.measure(members, measures, faults)
+                    self.count(members)
+
                 _shared(
-                    lambda members: single.measure(members, measures, faults),
+                    alone,
                     [rest[k : k + APIECE] for k in range(0, len(rest), APIECE)],
                     threads,
                 )
@@ -176,6 +128,7 @@ class Job:
             own: LaneBuffers = buffers.own
             for k in range(0, len(members), lanes.lanes):
                 own.measure(members[k : k + lanes.lanes], measures, faults)
+                self.count(members[k : k + lanes.lanes])
                 if self.look is not None:
                     with self.looking:
                         for arena in own.arenas(len(members[k : k + lanes.lanes])):
@@ -240,26 +193,12 @@ class Job:
             left.append(bad)
             count[0] += len(members)
             count[1] += len(bad)
+            self.count(members)
 
         numbers = np.arange(self.variants)
         span = LANES * min(MOST, max(1, self.variants // (4 * threads * LANES)))
         _shared(run, [numbers[k : k + span] for k in range(0, self.variants, span)], threads)
         return np.sort(np.concatenate(left))
-
-    @property
-    def source(self) -> str:
-        """The program of one variant that goes on whatever happens."""
-        return self._source(pausing=False)
-
-    @property
-    def pausing_source(self) -> str:
-        """The program that `gx.run` runs, which comes back after the tick of a fault."""
-        return self._source(pausing=True)
-
-    def _source(self, *, pausing: bool) -> str:
-        script = self.tick.script
-        text = whole_text(self.tick, pausing=pausing)
-        return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)
 
 
 @lru_cache(8)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.batch.variants import Group
+from graspfx.batch.groups import Group
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.two_forces import SplitRule
 from graspfx.errors import UnknownNameError

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.batch.lanes import FIRST, LATE_LOW, LOW
 from graspfx.batch.statistics import empty, take
+from graspfx.batch.task import Task
 from graspfx.compile.native import compiled
 from graspfx.compile.program import program_source
 from graspfx.loop.tick.memory import ServoState
-
-if TYPE_CHECKING:
-    from graspfx.batch.many import Job
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -41,7 +38,7 @@ class Ended:
 class SingleRuns:
     """The program for one variant at a time; each thread has buffers of its own."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Task) -> None:
         self.job = job
         self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
         text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.batch.groups import Built, Group, Program
 from graspfx.build.build import build
-from graspfx.build.columns import Column, Columns, plain_keys
+from graspfx.build.columns import Columns, plain_keys
 from graspfx.build.resolve import resolve
-from graspfx.coupling import block as at
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
 from graspfx.loop.tick.engine_text import whole_text
@@ -23,7 +21,6 @@ from graspfx.loop.tick.script import Tick
 from graspfx.loop.tick.text import write
 
 if TYPE_CHECKING:
-    from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -32,103 +29,6 @@ Numbers = tuple[int, ...]  # of the value that each key has
 
 CHECKED = 8  # combinations that are built besides those of the extremes
 FULL = 16  # variants that are all built: fewer are not worth a thought
-
-
-@dataclass(frozen=True)
-class Program:
-    """The program of variants that share it: a servo that was built for one of them, and its tick."""
-
-    servo: Servo
-    tick: Tick
-
-    @cached_property
-    def places(self) -> dict[str, slice]:
-        """Where each buffer is in the arena, all of them in one."""
-        starts, start = {}, 0
-        for name, array in self.tick.script.arrays.items():
-            starts[name] = slice(start, start + array.size)
-            start += array.size
-        return starts
-
-    @cached_property
-    def constant(self) -> dict[str, int]:
-        """By buffer, the entry from which on nothing writes it: where the data of a mesh begin."""
-        blocks = [part.grasped.block for part in self.servo.objects]
-        ours = {name: array for name, array in self.tick.script.arrays.items() if any(array is b for b in blocks)}
-        return {name: int(array[at.MESH]) for name, array in ours.items() if array[at.MESH] > 0.0}
-
-    def fill(self, arena: FloatArray) -> None:
-        """Fill a variant's buffers into those of the servo."""
-        for name, array in self.tick.script.arrays.items():
-            array[...] = arena[self.places[name]]
-
-    def check_activity(self, arena: FloatArray) -> None:
-        """Warn like `gx.run` where matrices for gains, as a variant's buffers hold them, can create energy."""
-        self.fill(arena)
-        for part in self.servo.objects:
-            part.grasped.check_activity()
-
-
-@dataclass(frozen=True)
-class Built:
-    """A variant that was built.
-
-    Attributes:
-        arena: what all its buffers hold at the beginning.
-        structure: a digest of what programs are made from; of two variants in which it is the same the program is.
-    """
-
-    arena: FloatArray
-    structure: str
-
-
-@dataclass
-class Group:
-    """Variants with the same programs.
-
-    Attributes:
-        program: that they share.
-        base: what the buffers of one of them hold, (arena,).
-        members: their numbers, (V,).
-        factors: what differs: entries of the arena with a row of values for each choice, and the choice of each member.
-    """
-
-    program: Program
-    base: FloatArray
-    members: Index
-    factors: list[tuple[Index, FloatArray, Index]] = field(default_factory=list)
-
-    @cached_property
-    def varying(self) -> Index:
-        """Entries of the arena that are not the same in all members."""
-        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
-
-    def arenas(self, members: Any) -> FloatArray:
-        """Give the buffers of some members, (v, arena)."""
-        count = len(self.members[members])
-        copies = np.repeat(self.base[None], count, axis=0)
-        for entries, rows, choice in self.factors:
-            copies[:, entries] = rows[choice[members]]
-        return copies
-
-    def add(self, columns: Iterable[Column]) -> None:
-        """Add numbers of entries of the program's buffers, one for each member: those that are not the same in all."""
-        names = {id(array): name for name, array in self.program.tick.script.arrays.items()}
-        places = self.program.places
-        numbers = {places[names[id(block)]].start + entry: values for block, entry, values in columns}
-        entries = sorted(numbers)
-        rows = np.stack([numbers[entry] for entry in entries], axis=1)
-        self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
-
-    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
-        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
-        for entries, rows, choice in self.factors:
-            arena[where[entries]] = rows[choice[members]].T
-
-    def entry(self, k: int, members: Any) -> FloatArray:
-        """Give one of the entries that vary, of some members, (v,)."""
-        entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
-        return np.asarray(rows[choice[members], np.searchsorted(entries, k)])
 
 
 class Variants:
@@ -228,8 +128,8 @@ class Variants:
         for kind in np.unique(kinds[sound]):
             members = np.flatnonzero(sound & (kinds == kind))
             own_values = {key: each[members] for key, each in values.items()}
-            made = self._each(members) if len(members) <= FULL else self._spread(members, own_values, own)
-            groups_ += self._of_values(members) if made is None else made
+            spread = self._each(members) if len(members) <= FULL else self._spread(members, own_values, own)
+            groups_ += self._of_values(members) if spread is None else spread
         return groups_
 
     def _spread(self, members: Index, values: Mapping[str, FloatArray], own: Sequence[int]) -> list[Group] | None:

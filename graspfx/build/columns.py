@@ -2,7 +2,7 @@
 
 A key is plain where its values go to fields as they stand, or by a formula of a few operations, and where what a scene
 checks of them can be said of an array. All else is built. What only some values mean, as gains that are equal or a
-coefficient of zero, makes kinds of variants, of each of which one is built.
+coefficient of zero, makes kinds of variants, of each of choice one is built.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ BODY = ("mass", "viscosity", "rotational_viscosity")
 BESIDE = re.compile(
     r"(finger\.[^.]+\.(device|hand|start|radius)|device|hand)\b"
 )  # keys that leave the plain ones alone
-NEAR = 1e-6  # relative: gains that are as near as this are looked at one by one
+NEAR = 1e-6  # relative: gains as near as this are built one by one
 ROUGH = 1e6  # coefficients of friction above it likewise
 
 
@@ -106,7 +106,7 @@ class Columns:
         return any(key in GAINS for key in self.by_field)
 
     def sound(self, parts: Parts) -> BoolArray:
-        """Tell of which values it is sure that the scene's checks pass them, as those of another variant pass."""
+        """Tell of choice values it is sure that the scene's checks pass them, as those of another variant pass."""
         sound = np.ones(self.count, dtype=bool)
         for key, values in self.by_field.items():
             sound &= np.isfinite(values) & (values >= 0.0) & (values <= LARGEST)
@@ -144,9 +144,9 @@ class Columns:
 
     def moments(self, part: ObjectPart) -> FloatArray:
         """Compute the moments of an object's body, (V, 3): by the formula of one, for each mass that there is."""
-        masses, which = np.unique(self.body(part.index, "mass"), return_inverse=True)
+        masses, choice = np.unique(self.body(part.index, "mass"), return_inverse=True)
         rows = np.array([_moments(self.scene, part, mass) for mass in masses.tolist()])
-        return np.asarray(rows[which.ravel()])
+        return np.asarray(rows[choice.ravel()])
 
     # Where they go ------------------------------------------------------------------------------------------------
 

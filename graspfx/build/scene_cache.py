@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from graspfx.scene.model import Scene
 
 FORMAT = 3
-PLAIN = (bool, int, float, str, type(None))
+PLAIN: tuple[type, ...] = (bool, int, float, str, type(None))
 
 
 class Place(NamedTuple):
@@ -95,7 +95,7 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
     if content is None:
         return None
     entry = json.loads(content)
-    if entry["files"] != _digests(where.source, entry["names"]):
+    if entry["files"] != digests(where.source, entry["names"]):
         return None
     source = replace(where.source, preset_values=entry["preset_values"])
     return cast("Scene", KeptScene(vars(_read(entry["scene"])), source, entry["written"])), entry["notes"]
@@ -103,10 +103,10 @@ def cached(where: Place) -> tuple[Scene, list[str]] | None:
 
 def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     """Cache a scene that has been run, and its notes, if its place alone says what becomes of it."""
-    if scene.source.text != where.source.text or not _is_self_contained(scene):
+    if scene.source.text != where.source.text or not is_self_contained(scene):
         return
-    names = list(_data_files(scene))
-    files = _digests(where.source, names)
+    names = list(data_files(scene))
+    files = digests(where.source, names)
     if files is None:
         return
     try:
@@ -118,7 +118,7 @@ def keep(where: Place, scene: Scene, notes: list[str]) -> None:
     cache.store(where.key, json.dumps(entry, allow_nan=False).encode())
 
 
-def _is_self_contained(scene: Scene) -> bool:
+def is_self_contained(scene: Scene) -> bool:
     """Tell whether the scene names no code but the shelf's, no other distribution, and nothing real."""
     from graspfx.build.resolve import resolve
 
@@ -136,7 +136,7 @@ def _hands(scene: Scene) -> list[Any]:
     return [*scene.hand, *(finger.hand for finger in scene.finger if not isinstance(finger.hand, str | None))]
 
 
-def _data_files(scene: Scene) -> Iterator[str]:
+def data_files(scene: Scene) -> Iterator[str]:
     """List the files that the scene names and that are read, not run: meshes and recorded paths."""
     for shape in (*(each.shape for each in scene.object), *(each.shape for each in scene.obstacle)):
         if shape is not None and shape.kind == "mesh" and shape.mesh is not None:
@@ -145,7 +145,7 @@ def _data_files(scene: Scene) -> Iterator[str]:
         yield from (motion.file for motion in listed(hand.motion) if motion.kind == "path")
 
 
-def _digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
+def digests(source: Source, names: Iterable[str]) -> list[list[str]] | None:
     """Digest files that a scene names, each with where its links lead; None where one cannot be read."""
     try:
         paths = [to_path("file", name, folder=source.folder).resolve() for name in names]

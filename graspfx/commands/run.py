@@ -49,7 +49,7 @@ def execute(options: Namespace) -> int:
         _require_room(options.out, options)
     where = place(options.scene, dict(options.overrides), options.preset)
     entry = cached(where) if where is not None else None
-    scene, notes = entry or _checked(options)
+    scene, notes = entry or (_checked(options) if where is not None else _made(options))
     note(notes)
     with destination(options, Path(options.scene).stem, latest=True) as folder:
         code, complete = _run_into(folder, scene, options)
@@ -109,6 +109,25 @@ def _log_plan(scene: Readable) -> None:
     for row in plan(whole_scene(scene)):
         if not row.runs:
             log.info("skipped: %s: %s", row.step, row.why)
+
+
+def _made(options: Namespace) -> tuple[Scene, list[str]]:
+    """Let a Python file make its scene, which is checked unless the very same one was before; with its notes."""
+    with waiting(f"checking {options.scene}"):
+        from graspfx.build.scene_memory import SceneMemory
+        from graspfx.scene.load import load
+        from graspfx.scene.table_memory import remembering
+
+        memory = SceneMemory()
+        with remembering(memory):
+            scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        notes = memory.notes(scene)
+        if notes is None:
+            from graspfx.build.resolve import resolve
+
+            notes = [*resolve(scene).mesh_notes, *doubts(scene)]
+            memory.keep_notes(scene, notes)
+        return scene, notes
 
 
 def _checked(options: Namespace) -> tuple[Scene, list[str]]:

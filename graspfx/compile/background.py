@@ -59,7 +59,7 @@ def _process(text: str) -> subprocess.Popen[bytes] | None:
     from graspfx.compile.child import start
 
     try:
-        process = start(MODULE)
+        process = start(MODULE, answers=False)
         assert process.stdin is not None
         process.stdin.write(text.encode() + b"\n")
         process.stdin.flush()  # and stays open: the other process ends when this one does
@@ -73,6 +73,8 @@ def _process(text: str) -> subprocess.Popen[bytes] | None:
 def _end(process: subprocess.Popen[bytes], owner: int) -> None:
     if os.getpid() == owner:  # and no fork of it
         process.kill()
+        if process.stdin is not None:
+            process.stdin.close()
         process.wait()
 
 

@@ -7,8 +7,12 @@ import subprocess
 import sys
 
 
-def start(module: str) -> subprocess.Popen[bytes]:
-    """Start a module in a process of its own, which finds the same modules as this one, and end with its stdin.
+def start(module: str, *, answers: bool = True) -> subprocess.Popen[bytes]:
+    """Start a module in a process of its own, which finds the same modules as this one.
+
+    Args:
+        module: by name.
+        answers: whether it writes to a pipe.
 
     Raises:
         OSError: there is no interpreter to start, or the system refuses.
@@ -18,6 +22,6 @@ def start(module: str) -> subprocess.Popen[bytes]:
     path = os.pathsep.join(os.path.abspath(place) for place in sys.path if place)  # noqa: PTH100 (as it stands)
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE if answers else subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         env={**os.environ, "PYTHONPATH": path},
     )  # fmt: skip

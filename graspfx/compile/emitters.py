@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from queue import SimpleQueue
 from threading import Lock
 from types import TracebackType
@@ -49,7 +50,8 @@ class Emitters:
         for process in self._processes:
             assert process.stdin is not None and process.stdout is not None
             process.kill()
-            process.stdin.close()
+            with suppress(OSError):  # what it has not read
+                process.stdin.close()
             process.stdout.close()
             process.wait()
         if self._title and _is_watched():

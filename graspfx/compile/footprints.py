@@ -1,4 +1,4 @@
-"""Footprints in the disk cache of kernels that were compiled by themselves: to look for one, LLVM need not be loaded."""
+"""Footprints in the cache of kernels that were compiled by themselves: seen without loading LLVM."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ Bound = frozenset[str] | None  # names that have a value for certain; None where
 
 @dataclass
 class Loop:
-    """What is bound where a loop is left, and where its next turn begins."""
+    """Names that are bound where a loop is left."""
 
     breaks: list[Bound] = field(default_factory=list)
 

@@ -57,6 +57,19 @@ def lower(L: Table, x: Floats, size: int) -> None:
 
 
 @kernel
+def invert_lower(L: Table, size: int) -> None:
+    """Replace a lower triangular L without a zero on its diagonal by its inverse."""
+    for i in range(size):
+        inverse = 1.0 / L[i, i]
+        for j in range(i):
+            total = 0.0
+            for k in range(j, i):
+                total -= L[i, k] * L[k, j]
+            L[i, j] = inverse * total
+        L[i, i] = inverse
+
+
+@kernel
 def factor_signed(M: Table, size: int, columns: Table, signs: Floats) -> None:
     """Compute l_k and h_k = +-1 of a symmetric M = sum_k h_k l_k l_k' by complete pivoting; M is changed.
 

@@ -18,19 +18,16 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Floats, Table
-from graspfx.cones.factors import eliminate_rows, factor_definite, lower, solve_factored
-from graspfx.cones.friction import friction_force_flexible
-from graspfx.cones.problem import FrictionProblem
-from graspfx.coupling.contact_frames import in_frame
-from graspfx.coupling.depth import compliance, is_whole
+from graspfx.cones.factors import eliminate_rows, factor_definite, invert_lower, lower, solve_factored
+from graspfx.cones.friction import ASSOCIATED, friction_force_flexible
+from graspfx.cones.problem import FrictionProblem, leading, tangent_of
+from graspfx.coupling.damping_columns import add_up, damping_part, find_lack, mirror, write_columns
+from graspfx.coupling.depth import is_whole
 from graspfx.coupling.flexibility import combine_modes, factor
-from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.implicit import LEAST
-from graspfx.coupling.law import normal_force
-from graspfx.coupling.recoil import damping_share, find_levers, inertia, lever
-from graspfx.grasp.contact_state import motion_of
-from graspfx.grasp.rigid_modes import component
-from graspfx.spatial import NOTHING
+from graspfx.coupling.recoil import damping_share, find_levers, inertia
+from graspfx.spatial import NOTHING, dot
 
 
 @kernel
@@ -38,6 +35,8 @@ def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slip
     """Find elastic force and damping of the fingers that touch, in a problem of d coordinates; give the law."""
     per = 1.0 / grasp.period
     base = pose_damped(grasp, problem, d, slipped)
+    if base == 0.0:
+        return ASSOCIATED
     highest = max(grasp.external_stiffness, grasp.internal_stiffness)
     highest += per * max(grasp.external_damping, grasp.internal_damping)
     soft = grasp.external_stiffness <= grasp.internal_stiffness and grasp.external_damping <= grasp.internal_damping
@@ -48,7 +47,8 @@ def damping_in_columns(grasp: GraspState, problem: FrictionProblem, d: int, slip
 def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bool) -> float:
     """Write the law with damping into a problem of d coordinates a contact: its bilateral force and its modes.
 
-    `slipped`: displacements are those that slipping has left. Give the largest entry of A.
+    `slipped`: displacements are those that slipping has left. Give the largest entry of A; 0.0 where the bilateral
+    force lies in the cones, and is the answer.
     """
     find_levers(grasp, True)
     state, per = grasp.recoil, 1.0 / grasp.period
@@ -75,8 +75,11 @@ def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bo
         grasp, state.far, state.damping_part, damping_share(grasp), state.rate, per * kid, grasp.period,
         far, first, rest, distant,
     )  # fmt: skip
-    eliminate_motion(grasp, count)
+    find_recoil(grasp, count)
     write_force(grasp, problem, d, soft, kip, kid, count)
+    if is_settled(grasp, problem, d):
+        return 0.0
+    eliminate_motion(grasp, count)
     definite = kep <= kip and ked <= kid
     if definite:
         factor_inverse(grasp, problem, count)
@@ -92,153 +95,31 @@ def pose_damped(grasp: GraspState, problem: FrictionProblem, d: int, slipped: bo
 
 
 @kernel
-def write_columns(
-    grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, slipped: bool
-) -> None:
-    """Write the columns V of what carries force, its displacements and rates, and the compliances behind 1 / A.
-
-    Displacements and rates stand in the contacts' `displacement` and `base_force` until `write_force`.
-    """
-    state, p = grasp.recoil, grasp.mode_count
-    shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
-    for i, finger in enumerate(grasp.fingers):
-        contact = problem.contacts[i]
-        root = finger.sqrt_weight if contact.status >= 0 else 0.0
-        part = damping_part(grasp, finger, kid) if soft else 1.0
-        if problem.compliant:
-            contact.compliance = per * kid * (1.0 - part) / ((kip + per * kid) * (kip + per * kid * part))
-        e = finger.retained if slipped else finger.displacement
-        contact.displacement = root * in_frame(grasp, finger, e)
-        contact.base_force = root * in_frame(grasp, finger, finger.rate)
-        for a in range(d):
-            for j in range(p):
-                q = component(finger, motion_of(grasp.modes[j], i, grasp.width), a) if root > 0.0 else 0.0
-                contact.modes[j].motion[a] = q
-            k = p
-            if state.twisted:
-                for u in range(turns):
-                    contact.modes[k].motion[a] = root * lever(grasp, finger, shifts + u, a, False)
-                    k += 1
-            if soft:
-                for j in range(p):
-                    contact.modes[k].motion[a] = part * contact.modes[j].motion[a]
-                    k += 1
-            if state.distant:
-                for u in range(turns):
-                    contact.modes[k].motion[a] = part * root * lever(grasp, finger, shifts + u, a, True)
-                    k += 1
-
-
-@kernel
-def damping_part(grasp: GraspState, finger: FingerState, kid: float) -> float:
-    """Compute r_i = 1 / (1 + kid C_i), what a finger's depth leaves of kid."""
-    if not finger.touching:
-        return 1.0
-    return 1.0 / (1.0 + kid * compliance(grasp, finger, normal_force(finger)))
-
-
-@kernel
-def add_up(
-    grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float, near: int, far: int, count: int,
-    base: float,
-) -> None:  # fmt: skip
-    """Compute V'A^-1 V, V'V of the elastic columns, V'R^-1 V of the damping's, and V'e and V'e' of all columns."""
-    state, p = grasp.recoil, grasp.mode_count
-    for j in range(count):
-        state.stretch[j] = 0.0
-        state.rate[j] = 0.0
-        for k in range(j + 1):
-            state.gram[j, k] = 0.0
-    if soft:
-        for j in range(max(near, far)):
-            for k in range(j + 1):
-                state.near[j, k] = 0.0
-                state.far[j, k] = 0.0
-    for i, finger in enumerate(grasp.fingers):
-        contact = problem.contacts[i]
-        if contact.status < 0:
-            continue
-        modes = contact.modes
-        own = 1.0 / base + (contact.compliance if problem.compliant else 0.0)
-        part = damping_part(grasp, finger, kid) if soft else 1.0
-        for j in range(count):
-            for a in range(d):
-                v = modes[j].motion[a]
-                state.stretch[j] += v * contact.displacement[a]
-                state.rate[j] += v * contact.base_force[a]
-            for k in range(j + 1):
-                total = 0.0
-                for a in range(d):
-                    total += modes[j].motion[a] * modes[k].motion[a]
-                state.gram[j, k] += own * total
-                if soft and j < near:
-                    state.near[j, k] += total
-                if soft and k >= near:
-                    state.far[j - near, k - near] += total / part
-    if not soft:
-        for j in range(near):
-            for k in range(j + 1):
-                state.near[j, k] = base * state.gram[j, k]
-        for j in range(far):
-            for k in range(j + 1):
-                a, b = j if j < p else near + j - p, k if k < p else near + k - p
-                state.far[j, k] = base * state.gram[a, b]
-    mirror(state.gram, count)
-    mirror(state.near, near)
-    mirror(state.far, far)
-
-
-@kernel
-def mirror(square: Table, count: int) -> None:
-    """Copy the lower triangle of a symmetric matrix to the upper one."""
-    for j in range(count):
-        for k in range(j):
-            square[k, j] = square[j, k]
-
-
-@kernel
-def find_lack(grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float) -> None:
-    """Compute I - Q'Q and I - Q'R Q of the coordinates that carry force, from those that do not: no digits are lost."""
-    state, p = grasp.recoil, grasp.mode_count
-    for j in range(p):
-        for k in range(p):
-            state.elastic_lack[j, k] = 0.0
-            state.damping_lack[j, k] = 0.0
-    for i, finger in enumerate(grasp.fingers):
-        free = problem.contacts[i].status < 0
-        part = damping_part(grasp, finger, kid) if soft else 1.0
-        for a in range(grasp.coordinates):
-            carries = not free and a < d
-            if carries and not soft:
-                continue
-            for j in range(p):
-                left = component(finger, motion_of(grasp.modes[j], i, grasp.width), a)
-                for k in range(p):
-                    both = left * component(finger, motion_of(grasp.modes[k], i, grasp.width), a)
-                    state.elastic_lack[j, k] += 0.0 if carries else both
-                    state.damping_lack[j, k] += (1.0 - part) * both if carries else both
-
-
-@kernel
 def condense(grasp: GraspState, gram: Table, lack: Table, external: float, internal: float, out: Table) -> None:
     """Compute E of a branch, of the contacts that carry force: (Y^-1 + S)^-1, or where it is negative (X^-1 - R)^-1.
 
-    S = Q'Q and R = I - S, Y = k_i / kappa - 1 and X = 1 - kappa / k_i: either way a sum of positive matrices.
+    S = Q'Q and R = I - S, Y = k_i / kappa - 1 and X = 1 - kappa / k_i: either way a sum of positive matrices. With the
+    root D of Y or -X and L L' = I + D S D, or I + D R D, it is D L'^-1 L^-1 D or the negative of that.
     """
-    p, A = grasp.mode_count, grasp.recoil.work
+    p, A, D = grasp.mode_count, grasp.recoil.work, grasp.recoil.row
     for j in range(p):
         beta = grasp.modes[j, 0]
         kappa = internal + (external - internal) * beta
-        x = (internal - external) * beta / (kappa if external <= internal else internal)
-        for k in range(p):
-            A[j, k] = x * gram[j, k] if external <= internal else -x * lack[j, k]
-            out[j, k] = 0.0
-        A[j, j] += 1.0
-        out[j, j] = x
-    eliminate_rows(A, out, p, p)
+        D[j] = math.sqrt(abs(internal - external) * beta / (kappa if external <= internal else internal))
     for j in range(p):
-        for k in range(j):
-            out[j, k] = out[k, j] = 0.5 * (out[j, k] + out[k, j])
+        for k in range(j + 1):
+            A[j, k] = D[j] * D[k] * (gram[j, k] if external <= internal else lack[j, k])
+        A[j, j] += 1.0
+    factor_definite(A, p)
+    invert_lower(A, p)
+    sign = 1.0 if external <= internal else -1.0
+    for j in range(p):
+        for k in range(j + 1):
+            total = 0.0
+            for i in range(j, p):
+                total += A[i, j] * A[i, k]
+            out[j, k] = sign * D[j] * D[k] * total
+    mirror(out, p)
 
 
 @kernel
@@ -334,14 +215,23 @@ def add_branch(
 
 
 @kernel
-def eliminate_motion(grasp: GraspState, count: int) -> None:
-    """Find the object's motion u = N^-1 r, add J'N^-1 J to E and J'u to what the columns take from the force."""
+def find_recoil(grasp: GraspState, count: int) -> None:
+    """Find the object's motion u = N^-1 r, and add J'u to what the columns take from the force."""
     state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
     factor_definite(state.system, free)
     solve_factored(state.system, state.motion, free)
     for j in range(count):
+        total = 0.0
         for u in range(free):
-            state.row[j] += state.levers[j, u] * state.motion[u]
+            total += state.levers[j, u] * state.motion[u]
+        state.row[j] += total
+
+
+@kernel
+def eliminate_motion(grasp: GraspState, count: int) -> None:
+    """Add J'N^-1 J to E."""
+    state, free = grasp.recoil, grasp.freedom.shifts + grasp.freedom.turns
+    for j in range(count):
         lower(state.system, state.levers[j], free)
     for j in range(count):
         for k in range(j + 1):
@@ -350,6 +240,22 @@ def eliminate_motion(grasp: GraspState, count: int) -> None:
                 total += state.levers[j, u] * state.levers[k, u]
             state.whole[j, k] = total
     mirror(state.whole, count)
+
+
+@kernel
+def is_settled(grasp: GraspState, problem: FrictionProblem, d: int) -> bool:
+    """Tell whether the base forces all lie inside their cones; then they are the answer, and the problem's forces."""
+    settled = True
+    for contact in problem.contacts:
+        if contact.status >= 0:
+            tangent = tangent_of(leading(contact.base_force, d))
+            limit = contact.coefficient * contact.base_force.x
+            inside = contact.base_force.x >= 0.0 and dot(tangent, tangent) <= limit * limit
+            settled = settled and inside
+    if settled:
+        for contact in problem.contacts:
+            contact.force = contact.base_force
+    return settled
 
 
 @kernel

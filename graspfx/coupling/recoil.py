@@ -92,36 +92,55 @@ def damping_share(grasp: GraspState) -> Table:
 def write_levers(grasp: GraspState, at_tip: bool, share: Table, weight: Table) -> None:
     """Compute T = Q'sqrt(W) G' of all free directions, and G W G' of the rotations.
 
-    That of translations is known: sqrt(sum w) for the mode that each of them is, nothing for another.
+    That of translations is known: sqrt(sum w) for the mode that each of them is, nothing for another. A turn about a
+    takes mode k along by a . sum_i sqrt(w_i) r_i x q_k(i), and two turns have a'(sum_i w_i (r_i^2 I - r_i r_i')) b.
     """
     shifts, turns = grasp.freedom.shifts, grasp.freedom.turns
     total = 0.0
+    for finger in grasp.fingers:
+        total += finger.weight
+    root = math.sqrt(total)
     for k in range(6):
         for u in range(shifts + turns):
-            share[k, u] = 0.0
-    for u in range(turns):
-        for v in range(turns):
-            weight[u, v] = 0.0
-    for i, finger in enumerate(grasp.fingers):
-        total += finger.weight
+            share[k, u] = root if k == u and u < shifts else 0.0
+    if turns == 0:
+        return
+    for k in range(grasp.mode_count):
+        moment = ZERO
+        for i, finger in enumerate(grasp.fingers):
+            motion = motion_of(grasp.modes[k], i, grasp.width)
+            moment += finger.sqrt_weight * cross(arm(grasp, finger, at_tip), motion.shift)
+            if grasp.coordinates > 3:
+                moment += (finger.sqrt_weight * motion.twist * finger.patch) * finger.twist_axis
         for u in range(turns):
-            axis = grasp.freedom.axes[shifts + u].vector
-            way = finger.sqrt_weight * path_of(grasp, finger, ZERO, axis, at_tip)
-            for k in range(grasp.mode_count):
-                motion = motion_of(grasp.modes[k], i, grasp.width)
-                along = dot(motion.shift, way.vector)
-                if grasp.coordinates > 3:
-                    along += motion.twist * way.t
-                share[k, shifts + u] += along
-            for v in range(u + 1):
-                other = path_of(grasp, finger, ZERO, grasp.freedom.axes[shifts + v].vector, at_tip)
-                both = dot(way.vector, other.vector)
-                if grasp.coordinates > 3:
-                    both += way.t * other.t
-                weight[u, v] += finger.sqrt_weight * both
-    root = math.sqrt(total)
-    for u in range(shifts):
-        share[u, u] = root
+            share[k, shifts + u] = dot(grasp.freedom.axes[shifts + u].vector, moment)
+    square, x, y, z = second_moment(grasp, at_tip)
+    for u in range(turns):
+        axis = grasp.freedom.axes[shifts + u].vector
+        along = Vector(dot(x, axis), dot(y, axis), dot(z, axis))
+        for v in range(u + 1):
+            other = grasp.freedom.axes[shifts + v].vector
+            weight[u, v] = square * dot(axis, other) - dot(other, along)
+
+
+@kernel
+def second_moment(grasp: GraspState, at_tip: bool) -> tuple[float, Vector, Vector, Vector]:
+    """Compute sum w r^2 and the rows of sum w (r r' - rho^2 a a'), a the axis of torsion and rho the patch length."""
+    square = 0.0
+    x = y = z = ZERO
+    for finger in grasp.fingers:
+        r = arm(grasp, finger, at_tip)
+        w = finger.weight
+        square += w * dot(r, r)
+        x += (w * r.x) * r
+        y += (w * r.y) * r
+        z += (w * r.z) * r
+        if grasp.coordinates > 3:
+            t = finger.patch * finger.twist_axis
+            x -= (w * t.x) * t
+            y -= (w * t.y) * t
+            z -= (w * t.z) * t
+    return square, x, y, z
 
 
 @kernel

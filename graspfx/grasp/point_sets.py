@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from importlib.util import find_spec
 from threading import local
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from graspfx.compile.footprints import was_compiled
 from graspfx.compile.kernel import keep_lowerings, source_function
-from graspfx.compile.records import size_for
+from graspfx.compile.records import size_for, start_of
 from graspfx.grasp import direct, direct_modes
 from graspfx.grasp.contact import MOMENTS
 from graspfx.grasp.point_grasp import PointGrasp
@@ -80,6 +80,10 @@ class Engine:
         if machine is not None:
             machine.once(*arguments)
             return
+        self.interpret(*arguments)
+
+    def interpret(self, *arguments: Any) -> None:
+        """Run the kernel as it stands."""
         views = (memoryview(a) if isinstance(a, np.ndarray) else a for a in arguments)  # quicker to read than arrays
         source_function(self.kernel)(*views)
         keep_lowerings()
@@ -107,7 +111,7 @@ class Workspace:
 
     def __init__(self, n: int, d: int) -> None:
         self._contacts = n
-        self._block = block = np.zeros(size_for(PointGrasp, count=n, dimensions=d))
+        self._block = block = np.zeros(block_size(n, d))
         grasp = PointGrasp(block)
         self._head = block[: grasp.points.offset]
         self._points, self._displacement, self._rate, self._force = block[grasp.points.offset :].reshape(4, n * d)
@@ -140,26 +144,66 @@ class Workspace:
         return self._force.copy()
 
 
+class ModeSpace:
+    """Workspace of one thread for the modes of n contacts."""
+
+    def __init__(self, n: int, d: int) -> None:
+        self._contacts = n
+        self._block = np.zeros(block_size(n, d))
+        self._points, self._modes, self._ranks = np.zeros(n * d), np.zeros((d + MOMENTS[d], n * d)), np.zeros(1)
+        self._arguments = self._block, 0, self._points, 0, self._modes.reshape(-1), 0, self._ranks, 0, 1
+        self._run: Callable[[], object] | None = None
+
+    def modes(self, points: FloatArray, head: FloatArray) -> tuple[FloatArray, int]:
+        """Compute the modes (n d, rank) of one set of contacts, and the rank; see `modes_of_one`."""
+        self._block[: len(head)] = head
+        self._points[:] = points.ravel()
+        if self._run is None:
+            machine = MODE_ROWS.machine(2 * self._contacts)
+            if machine is not None:
+                self._run = machine.bound(*self._arguments)
+        if self._run is None:
+            MODE_ROWS.interpret(*self._arguments)
+        else:
+            self._run()
+        rank = int(self._ranks[0])
+        return self._modes[:rank].T.copy(), rank
+
+
 class Workspaces(local):
     """Workspaces of a thread, by number of contacts and dimensions."""
 
     def __init__(self) -> None:
         self.by_size: dict[tuple[int, int], Workspace] = {}
+        self.of_modes: dict[tuple[int, int], ModeSpace] = {}
 
 
+NO_GAINS = 0.0, 0.0, 0.0, 0.0
 MOST_WORKSPACES = 64
 WORKSPACES = Workspaces()
 
 
 def point_head(n: int, d: int, gains: Numbers, tolerance: float) -> FloatArray:
     """Make the first entries of a block: sizes, gains and tolerance; see `PointGrasp`."""
-    block = np.zeros(size_for(PointGrasp, count=n, dimensions=d))
-    grasp = PointGrasp(block)
-    grasp.count, grasp.dimensions, grasp.tolerance = n, d, tolerance
-    (
-        grasp.external_stiffness, grasp.external_damping, grasp.internal_stiffness, grasp.internal_damping
-    ) = gains  # fmt: skip
-    return block[: grasp.points.offset].copy()
+    size, places = _head_entries()
+    head = np.zeros(size)
+    head[places] = n, d, *gains, tolerance
+    return head
+
+
+@cache
+def _head_entries() -> tuple[int, list[int]]:
+    """Give the number of entries before a block's points, and those that `point_head` writes."""
+    gains = "external_stiffness", "external_damping", "internal_stiffness", "internal_damping"
+    return start_of(PointGrasp, "points"), [
+        start_of(PointGrasp, n) for n in ("count", "dimensions", *gains, "tolerance")
+    ]
+
+
+@cache
+def block_size(n: int, d: int) -> int:
+    """Count the entries of a block of n contacts."""
+    return size_for(PointGrasp, count=n, dimensions=d)
 
 
 def point_force(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatArray | None) -> FloatArray:
@@ -182,12 +226,24 @@ def point_force(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatAr
 def point_forces(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatArray | None) -> FloatArray:
     """Compute forces (N, n d) of N sets of point contacts (N, n, d), each as `point_force` does, to the bit."""
     N, n, d = points.shape
-    block = np.zeros(size_for(PointGrasp, count=n, dimensions=d))
+    block = np.zeros(block_size(n, d))
     block[: len(head)] = head
     rate = np.zeros(N * n * d) if de is None else _flat(de)
     force = np.empty(N * n * d)
     COUPLE_ROWS.call(N * n, block, 0, _flat(points), 0, _flat(e), 0, rate, 0, force, 0, N)
     return force.reshape(N, n * d)
+
+
+def modes_of_one(points: FloatArray, tolerance: float) -> tuple[FloatArray, int]:
+    """Compute orthonormal rigid modes of one set of point contacts (n, d): (n d, rank), and the rank."""
+    spaces = WORKSPACES.of_modes
+    space = spaces.get(points.shape)
+    if space is None:
+        if len(spaces) >= MOST_WORKSPACES:
+            spaces.clear()
+        space = spaces[points.shape] = ModeSpace(*points.shape)
+    n, d = points.shape
+    return space.modes(points, point_head(n, d, NO_GAINS, tolerance))
 
 
 def point_modes(points: FloatArray, tolerance: float) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -197,8 +253,8 @@ def point_modes(points: FloatArray, tolerance: float) -> tuple[FloatArray, NDArr
         Rows (N, w, n d): translations, then rotations; those beyond a set's rank are zero. Ranks (N,).
     """
     N, n, d = points.shape
-    block = np.zeros(size_for(PointGrasp, count=n, dimensions=d))
-    head = point_head(n, d, (0.0, 0.0, 0.0, 0.0), tolerance)
+    block = np.zeros(block_size(n, d))
+    head = point_head(n, d, NO_GAINS, tolerance)
     block[: len(head)] = head
     modes, ranks = np.zeros((N, d + MOMENTS[d], n * d)), np.zeros(N)
     MODE_ROWS.call(2 * N * n, block, 0, _flat(points), 0, modes.reshape(-1), 0, ranks, 0, N)

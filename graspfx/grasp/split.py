@@ -158,12 +158,12 @@ class Split(Carded):
     @cached_property
     def _point_modes(self) -> tuple[FloatArray, Any]:
         """Modes and rank of point contacts, by a kernel."""
-        from graspfx.grasp.point_sets import point_modes
+        from graspfx.grasp.point_sets import modes_of_one, point_modes
 
         points = self.points.points
-        modes, ranks = point_modes(points.reshape(-1, *points.shape[-2:]), self.point_tolerance)
         if not self.sets:
-            return modes[0, : ranks[0]].T, int(ranks[0])
+            return modes_of_one(points, self.point_tolerance)
+        modes, ranks = point_modes(points.reshape(-1, *points.shape[-2:]), self.point_tolerance)
         return _transposed(modes.reshape(*self.sets, *modes.shape[-2:])), ranks.reshape(self.sets)
 
     @property

@@ -189,14 +189,19 @@ class Servo:
         """Run ticks of which all but the exchange with guests is one call."""
         run, faulted, k = engine.each, self._tick.own.data[start_of(ServoState, "faulted") :], self.ticks
         exchanges = self._exchanges()
+        one = exchanges[0] if len(exchanges) == 1 else None  # without a loop about it
         try:
             for r in range(row, row + count):
                 run(k, 1, r)
                 if faulted[0]:
                     self._notice(recorder)  # now, as it says how things stand
                     exchanges = self._exchanges()
-                for exchange in exchanges:
-                    exchange()
+                    one = None
+                if one is not None:
+                    one()
+                else:
+                    for exchange in exchanges:
+                        exchange()
                 k += 1
         finally:  # what was run is kept also if the run breaks off here
             self._finish_tick(k - self.ticks, recorder)

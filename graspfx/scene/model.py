@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -17,6 +18,7 @@ from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
 from graspfx.scene.scene_card import scene_card
 from graspfx.scene.source import Source
+from graspfx.scene.table_memory import current_memory
 from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.scene_table import SceneTable
 
@@ -36,15 +38,28 @@ class Scene(Carded, SceneTable):
     _source: Source = PrivateAttr(default_factory=Source)
     _stock: Any = PrivateAttr(default=None)  # what the checks connected and loaded, for `graspfx.build.resolve`
 
+    _written: dict[str, Any] | None = PrivateAttr(default=None)  # its written form, where that is at hand
+
     def __init__(self, source: Source | None = None, /, **table: Any) -> None:
         if source is not None and not isinstance(source, Source):
             raise InputError("Scene", source, "keys and values: Scene(dimensions=1, ...)", "a table goes in as **table")
         origin = source or Source()
+        memory = current_memory()
+        checked = memory.recall(table, origin) if memory is not None else None
+        if checked is not None:
+            private = {"_source": origin, "_stock": None, "_written": checked.written}
+            self.__setstate__({
+                "__dict__": checked.fields, "__pydantic_fields_set__": checked.names, "__pydantic_extra__": None,
+                "__pydantic_private__": private,
+            })  # fmt: skip
+            return
         faults, stock = plugins.upward("Scene.faults")(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
         super().__init__(**table)
         self._source, self._stock = origin, stock
+        if memory is not None:
+            memory.keep(table, origin, self)
 
     def __eq__(self, other: object) -> bool:
         """Compare as descriptions, wherever they came from."""
@@ -55,7 +70,7 @@ class Scene(Carded, SceneTable):
     def __copy__(self) -> Self:
         """Copy the description: a copy whose fields are then replaced has devices and shapes of its own."""
         copy = super().__copy__()
-        copy._stock = None
+        copy._stock = copy._written = None
         return copy
 
     def _card(self) -> Card:
@@ -75,6 +90,8 @@ class Scene(Carded, SceneTable):
 
     def to_dict(self) -> dict[str, Any]:
         """Write the scene as nested tables that `Scene(**table)` takes, without defaults."""
+        if self._written is not None:
+            return deepcopy(self._written)
         table: dict[str, Any] = self.model_dump(mode="json", exclude_unset=True)
         return table
 

@@ -29,6 +29,7 @@ from graspfx.show.widths import WIDTHS, Width, width_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from PIL.Image import Image
 
 EXTERNAL, INTERNAL = "#d55e00", "#0072b2"  # of nothing else, in no figure
 FINGERS = ("#1b9e77", "#882255", "#00a5b5", "#7a5230", "#332288")
@@ -185,9 +186,27 @@ def pixels(picture: Figure, dpi: int) -> bytes:
         picture.savefig(raw, format="rgba", dpi=dpi)
     width, height = (int(inches * dpi) for inches in picture.get_size_inches())
     image = Image.frombuffer("RGBA", (width, height), raw.getvalue(), "raw", "RGBA", 0, 1).convert("RGB")
-    palette = image.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    palette = _exact(image) or image.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     palette.save(file, format="PNG", dpi=(dpi, dpi))
     return file.getvalue()
+
+
+def _exact(image: Image) -> Image | None:
+    """Give the same image with a palette, a tenth of the time of a search for one; None where it has more colours."""
+    import numpy as np
+    from PIL.Image import fromarray
+
+    counts = image.getcolors(COLOURS)
+    if counts is None:
+        return None
+    colours = np.array(sorted(colour for _, colour in counts), dtype=np.uint32)
+    places = np.array([16, 8, 0], dtype=np.uint32)
+    numbers = np.zeros(1 << 24, dtype=np.uint8)  # of colours; the system gives it as it is written to
+    numbers[(colours << places).sum(axis=1)] = np.arange(len(colours))
+    red, green, blue = np.moveaxis(np.asarray(image, dtype=np.uint32), 2, 0)
+    palette = fromarray(numbers[red << 16 | green << 8 | blue], mode="P")
+    palette.putpalette(colours.astype(np.uint8).tobytes())
+    return palette
 
 
 def require_form(form: str, path: str | PathLike[str]) -> None:

@@ -244,14 +244,16 @@ def test_recordings_are_those_of_single_runs(name):
     assert batch.stacked("finger_force").shape == (2, 20, *require(batch.recordings)[0].finger_force.shape[1:])
 
 
-def test_unilateral_contact_side_by_side_or_not(jobs, monkeypatch):
-    """Fingers that touch and let go leave the straight line; what they then do is the same."""
+def test_unilateral_contact_side_by_side_or_not(monkeypatch):
+    """Fingers that touch and let go part the lanes; what they then do is what they do one by one."""
     scene = gx.load("paper-spring")
     values = {KIP: np.linspace(40.0, 120.0, 8), BV: np.linspace(0.8, 1.5, 8)}
-    aside = gx.run_batch(scene, values, 0.3, threads=1)
     monkeypatch.setattr(many, "LOOK", math.inf)
-    require_same(aside, gx.run_batch(scene, values, 0.3))
-    assert 0 < jobs[0].side_by_side < 64
+    monkeypatch.setattr(many, "LANES_LOOK", math.inf)
+    alone = gx.run_batch(scene, values, 0.3, threads=1)
+    monkeypatch.setattr(many, "LANES_LOOK", 0)
+    monkeypatch.setattr(many, "LANES_WORTH", 0)
+    require_same(alone, gx.run_batch(scene, values, 0.3))
 
 
 def test_meshes_run_too():

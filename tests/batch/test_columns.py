@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ def values_of(scene: gx.Scene, key: str, rng: np.random.Generator) -> np.ndarray
 
 
 def faults_of(make: Callable[[], object]) -> list[str]:
-    """What is wrong with a scene."""
+    """Faults of a scene that is made."""
     try:
         make()
     except SceneError as error:
@@ -55,11 +56,11 @@ def require_as_built(scene: gx.Scene, values: dict[str, np.ndarray]) -> int:
     numbers = np.repeat(np.arange(COUNT)[:, None], len(values), axis=1)
     good = []
     for k in range(COUNT):
-        expected = faults_of(lambda k=k: scene.replace({key: each[k] for key, each in lists.items()}))
+        expected = faults_of(partial(scene.replace, {key: each[k] for key, each in lists.items()}))
         if not expected:
             good.append(k)
             continue
-        assert faults_of(lambda k=k: Variants(scene, lists, numbers[[k] * (FULL + 1)]).groups()) == expected
+        assert faults_of(Variants(scene, lists, numbers[[k] * (FULL + 1)]).groups) == expected
     numbers = numbers[good]
     variants = Variants(scene, lists, numbers)
     groups = variants.groups()

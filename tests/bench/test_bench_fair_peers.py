@@ -17,6 +17,7 @@ from graspfx.bench.cases.eq4_fixed import fixed_case
 from graspfx.bench.measure import check
 from graspfx.bench.oracles.map_oracle import crossing
 from graspfx.bench.peers.arrays import last_positions, one_dof
+from graspfx.bench.peers.eq4_many_peers import MANY_PEERS, stacked_matrices
 from graspfx.bench.peers.eq4_peers import PEERS, closed_form, grasp_matrix
 from graspfx.bench.peers.limit_peers import by_control, by_eigenvalues
 from graspfx.bench.peers.paper import PaperProgram, Springs, coupling, rotation_matrix
@@ -87,6 +88,15 @@ def test_grasp_matrix_and_every_projection_are_the_public_ones() -> None:
         for name, project in PEERS.items():
             np.testing.assert_allclose(project(G, x.ravel()), expected, atol=1e-12, err_msg=name)
         np.testing.assert_allclose(closed_form(points, x).ravel(), expected, atol=1e-13)
+
+
+def test_stacked_peers_are_the_single_ones() -> None:
+    rng = np.random.default_rng(1)
+    points, x = 0.05 * rng.normal(size=(7, 5, 3)), rng.normal(size=(7, 5, 3))
+    np.testing.assert_array_equal(stacked_matrices(points), gx.grasp_matrix(points))
+    expected = gx.Grasp(points).split().project(x.reshape(7, 15))
+    for name, project in MANY_PEERS.items():
+        np.testing.assert_allclose(project(points, x).reshape(7, 15), expected, atol=1e-12, err_msg=name)
 
 
 def test_fixed_contacts_give_the_same_forces_by_every_method() -> None:

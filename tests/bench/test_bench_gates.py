@@ -47,6 +47,7 @@ def method_of(case: Case, name: str) -> tuple[Method, Row]:
         pytest.param("eq4", "1000 sets of 5 fingers, one call", FACE, "numpy pinv, stacked", 25.0, id="face-many"),
         pytest.param("projection", NORMALS, "GraspFX pivoting, compiled", "clarabel to 1e-08", 8.0, id="cone-clarabel"),
         pytest.param("maps", WALL, "GraspFX, numpy", "numpy eigenvalues, Brent", 100.0, id="map-eigenvalues"),
+        pytest.param("maps", "limit of 20 fingers", "GraspFX", "numpy eigenvalues, Brent", 2.5, id="grasp-eigenvalues"),
         pytest.param("startup", "whole processes", "import graspfx", "import numpy", 0.77, id="import-numpy"),
     ],
 )

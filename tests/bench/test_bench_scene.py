@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from graspfx.__main__ import main
-from graspfx.bench.own_scene import choices as own_choices
-from graspfx.bench.own_scene.choices import Choice, attempt
+from graspfx.bench.own_scene import own_choices
+from graspfx.bench.own_scene.own_choices import Choice, attempt
 from graspfx.bench.own_scene.reference import converge, estimate
 from graspfx.bench.own_scene.tradeoff import UNSTABLE, trade_off
 from graspfx.bench.own_scene.tradeoff_figure import tradeoff_sheet

@@ -15,9 +15,11 @@ from graspfx.__main__ import main
 from graspfx.build import meshes
 from graspfx.build.resolve import resolve
 from graspfx.build.scene_cache import KeptTable, _read, _written, cached, place
+from graspfx.build.scene_memory import SceneMemory, _canonical
 from graspfx.compile import cache
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.load import load
+from graspfx.scene.table_memory import remembering
 
 TABLES = sorted(path.stem for path in plugins.shelf("scenes").glob("*.toml"))
 
@@ -72,7 +74,7 @@ def test_the_second_run_is_the_first(name: str, capsys: pytest.CaptureFixture[st
     for folder in ("run-1", "run-2"):
         assert run(name, "--out", folder) == 0
         texts = capsys.readouterr()
-        table = re.sub(r"(wall time|ticks per second|cost per tick).*", "", texts.out.replace(folder, ""))
+        table = re.sub(r"(wall time|ticks per second|cost per tick|ticks ran).*", "", texts.out.replace(folder, ""))
         said.append((re.sub("[ ━]+", " ", table), texts.err))  # columns are as wide as those times need
     assert said[0] == said[1]
     first, second = (Recording.load(folder) for folder in ("run-1", "run-2"))
@@ -99,7 +101,7 @@ def test_a_file_that_changed_is_checked_anew(capsys: pytest.CaptureFixture[str])
     path.write_text(path.read_text().replace("mass = 0.1 ", "mass = 0.0 "))
     os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # as fast as a clock's tick
     assert run("own.toml") == 2
-    assert "object.mass: expected more than 0" in capsys.readouterr().err
+    assert "mass: expected more than 0" in capsys.readouterr().err
     assert run("own.toml") == 2  # what is wrong is never kept
 
 
@@ -211,8 +213,58 @@ def test_a_mesh_from_the_cache_is_the_mesh(name: str, monkeypatch: pytest.Monkey
             assert getattr(other, key).flags.writeable == getattr(one, key).flags.writeable
 
 
-def test_python_scenes_are_not_kept() -> None:
+def test_python_scenes_are_not_kept_as_files() -> None:
     assert place("prism", {}) is None
+
+
+@pytest.mark.parametrize("name", ["paper-waving-turning", "prism", "unequal-devices"])
+def test_a_python_scene_is_checked_once_and_stays_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(name, "--out", "first") == 0
+    fresh = load(name)
+    monkeypatch.setattr("graspfx.build.checks.faults.find_faults", lambda *_: pytest.fail("checked again"))
+    monkeypatch.setattr("graspfx.certificate.notes.doubts.doubts", lambda *_: pytest.fail("looked at again"))
+    assert run(name, "--out", "second") == 0
+    first, second = (Recording.load(folder) for folder in ("first", "second"))
+    assert np.array_equal(first.rows, second.rows, equal_nan=True)
+    for key in set(vars(first.header)) - {"created"}:
+        assert getattr(first.header, key) == getattr(second.header, key), key
+    with remembering(SceneMemory()):
+        again = load(name)
+    assert again == fresh and again.model_fields_set == fresh.model_fields_set
+    assert vars(again) == vars(fresh) and again.source.text == fresh.source.text
+    table = again.to_dict()
+    table["period"] = 1.0
+    assert again.to_dict() == fresh.to_dict()  # a copy each time
+    monkeypatch.undo()
+    changed = again.replace({"object.0.viscosity": 2.5})
+    assert changed.object[0].viscosity == 2.5 and changed.to_dict() != fresh.to_dict()
+
+
+def test_a_python_scene_runs_every_time_and_a_change_is_seen_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """The mass comes from another file, of which nobody can know."""
+    path = Path("own.py")
+    path.write_text(
+        "import graspfx as gx\nfrom pathlib import Path\n"
+        "def scene():\n"
+        "    mass = float(Path('mass.txt').read_text())\n"
+        "    return gx.load('reference-1dof').replace({'object.mass': mass})\n"
+    )
+    masses = ["0.1", "0.2", "0.1", "-1"]
+    for k, mass in enumerate(masses):
+        Path("mass.txt").write_text(mass)
+        code = run("own.py", "--out", f"run-{k}")
+        assert code == (2 if mass == "-1" else 0)
+    assert "mass: expected more than 0" in capsys.readouterr().err
+    rows = [Recording.load(f"run-{k}").rows for k in range(3)]
+    assert np.array_equal(rows[0], rows[2], equal_nan=True) and not np.array_equal(rows[0], rows[1], equal_nan=True)
+
+
+def test_values_of_other_kinds_are_other_tables() -> None:
+    """1, 1.0 and true are equal to Python; an array is told from the next one in its last bit."""
+    values = [1, 1.0, True, "1", None, [1.0], (1.0,), np.array([1.0]), np.array([np.nextafter(1.0, 2.0)]), {"a": 1.0}]
+    assert len({repr(_canonical(value)) for value in values}) == len(values)
+    with pytest.raises(TypeError):
+        _canonical({"mass": object()})
 
 
 def test_what_was_damaged_is_checked_anew(folder: Path) -> None:

@@ -79,7 +79,7 @@ def test_a_real_device_is_neither_opened_nor_timed(tmp_path: Path) -> None:
     finger = {"start": [-0.025], "device": {"name": str(tmp_path / "real.py")}}
     found = said(gx.Scene(**{**LINE, "finger": [finger, LINE["finger"][1]]}))
     assert "the device of finger0 (Real) is no kernel" in found["calls"]
-    assert "kernels compiled for all scenes, for 20 ticks" in found["engine"]
+    assert "kernels compiled for all scenes, for 60 ticks" in found["engine"]
 
 
 @pytest.mark.parametrize(

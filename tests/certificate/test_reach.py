@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from graspfx.analysis.stability.fullloop import loop_matrix, without_drift
 from graspfx.certificate.certificate import Certificate, Limit, is_stable
 from graspfx.certificate.crossing import bracketed, crossings
 from graspfx.certificate.linearise import linearise
+from graspfx.certificate.mode_limits import pushing_limits
 from graspfx.certificate.reach import reach, reaches
 from graspfx.certificate.verdict import Report
 from graspfx.certificate.whole_loop import Family, Line, WholeLoop
@@ -150,6 +152,31 @@ def test_a_bracket_finds_the_root_of_a_power(power: int) -> None:
     """(x - 1.3)^p, flat for large p: to 1e-11 of the root, or to where the function is nothing but rounding."""
     root = bracketed(lambda x: (x - 1.3) ** power, 1.0, 2.0)
     assert abs(root - 1.3) < 1e-11 or abs(root - 1.3) ** power < 1e-100
+
+
+def test_a_quick_certificate_computes_limits_of_pushing_when_they_are_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Radius, verdict and the first limits come without them; text, length and data bring them, once."""
+    calls = []
+
+    def counted(*arguments: Any) -> list[Limit]:
+        calls.append(arguments)
+        return pushing_limits(*arguments)
+
+    monkeypatch.setattr("graspfx.certificate.certificates.pushing_limits", counted)
+    [quick] = gx.certify("paper-spring", quick=True)
+    assert quick.stable
+    assert [row.mode for row in quick.limits[0:1]] and len(calls) == 1  # a slice is of all of them
+    [quick] = gx.certify("paper-spring", quick=True)
+    assert quick.limits[0].mode == "internal" and len(calls) == 1
+    modes = [row.mode for row in quick.limits]
+    assert len(modes) == len(quick.limits) == len(quick.to_dict()["limits"]) and len(calls) == 2
+    assert modes[-1].startswith("pushing with ")
+    assert [row.mode for row in pickle.loads(pickle.dumps(quick)).limits] == modes
+    [full] = gx.certify("paper-spring")
+    assert isinstance(full.limits, tuple) and len(calls) == 3
+    assert [row.mode for row in full.limits] == modes
 
 
 # Verdicts ----------------------------------------------------------------------------------------------------------

@@ -372,6 +372,16 @@ def test_a_picture_that_cannot_be_written_leaves_the_recording(
     assert len(graspfx.Recording.load("here")) == 10
 
 
+def test_the_summary_comes_before_matplotlib_is_loaded(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before: list[str] = []
+    monkeypatch.setattr("graspfx.commands.run.draw", lambda *_, **__: before.append(capsys.readouterr().out))
+    assert main(["run", "reference-1dof", "--duration", "0.05", "--out", "here"]) == 0
+    assert "wall time" in before[0] and before[0].endswith("wrote here/recording.h5\n")
+    assert capsys.readouterr().out == "wrote here/figure.png\n"
+
+
 def test_plot_takes_the_folder_of_a_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "reference-1dof", "--duration", "0.05", "--no-figure", "--out", "here"]) == 0
     assert main(["plot", "here"]) == 0

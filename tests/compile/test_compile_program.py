@@ -58,17 +58,22 @@ def entry(folders: Path, name: str) -> float:
     return found
 
 
+def programs(folders: Path) -> list[Path]:
+    """List what is in the cache, the digest of the package's sources apart."""
+    return [path for path in (folders / "cache").iterdir() if not path.name.startswith("sources-")]
+
+
 def test_numbers_that_a_module_read_are_those_of_now(folders: Path) -> None:
     assert entry(folders, "one") == entry(folders, "one") == 3.25
     (folders / "one" / "gain").write_text("5.0")
     assert entry(folders, "one") == 10.25
     (folders / "shared" / "offsets.py").write_text("OFFSET = 0.5\n")
     assert entry(folders, "one") == 10.5
-    assert len([path for path in (folders / "cache").iterdir() if not path.name.startswith("sources-")]) == 1
+    assert len(programs(folders)) == 1
 
 
 def test_a_driver_of_the_same_name_elsewhere_is_another(folders: Path) -> None:
     assert entry(folders, "one") == 3.25
     assert entry(folders, "other") == 10.75
     assert entry(folders, "one") == 3.25
-    assert len(list((folders / "cache").iterdir())) == 2
+    assert len(programs(folders)) == 2

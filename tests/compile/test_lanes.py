@@ -14,7 +14,7 @@ SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, 3.0, 1e300, -1e-300, float("inf"), float("
 
 
 def beginnings(seed: int, count: int) -> np.ndarray:
-    """What the buffers of some lanes hold at first, (count, SIZE): of some all numbers are common, others special."""
+    """Buffers of some lanes at first, (count, SIZE), special numbers among common ones."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(count, SIZE)) * rng.choice([0.1, 1.0, 10.0], size=(count, SIZE))
     A[rng.random(A.shape) < 0.1] = rng.choice(SPECIAL)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.bench.oracles.exact import split_force
 
 DIGITS = 50
 
@@ -158,3 +159,21 @@ def test_a_nearly_weightless_finger(faded):
             for j in range(9):
                 heavy[i, j] = expected[i, j] * mp.mpf(float(metric[j]))
     assert largest_error(gx.Grasp(points).split(metric).modal_metric(), heavy) <= 1e-14
+
+
+@pytest.mark.parametrize("away", [0.0, 1000.0])
+@pytest.mark.parametrize("size", [0.05, 1e-6])
+@pytest.mark.parametrize("h", [1.0, 1e-2, 1e-4, 1e-5, 1e-7, 1e-9, 1e-12, 0.0])
+def test_forces_of_contacts_near_a_line(h, size, away):
+    # on either side of the tolerance of 1e-6, and where the contacts are as near as their coordinates are rounded: then
+    # a line is what they lie on. One set at a time and all at once
+    law = gx.Coupling(gx.Impedance(30.0), gx.Impedance(70.0))
+    rng = np.random.default_rng(5)
+    points = np.array([turned_line(rng, 5, h, size) + away for _ in range(6)])
+    e = rng.normal(size=points.shape)
+    many = law.force(gx.Grasp(points).split(), e)
+    for set_of_points, displacement, force in zip(points, e, many, strict=True):
+        alone = law.force(gx.Grasp(set_of_points).split(), displacement)
+        assert np.array_equal(alone, force)
+        exact = split_force(set_of_points, displacement, 30.0, 70.0, 1e-6)
+        assert np.abs(alone.reshape(5, 3) - exact).max() <= 2e-15 * np.abs(exact).max()

@@ -141,6 +141,18 @@ def test_the_second_run_does_without_what_is_slow_to_load(
     assert done.stdout.splitlines()[-1] == "False"
 
 
+@pytest.mark.parametrize("scene", ["mug", "thin-plate", "prism"])
+def test_the_second_run_of_a_scene_with_a_mesh_loads_nothing_that_reads_or_weighs_it(
+    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither trimesh, which reads it, nor scipy, which finds its hull; of a scene in Python pydantic stays."""
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path / "cache"))
+    run = f"main(['run', {scene!r}, '--duration', '0.02', '--no-figure', '--set', \"engine='interpreted'\"])"
+    code = f"from graspfx.__main__ import main\nassert {run} == 0"
+    assert {"trimesh"} < third_party_after(code, cwd=tmp_path)
+    assert not {"trimesh", "scipy", "matplotlib"} & third_party_after(code, cwd=tmp_path)
+
+
 def test_help_costs_less_than_importing_numpy() -> None:
     """About 0.04 s against 0.1 s; the ratio is what holds on any machine."""
     resource = pytest.importorskip("resource", reason="CPU time of a child process is measured by Unix")

@@ -1,4 +1,4 @@
-"""Thousands of variants of the 1-DOF system, whole calls, beside arrays of numpy and runs one by one."""
+"""Thousands of variants, whole calls, beside arrays of numpy and runs one by one."""
 
 from __future__ import annotations
 
@@ -24,16 +24,21 @@ Values = dict[str, FloatArray]
 TITLE = "Batches"
 LIMITS = """
 Time is that of a whole call, from the scene and the values to the last positions of both fingers and of the object, per
-variant; its programs are compiled and kept beforehand. `run_batch` checks and builds a scene for every value of a key,
-and for random points of several keys one for nearly every point, which takes nearly all of the time: "its runs alone"
-is what is left without that, as if the variants were known. The scene is attached and on a line; fingers that let go
-are run one by one. One by one is `gx.run(scene.replace(...))`, as a user writes it, for a few of the variants. The
-arrays of numpy are for this one system and nothing else; to write them takes an hour. The error is that of the last
-positions against single runs, of the largest in them. A call of more than some seconds is timed once.
+variant; its programs are compiled and kept beforehand. `run_batch` builds and checks a few variants, some tens of
+milliseconds in all, which is most of the time of a thousand points: "its runs alone" is what is left without that.
+Other keys than gains, friction, masses and viscosities are built for every value. One by one is
+`gx.run(scene.replace(...))`, as a user writes it, for a few of the variants. The arrays of numpy are for this one
+system and nothing else; to write them takes an hour. The error is that of the last positions against single runs, of
+the the largest in them; for scenes with contact there are no other arrays than single runs. A call of more than some
+seconds is timed once.
 """
 
 STIFFNESS, VISCOSITY, MASS = "coupling.external.stiffness", "object.viscosity", "object.mass"
 RANGES = {STIFFNESS: (5.0, 60.0), VISCOSITY: (0.6, 1.5), MASS: (0.05, 0.2)}
+CONTACTS = (  # scenes in which fingers let go or slip, each with a key and its range
+    ("paper-spring", "coupling.internal.stiffness", 60.0, 100.0),
+    ("sphere-three-fingers", "coupling.friction", 0.3, 0.9),
+)
 BOUND = 1e-12
 CHECKED = 12
 SINGLES = 10  # variants that are run one by one
@@ -42,7 +47,7 @@ QUANTITIES: Mapping[str, Any] = {"measure": ["finger_position", "object_position
 
 @dataclass(frozen=True)
 class BatchProblem:
-    """Variants of the scene `reference-1dof`.
+    """Variants of a scene.
 
     Attributes:
         scene: the scene.
@@ -63,22 +68,22 @@ class BatchProblem:
 
     @cached_property
     def reference(self) -> tuple[Any, FloatArray]:
-        """Numbers of a few variants, and their last positions by single runs, (CHECKED, 3) [m]."""
+        """Numbers of a few variants, and their last positions by single runs, (CHECKED, n d + d) [m]."""
         numbers = np.random.default_rng(3).integers(0, len(self), CHECKED)
         return numbers, np.stack([self.single_run(k) for k in numbers])
 
     def error(self, last: FloatArray) -> float:
-        """Compare last positions (V, 3) with those of single runs: the largest difference, relative."""
+        """Compare last positions (V, n d + d) with those of single runs: the largest difference, relative."""
         numbers, expected = self.reference
         return float((np.abs(last[numbers] - expected).max(axis=1) / np.abs(expected).max(axis=1)).max())
 
     def single_run(self, k: int, **more: Any) -> FloatArray:
-        """Run one variant by itself; its last positions (3,) [m]."""
+        """Run one variant by itself; its last positions [m], (3,) on a line with two fingers."""
         run = gx.run(
             self.scene.replace({key: float(each[k]) for key, each in self.values.items()} | more),
             duration=self.seconds,
         )
-        return np.concatenate([run.finger_position[-1, :, 0], run.object_position[-1]])
+        return np.concatenate([run.finger_position[-1].ravel(), run.object_position[-1]])
 
     def arrays(self) -> FloatArray:
         """Run all variants as arrays of numpy; their last positions (V, 3) [m]."""
@@ -103,6 +108,16 @@ def cases(quick: bool) -> Iterator[Case]:
     grid = np.stack(np.meshgrid(*lists.values(), indexing="ij"), axis=-1).reshape(-1, 2)
     product = BatchProblem(scene, dict(zip(lists, grid.T, strict=True)), ticks)
     yield _case(f"{side} by {side} values of two keys, {ticks} ticks", product, lists, _runs_alone(product))
+
+    for name, key, lowest, highest in CONTACTS:
+        yield _contact_case(gx.load(name), key, np.linspace(lowest, highest, 16 if quick else 10_000), ticks)
+
+
+def _contact_case(scene: Scene, key: str, values: FloatArray, ticks: int) -> Case:
+    """Compare variants of a scene whose fingers let go or slip with single runs."""
+    problem = BatchProblem(scene, {key: values}, ticks)
+    methods = [whole_call(problem, problem.values), *_one_by_one(problem)]
+    return Case("batches", f"{scene.source.name}, {len(values)} values, {ticks} ticks", "relative", methods, BOUND)
 
 
 def _case(name: str, problem: BatchProblem, lists: Values, more: Iterator[Method]) -> Case:

@@ -1,4 +1,4 @@
-"""Maps of stability limits: by numpy and compiled, beside eigenvalues with root finding and python-control."""
+"""Maps of stability limits, and limits of grasps, beside eigenvalues with root finding and python-control."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
 from graspfx.bench.case import Case, Method, is_installed, missing
+from graspfx.bench.cases import grasp_limits
 from graspfx.bench.oracles.map_oracle import crossing
 from graspfx.bench.peers.limit_peers import PEERS, Plant
 
 FloatArray = NDArray[np.float64]
 
-TITLE = "Maps of stability limits"
+TITLE = "Limits of stability: maps, grasps and certificates"
 LIMITS = """
 Times are per point of a map, of the call of `external_limit_map` or `wall_limit_map` with its engine. Up to two million
 points the default is numpy's; the compiled kernel runs on all processors, numpy on one. It is compiled once on a
@@ -25,6 +26,7 @@ and look for the gain at which the largest eigenvalue of the loop meets the unit
 -1; python-control finds all margins of any loop, of which one is used. They are timed on a few of the points. Errors
 are of those points, all with friction, without delay.
 """
+LIMITS += grasp_limits.LIMITS
 
 T, SPRING, FRICTION, OBJECT = 0.005, 33.0, 0.2, 0.1
 COMPARED = 8  # points that the oracle and the peers are asked for
@@ -50,6 +52,7 @@ def cases(quick: bool) -> Iterator[Case]:
     for name, limits, plants in (("device that moves an object", external, moving), ("device on a wall", wall, walls)):
         methods = _methods(limits, plants, (rows, columns), side * side)
         yield Case("maps", f"{name}, {side} by {side}", "relative", list(methods), WRONG)
+    yield from grasp_limits.grasp_cases(quick)
 
 
 def _methods(

@@ -5,8 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from itertools import count
 from pathlib import Path
+from shutil import copytree
 from tempfile import TemporaryDirectory
 
 from graspfx.bench.case import Case, Method
@@ -16,10 +18,10 @@ TITLE = "Start-up"
 LIMITS = """
 Each row is a process from its start to its end, of which "import numpy" is the least. Files are in the system's cache
 and Python's bytecode is there: the first start after installing takes longer. "Cold" has an empty folder for compiled
-kernels and checked scenes at every start, "cached" one that an earlier start has filled; where a run compiles nothing,
-and `graspfx run` of a few seconds compiles nothing, the two differ little. "Compiled" asks for the compiled tick from
-the first one on (`engine = "compiled"`) and waits until it is compiled. Starting a process is the system's work and
-differs from system to system.
+kernels and checked scenes at every start, and compiles the kernels of all scenes; "new scene" has these kernels and
+nothing of the scene; "cached" has what an earlier start has left. "Compiled" asks for a program specialised for the
+scene from the first tick on (`engine = "compiled"`), and waits until it is there. Starting a process is the system's
+work and differs from system to system.
 """
 
 NUMPY = "import numpy"
@@ -58,6 +60,21 @@ class Processes:
 
     def full(self) -> Path:
         return self._full
+
+    @cached_property
+    def _kernels(self) -> Path:
+        """Fill a folder with the kernels of all scenes and nothing else."""
+        folder = self.folder("cache")
+        caches = {"GRASPFX_CACHE": str(folder)}
+        command = [sys.executable, "-m", "graspfx", "warmup", "--kernels"]
+        subprocess.run(command, cwd=self._root, env=environment() | caches, capture_output=True, check=True)
+        return folder
+
+    def new(self) -> Path:
+        """Name a folder that has the kernels of all scenes and nothing else."""
+        folder = self.folder("cache")
+        copytree(self._kernels, folder)
+        return folder
 
     def code(self, name: str, text: str, cache: Callable[[], Path] | None = None) -> Method:
         """Start a process that executes a text."""
@@ -110,9 +127,12 @@ def cases(quick: bool) -> Iterator[Case]:
 
 
 def _of_scene(start: Processes, scene: str) -> Iterator[Method]:
+    yield start.code("import numpy, h5py, pydantic, llvmlite", IMPORTS)
     yield start.code("first tick, interpreted", TICK.format(scene=scene, engine="interpreted"))
+    for name, cache in (("new scene", start.new), ("cached", start.full)):
+        yield start.code(f"first tick, generic, {name}", TICK.format(scene=scene, engine="generic"), cache)
     for name, cache in (("cold", start.empty), ("cached", start.full)):
         yield start.code(f"first tick, compiled, {name}", TICK.format(scene=scene, engine="compiled"), cache)
-    for name, cache in (("cold", start.empty), ("cached", start.full)):
+    for name, cache in (("cold", start.empty), ("new scene", start.new), ("cached", start.full)):
         yield start.run(f"graspfx run --no-figure, {name}", scene, ["--no-figure"], cache)
     yield start.run("graspfx run with its figure, cached", scene, [], start.full)

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.bench.own_scene.choices import BULLET, Choice, attempt, own_body
+from graspfx.bench.own_scene.own_choices import BULLET, Choice, attempt, own_body
 from graspfx.progress import waiting
 from graspfx.scene.model import Scene
 

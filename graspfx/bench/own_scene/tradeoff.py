@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from graspfx.bench.measure import TIMED, Row
-from graspfx.bench.own_scene.choices import Choice, Trial, attempt, choices, periods, refusal
+from graspfx.bench.own_scene.own_choices import Choice, Trial, attempt, choices, periods, refusal
 from graspfx.bench.own_scene.reference import Reference, converge
 from graspfx.bench.report.page import error_text, time_text
 from graspfx.bench.report.pareto import front

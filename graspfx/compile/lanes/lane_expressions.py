@@ -80,7 +80,7 @@ class LaneExpressions(Expressions):
         if shape is None:
             return "void"
         types = [self.code.type_text(*kind) for kind in shape.kinds]
-        return f"{{ {', '.join(types)} }}" if shape.several else types[0]
+        return f"{{ {', '.join(types)} }}" if shape.is_tuple else types[0]
 
     def variable(self, node: ast.Name, scope: Scope) -> Value:  # type: ignore[override]
         value = scope.get(node.id)
@@ -274,13 +274,15 @@ class LaneExpressions(Expressions):
         if function.result is None:
             code.put(text)
             return None
-        if not function.result.several:
-            return self.made(function.result.kinds[0], text)
+        if not function.result.is_tuple:
+            return self.result_in(function.result.kinds[0], text)
         whole, type_ = code.plain("", text).text, self.shape_text(function.result)
-        parts = (self.made(kind, f"extractvalue {type_} {whole}, {k}") for k, kind in enumerate(function.result.kinds))
+        parts = (
+            self.result_in(kind, f"extractvalue {type_} {whole}, {k}") for k, kind in enumerate(function.result.kinds)
+        )
         return Tuple(tuple(parts))
 
-    def made(self, kind: Kind, text: str) -> Number:
+    def result_in(self, kind: Kind, text: str) -> Number:
         return self.code.vector(kind[0], text) if kind[1] else self.code.plain(kind[0], text)
 
     def operand(self, part: Number | Array) -> Iterable[str]:

@@ -46,8 +46,8 @@ class LaneJoins(LaneExpressions):
             for k, kind in enumerate(shape.kinds):
                 ways = zip(brought, edges, strict=True)
                 pairs = ", ".join(f"[ {values[name][k].text}, {block} ]" for values, (_, block, _) in ways)
-                numbers.append(self.made(kind, f"phi {code.type_text(*kind)} {pairs}"))
-            merged[name] = Tuple(tuple(numbers)) if shape.several else numbers[0]
+                numbers.append(self.result_in(kind, f"phi {code.type_text(*kind)} {pairs}"))
+            merged[name] = Tuple(tuple(numbers)) if shape.is_tuple else numbers[0]
         scope.clear()
         scope.update(merged)
 
@@ -57,7 +57,7 @@ class LaneJoins(LaneExpressions):
         for value in values:
             if isinstance(value, Number | Tuple) and not unset(value):
                 own = self.shape_of(value)
-                if shape is not None and (own.several, len(own.kinds)) != (shape.several, len(shape.kinds)):
+                if shape is not None and (own.is_tuple, len(own.kinds)) != (shape.is_tuple, len(shape.kinds)):
                     return None
                 shape = own if shape is None else shape.joined(own)
         return shape

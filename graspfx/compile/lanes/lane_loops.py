@@ -72,14 +72,14 @@ class LaneLoops(LaneStatements):
         return self.turns(Loop(node, "", "", test, lambda inner: None), scope)
 
     def turns(self, loop: Loop, scope: Scope) -> bool:
-        """Write a loop, again until it is known which lanes go together and of which kinds its variables are."""
+        """Write a loop, again until it is clear which lanes go together and of which kinds its variables are."""
         code = self.code
         mark, block, mask = len(code.lines), code.block, self.mask
         before = [(len(level.after), len(level.again), level.departures) for level in self.levels]
         shapes: Shapes = {}
         masked = False
         while True:
-            level = Level(code.count + 1, mask, self.kept_of(loop.node), masked)
+            level = Level(code.count + 1, mask, self.needs_of(loop.node), masked)
             inner = dict(scope)
             try:
                 used, shapes = (self.turn_apart if masked else self.turn_together)(loop, level, inner, shapes)
@@ -101,13 +101,13 @@ class LaneLoops(LaneStatements):
         scope.update({name: value for name, value in inner.items() if name not in (level.here, level.going)})
         return False
 
-    def kept_of(self, node: ast.For | ast.While) -> Names:
+    def needs_of(self, node: ast.For | ast.While) -> Names:
         """List what lanes need that leave a loop, or only the rest of a turn."""
-        kept = self.liveness.after[node]
-        return kept | self.liveness.head[node] if continues(node.body) else kept
+        needs = self.liveness.after[node]
+        return needs | self.liveness.head[node] if continues(node.body) else needs
 
     def heads(self, loop: Loop, scope: Scope, shapes: Shapes) -> Shapes:
-        """List the variables that a loop carries from turn to turn, with their shapes as far as they are known."""
+        """List the variables that a loop carries from turn to turn, with their shapes so far."""
         node = loop.node
         live = self.liveness.after[node] | self.liveness.head[node] | self.needed()
         names = {name for name in assigned([node]) if name in live} | ({loop.turn} if loop.turn else set())
@@ -136,13 +136,13 @@ class LaneLoops(LaneStatements):
         for name, shape in shapes.items():
             places, numbers = [], []
             for (type_, varies), start in zip(shape.kinds, starts[name], strict=True):
-                number = self.made((type_, varies), "")
+                number = self.result_in((type_, varies), "")
                 line = f"  {number.text} = phi {code.type_text(type_, varies)} [ {start.text}, {before} ]"
                 code.lines[-1] = line
                 places.append((len(code.lines) - 1, line))
                 numbers.append(number)
             phis[name] = places
-            scope[name] = Tuple(tuple(numbers)) if shape.several else numbers[0]
+            scope[name] = Tuple(tuple(numbers)) if shape.is_tuple else numbers[0]
         return head, phis
 
     def close_head(self, phis: dict[str, list[tuple[int, str]]], scope: Scope, shapes: Shapes) -> Shapes:
@@ -193,7 +193,7 @@ class LaneLoops(LaneStatements):
         return shapes, more
 
     def with_new(self, shapes: Shapes, inner: Scope, node: ast.For | ast.While) -> Shapes:
-        """Add the variables that a turn has set for the first time and that are needed later."""
+        """Add the variables that a turn has set for the first time and that are needed behind it."""
         live = self.liveness.head[node] | self.liveness.after[node] | self.needed()
         out = dict(shapes)
         for name in assigned([node]) | {RETURNED}:
@@ -212,7 +212,7 @@ class LaneLoops(LaneStatements):
         # what is the same in all lanes goes on so inside; behind the loop each lane has its own
         exits = {name: f"$exit {name}" for name, shape in shapes.items() if name in after and not shape.varies}
         for name, own in exits.items():
-            shapes[own] = Shape(shapes[name].several, tuple((type_, True) for type_, _ in shapes[name].kinds))
+            shapes[own] = Shape(shapes[name].is_tuple, tuple((type_, True) for type_, _ in shapes[name].kinds))
             if name in scope:
                 scope[own] = scope[name]
         head, phis = self.begin_head(scope, shapes)
@@ -236,10 +236,10 @@ class LaneLoops(LaneStatements):
         remaining = inner.get(level.going)
         ends = dict(inner)
         ends[going] = code.both(turning, remaining) if isinstance(remaining, Number) else turning
-        known = self.with_new(
+        heads = self.with_new(
             {name: shape for name, shape in shapes.items() if name not in exits.values()}, inner, node
         )
-        for name in after & known.keys():
+        for name in after & heads.keys():
             new, old = inner.get(name), scope.get(name)
             if new is None or old is None:
                 continue
@@ -247,7 +247,7 @@ class LaneLoops(LaneStatements):
                 ends[exits[name]] = self.blended(turning, {name: new}, {name: scope[exits[name]]}, after)[name]
             else:
                 ends |= self.blended(turning, {name: new}, {name: old}, after)
-        more = self.close_head(phis, ends, {**known, **{own: shapes[own] for own in exits.values()}})
+        more = self.close_head(phis, ends, {**heads, **{own: shapes[own] for own in exits.values()}})
         code.go(head)
         self.levels.pop()
         code.begin(off)

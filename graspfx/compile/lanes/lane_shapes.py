@@ -15,7 +15,7 @@ Names = frozenset[str]
 class Shape(NamedTuple):
     """Kinds of a variable's numbers: of one, or of several in a tuple."""
 
-    several: bool
+    is_tuple: bool
     kinds: tuple[Kind, ...]
 
     @property
@@ -24,10 +24,10 @@ class Shape(NamedTuple):
 
     def joined(self, other: Shape) -> Shape:
         """Find the common shape of a variable that two ways leave with different ones."""
-        if self.several != other.several or len(self.kinds) != len(other.kinds):
+        if self.is_tuple != other.is_tuple or len(self.kinds) != len(other.kinds):
             return self
         pairs = zip(self.kinds, other.kinds, strict=True)
-        return Shape(self.several, tuple((widest((a[0], b[0])), a[1] or b[1]) for a, b in pairs))
+        return Shape(self.is_tuple, tuple((widest((a[0], b[0])), a[1] or b[1]) for a, b in pairs))
 
 
 def number_at(scope: Scope, name: str) -> Number:

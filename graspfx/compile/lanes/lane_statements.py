@@ -1,4 +1,4 @@
-"""Statements for lanes: where lanes part both sides run, each under its mask, and what is read later is blended."""
+"""Statements for lanes: where lanes part both sides run, each under its mask, and what is read behind is blended."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Level:
     Attributes:
         number: tells it from others.
         mask: the lanes with which its turn began.
-        kept: names that lanes which left still need.
+        needs: names that lanes which left still need.
         masked: whether lanes may leave it one by one.
         after: jumps out of it that all its lanes take together; to its next turn, `again`.
         departures: how often lanes have left it one by one.
@@ -34,7 +34,7 @@ class Level:
 
     number: int
     mask: Number | None
-    kept: Names
+    needs: Names
     masked: bool
     after: list[Edge] = field(default_factory=list)
     again: list[Edge] = field(default_factory=list)
@@ -90,18 +90,18 @@ class LaneStatements(LaneJoins, ABC):
                 parts.append(Number(type_, text))
                 if varies:
                     code.varying.add(text)
-            scope[parameter.arg] = Tuple(tuple(parts)) if shape.several else parts[0]
+            scope[parameter.arg] = Tuple(tuple(parts)) if shape.is_tuple else parts[0]
         if masked:
             parameters.append(f"{code.type_text(BOOL, True)} %mask")
             code.varying.add("%mask")
             self.mask = Number(BOOL, "%mask")
         level = Level(0, self.mask, frozenset({RETURNED}), masked=True)
         self.levels = [level]
-        if not self.block(self.tree.body, scope, level.kept):
+        if not self.block(self.tree.body, scope, level.needs):
             level.after.append(self.jump(scope))
         ends = [(place, block, {RETURNED: v[RETURNED]} if RETURNED in v else {}) for place, block, v in level.after]
         if ends:
-            self.join(code.name("b"), ends, level.kept, scope)
+            self.join(code.name("b"), ends, level.needs, scope)
         result = scope.get(RETURNED)
         shape = self.shape_of(result) if isinstance(result, Number | Tuple) else None
         self.leave_with(result)
@@ -149,7 +149,7 @@ class LaneStatements(LaneJoins, ABC):
 
     def needed(self) -> Names:
         """List what lanes need that left."""
-        return frozenset().union(*(level.kept for level in self.levels))
+        return frozenset().union(*(level.needs for level in self.levels))
 
     def present(self, scope: Scope) -> Number:
         """Give the mask of the lanes that are here and have not left."""
@@ -287,7 +287,7 @@ class LaneStatements(LaneJoins, ABC):
             if before is None or self.mask is None:
                 scope[RETURNED] = result
             else:
-                scope |= self.blended(self.mask, {RETURNED: result}, {RETURNED: before}, function.kept)
+                scope |= self.blended(self.mask, {RETURNED: result}, {RETURNED: before}, function.needs)
         if self.mask is function.mask:
             function.after.append(self.jump(scope))
             return True

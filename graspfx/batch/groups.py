@@ -1,0 +1,122 @@
+"""Groups of variants that share a program: what their buffers hold, as what is the same in all and what is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.build.columns import Column
+from graspfx.coupling import block as at
+from graspfx.loop.tick.script import Tick
+
+if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Program:
+    """The program of variants that share it: a servo that was built for one of them, and its tick."""
+
+    servo: Servo
+    tick: Tick
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where each buffer is in the arena, all of them in one."""
+        starts, start = {}, 0
+        for name, array in self.tick.script.arrays.items():
+            starts[name] = slice(start, start + array.size)
+            start += array.size
+        return starts
+
+    @cached_property
+    def constant(self) -> dict[str, int]:
+        """Entries, by buffer, from which on nothing writes it: where the data of a mesh begin."""
+        blocks = [part.grasped.block for part in self.servo.objects]
+        ours = {name: array for name, array in self.tick.script.arrays.items() if any(array is b for b in blocks)}
+        return {name: int(array[at.MESH]) for name, array in ours.items() if array[at.MESH] > 0.0}
+
+    def fill(self, arena: FloatArray) -> None:
+        """Fill a variant's buffers into those of the servo."""
+        for name, array in self.tick.script.arrays.items():
+            array[...] = arena[self.places[name]]
+
+    def check_activity(self, arena: FloatArray) -> None:
+        """Warn like `gx.run` where matrices for gains, as a variant's buffers hold them, can create energy."""
+        self.fill(arena)
+        for part in self.servo.objects:
+            part.grasped.check_activity()
+
+
+@dataclass(frozen=True)
+class Built:
+    """A variant that was built.
+
+    Attributes:
+        arena: what all its buffers hold at the beginning.
+        structure: a digest of what programs are made from; of two variants in which it is the same the program is.
+    """
+
+    arena: FloatArray
+    structure: str
+
+
+@dataclass
+class Group:
+    """Variants with the same programs.
+
+    Attributes:
+        program: that they share.
+        base: what the buffers of one of them hold, (arena,).
+        members: their numbers, (V,).
+        factors: what differs: entries of the arena with a row of values for each choice, and the choice of each member.
+    """
+
+    program: Program
+    base: FloatArray
+    members: Index
+    factors: list[tuple[Index, FloatArray, Index]] = field(default_factory=list)
+
+    @cached_property
+    def varying(self) -> Index:
+        """Entries of the arena that are not the same in all members."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *(entries for entries, _, _ in self.factors)]))
+
+    def arenas(self, members: Any) -> FloatArray:
+        """Give the buffers of some members, (v, arena)."""
+        count = len(self.members[members])
+        copies = np.repeat(self.base[None], count, axis=0)
+        for entries, rows, choice in self.factors:
+            copies[:, entries] = rows[choice[members]]
+        return copies
+
+    def add(self, columns: Iterable[Column]) -> None:
+        """Add numbers of entries of the program's buffers, one for each member: those that are not the same in all."""
+        names = {id(array): name for name, array in self.program.tick.script.arrays.items()}
+        places = self.program.places
+        numbers: dict[int, FloatArray] = {}
+        for block, entry, values in columns:
+            place = places[names[id(block)]].start + entry
+            if (values.view(np.int64) != self.base[place : place + 1].view(np.int64)).any():
+                numbers[place] = values
+        entries = sorted(numbers)
+        rows = np.stack([numbers[entry] for entry in entries], axis=1) if entries else np.empty((len(self.members), 0))
+        self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
+
+    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
+        for entries, rows, choice in self.factors:
+            arena[where[entries]] = rows[choice[members]].T
+
+    def entry(self, k: int, members: Any) -> FloatArray:
+        """Give one of the entries that vary, of some members, (v,)."""
+        entries, rows, choice = next(factor for factor in self.factors if k in factor[0])
+        return np.asarray(rows[choice[members], np.searchsorted(entries, k)])

@@ -1,0 +1,92 @@
+"""Variants of one program that are to be run: what they begin with, and what is asked for of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.program import program_source
+from graspfx.loop.tick.engine_text import whole_text
+from graspfx.loop.tick.script import Tick
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+More = Callable[[FloatArray], FloatArray]
+
+
+class Beginnings(Protocol):
+    """The buffers of variants at the beginning."""
+
+    def arenas(self, members: Any) -> FloatArray:
+        """Give all of it, (v, arena)."""
+        ...
+
+    def entry(self, k: int, members: Any) -> FloatArray:
+        """Give one entry that varies, (v,)."""
+        ...
+
+    def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
+        """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
+
+
+@dataclass
+class Task:
+    """Variants of one program.
+
+    Args:
+        tick: its script.
+        places: where each buffer is in an arena.
+        begin: what the buffers hold at the beginning, one arena of all variants.
+        variants: how many.
+        width: of a row.
+        columns: numbers of a row of which measures are kept.
+        statistics: that are asked for.
+        ticks: N.
+        varying: entries of the arena that are not the same in all variants.
+        constant: by buffer, the entry from which on no run writes it.
+        look: at the arena of every variant when its run is over.
+        more: makes for variants' arenas (v, arena) what computes further numbers of their rows (r, width, v), whose
+            places are behind those of a row.
+    """
+
+    tick: Tick
+    places: dict[str, slice]
+    begin: Beginnings
+    variants: int
+    width: int
+    columns: Sequence[int]
+    statistics: Collection[str]
+    ticks: int
+    varying: Index
+    constant: Mapping[str, int] = field(default_factory=dict)
+    look: Callable[[FloatArray], None] | None = None
+    more: Callable[[FloatArray], More] | None = None
+    looking: Lock = field(default_factory=Lock)
+    side_by_side: int = 0  # variants that ran as straight lines
+    spent: float = 0.0  # on runs [s]
+    done: int = 0  # variants that have run
+
+    def count(self, members: Index) -> None:
+        """Count variants that have run."""
+        with self.looking:
+            self.done += len(members)
+
+    @property
+    def source(self) -> str:
+        """The program of one variant that goes on whatever happens."""
+        return self._source(pausing=False)
+
+    @property
+    def pausing_source(self) -> str:
+        """The program that `gx.run` runs, which comes back after the tick of a fault."""
+        return self._source(pausing=True)
+
+    def _source(self, *, pausing: bool) -> str:
+        script = self.tick.script
+        text = whole_text(self.tick, pausing=pausing)
+        return program_source(text, script.kernels, [*script.arrays, "rows"], script.fixed)

@@ -1,0 +1,135 @@
+"""Columns of the law with damping: modes and levers of the fingers that touch, their sums, and what is lacking."""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Table
+from graspfx.cones.problem import FrictionProblem, dot4, leading
+from graspfx.coupling.contact_frames import in_frame
+from graspfx.coupling.depth import compliance
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.law import normal_force
+from graspfx.coupling.recoil import lever
+from graspfx.grasp.contact_state import motion_of
+from graspfx.grasp.rigid_modes import component
+
+
+@kernel
+def write_columns(
+    grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kip: float, kid: float, slipped: bool
+) -> None:
+    """Write the columns V of what carries force, its displacements and rates, and the compliances behind 1 / A.
+
+    Displacements and rates stand in the contacts' `displacement` and `base_force` until `write_force`.
+    """
+    state, p = grasp.recoil, grasp.mode_count
+    shifts, turns, per = grasp.freedom.shifts, grasp.freedom.turns, 1.0 / grasp.period
+    for i, finger in enumerate(grasp.fingers):
+        contact = problem.contacts[i]
+        root = finger.sqrt_weight if contact.status >= 0 else 0.0
+        part = damping_part(grasp, finger, kid) if soft else 1.0
+        if problem.compliant:
+            contact.compliance = per * kid * (1.0 - part) / ((kip + per * kid) * (kip + per * kid * part))
+        e = finger.retained if slipped else finger.displacement
+        contact.displacement = root * in_frame(grasp, finger, e)
+        contact.base_force = root * in_frame(grasp, finger, finger.rate)
+        for a in range(d):
+            for j in range(p):
+                q = component(finger, motion_of(grasp.modes[j], i, grasp.width), a) if root > 0.0 else 0.0
+                contact.modes[j].motion[a] = q
+            k = p
+            if state.twisted:
+                for u in range(turns):
+                    contact.modes[k].motion[a] = root * lever(grasp, finger, shifts + u, a, False)
+                    k += 1
+            if soft:
+                for j in range(p):
+                    contact.modes[k].motion[a] = part * contact.modes[j].motion[a]
+                    k += 1
+            if state.distant:
+                for u in range(turns):
+                    contact.modes[k].motion[a] = part * root * lever(grasp, finger, shifts + u, a, True)
+                    k += 1
+
+
+@kernel
+def damping_part(grasp: GraspState, finger: FingerState, kid: float) -> float:
+    """Compute r_i = 1 / (1 + kid C_i), what a finger's depth leaves of kid."""
+    if not finger.touching:
+        return 1.0
+    return 1.0 / (1.0 + kid * compliance(grasp, finger, normal_force(finger)))
+
+
+@kernel
+def add_up(
+    grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float, near: int, far: int, count: int,
+    base: float,
+) -> None:  # fmt: skip
+    """Compute V'A^-1 V, V'V of the elastic columns, V'R^-1 V of the damping's, and V'e and V'e' of all columns."""
+    state, p = grasp.recoil, grasp.mode_count
+    for j in range(count):
+        e = rate = 0.0
+        for contact in problem.contacts:
+            v = leading(contact.modes[j].motion, d)
+            e += dot4(v, contact.displacement)
+            rate += dot4(v, contact.base_force)
+        state.stretch[j], state.rate[j] = e, rate
+        for k in range(j + 1):
+            total = whole = rest = 0.0
+            for i, finger in enumerate(grasp.fingers):
+                contact = problem.contacts[i]
+                both = dot4(leading(contact.modes[j].motion, d), leading(contact.modes[k].motion, d))
+                if soft:
+                    total += (1.0 / base + contact.compliance) * both
+                    whole += both
+                    if k >= near:
+                        rest += both / damping_part(grasp, finger, kid)
+                else:
+                    total += both
+            state.gram[j, k] = total if soft else total / base
+            if soft and j < near:
+                state.near[j, k] = whole
+            if soft and k >= near:
+                state.far[j - near, k - near] = rest
+    if not soft:
+        for j in range(near):
+            for k in range(j + 1):
+                state.near[j, k] = base * state.gram[j, k]
+        for j in range(far):
+            for k in range(j + 1):
+                a, b = j if j < p else near + j - p, k if k < p else near + k - p
+                state.far[j, k] = base * state.gram[a, b]
+    mirror(state.gram, count)
+    mirror(state.near, near)
+    mirror(state.far, far)
+
+
+@kernel
+def mirror(square: Table, count: int) -> None:
+    """Copy the lower triangle of a symmetric matrix to the upper one."""
+    for j in range(count):
+        for k in range(j):
+            square[k, j] = square[j, k]
+
+
+@kernel
+def find_lack(grasp: GraspState, problem: FrictionProblem, d: int, soft: bool, kid: float) -> None:
+    """Compute I - Q'Q and I - Q'R Q of the coordinates that carry force, from those that do not: no digits are lost."""
+    state, p = grasp.recoil, grasp.mode_count
+    for j in range(p):
+        for k in range(p):
+            state.elastic_lack[j, k] = 0.0
+            state.damping_lack[j, k] = 0.0
+    for i, finger in enumerate(grasp.fingers):
+        free = problem.contacts[i].status < 0
+        part = damping_part(grasp, finger, kid) if soft else 1.0
+        for a in range(grasp.coordinates):
+            carries = not free and a < d
+            if carries and not soft:
+                continue
+            for j in range(p):
+                left = component(finger, motion_of(grasp.modes[j], i, grasp.width), a)
+                for k in range(p):
+                    both = left * component(finger, motion_of(grasp.modes[k], i, grasp.width), a)
+                    state.elastic_lack[j, k] += 0.0 if carries else both
+                    state.damping_lack[j, k] += (1.0 - part) * both if carries else both

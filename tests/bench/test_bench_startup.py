@@ -1,0 +1,57 @@
+"""Gates of start-up: whole commands over python with its imports, in one run, at about twice what was measured."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from graspfx.bench.threads import environment
+
+pytestmark = pytest.mark.alone
+
+ROOT = Path(__file__).parents[2]
+IMPORTS = ["-c", "import numpy, h5py, pydantic, llvmlite"]
+ROUNDS = 5
+
+
+def seconds(arguments: list[str], cache: Path) -> float:
+    """Measure the processor time of a process of this Python, which others on the machine disturb least."""
+    resource = pytest.importorskip("resource", reason="Unix measures the processor time of a child process")
+
+    def spent() -> float:
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return float(usage.ru_utime + usage.ru_stime)
+
+    own = environment() | {"GRASPFX_CACHE": str(cache)} | {"PYTHONPATH": str(ROOT)}
+    own.pop("PYTHONDONTWRITEBYTECODE", None)  # a user's Python writes it
+    before = spent()
+    subprocess.run([sys.executable, *arguments], check=True, cwd=cache, env=own, capture_output=True)
+    return spent() - before
+
+
+@pytest.mark.parametrize(
+    ("scene", "most"),
+    [("paper-waving", 3.6), ("mug", 3.8), ("thin-plate", 3.8), ("prism", 5.4), ("twenty-fingers", 6.8)],
+)
+def test_a_second_run_takes_little_more_than_its_imports(scene: str, most: float, tmp_path: Path) -> None:
+    """Ten ticks, so that start-up alone counts; of processor time, 1.8, 1.9, 1.9, 2.7 and 3.4 were measured."""
+    run = [
+        "-m",
+        "graspfx",
+        "run",
+        scene,
+        "--no-figure",
+        "--set",
+        "engine='interpreted'",
+        "--overwrite",
+        "--out",
+        "here",
+    ]
+    run += ["--duration", "0.02"]
+    seconds(run, tmp_path)  # fills the cache
+    times = [(seconds(IMPORTS, tmp_path), seconds(run, tmp_path)) for _ in range(ROUNDS)]
+    imports, own = (min(each) for each in zip(*times, strict=True))
+    assert own <= most * imports
