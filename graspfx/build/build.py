@@ -34,7 +34,7 @@ def build(
     *,
     engine: str = "",
     record: bool = True,
-    chosen: bool = False,
+    selected: bool = False,
     hardware: bool = True,
     live: Collection[str] = (),
 ) -> Iterator[Servo]:
@@ -46,7 +46,7 @@ def build(
         scene: what to build.
         engine: instead of the scene's own.
         record: whether its ticks are recorded.
-        chosen: whether they write the columns and ticks alone that the scene's `record` asks for; else all.
+        selected: whether they write the columns and ticks alone that the scene's `record` asks for; else all.
         hardware: whether devices that are no simulations are opened too; else it is not to tick, only to be looked at.
         live: keys that may change in mid-run (`graspfx.build.live`): no program folds in what they reach.
 
@@ -74,7 +74,7 @@ def build(
         stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
         observers = list(_observers(parts, objects, movers))
         layout, every = make_layout(parts), 1
-        if chosen:
+        if selected:
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         yield Servo(
             scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,

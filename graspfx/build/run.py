@@ -93,7 +93,7 @@ def run(
         require_memory(ticks, size)
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
-    with build(scene_, chosen=True) as servo:
+    with build(scene_, selected=True) as servo:
         header = header_of(parts, servo.objects)
         sinks: list[Sink] = []
         if out is not None:

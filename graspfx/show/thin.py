@@ -54,16 +54,16 @@ def thinned(recording: Recording) -> Recording:
     rows, numbers = [], []
     for first in range(0, len(recording), step):
         part = recording.part(first, min(first + step, len(recording)))
-        chosen = _ends(part)
-        rows.append(part.rows[chosen])
-        numbers.append(first + chosen)
+        rows_drawn = _ends(part)
+        rows.append(part.rows[rows_drawn])
+        numbers.append(first + rows_drawn)
     return Thinned(recording, np.concatenate(rows), np.concatenate(numbers))
 
 
 def _ends(part: Recording) -> NDArray[np.intp]:
     """Find the rows in which a drawn number is least or greatest, and the first."""
     names = ["finger_position", "finger_force", "gap"]
-    names += [f"objects/{name}/{what}" for name in part.layout.objects for what in ("position", "orientation")]
+    names += [f"objects/{name}/{place}" for name in part.layout.objects for place in ("position", "orientation")]
     drawn = [part.array(name) for name in names if name in part.layout.columns]
     with suppress(RecordingError):  # of one that does not say how forces divide
         drawn += [part.external_force, part.internal_displacement]

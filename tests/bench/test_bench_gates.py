@@ -77,6 +77,23 @@ def test_direct_kernel_is_exact(case_name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "most"),
+    [("GraspFX gx.run", 4.0), ("GraspFX gx.run to disk", 12.0), ("GraspFX gx.run and its summary", 16.0)],
+)
+def test_a_long_run_costs_little_more_than_its_ticks(name: str, most: float) -> None:
+    """The limits are about twice what was measured, with building the scene; a busy machine gets further chances."""
+    pytest.importorskip("llvmlite")
+    with case_of("runs", "space, 5 fingers, a long run") as case:
+        methods = {method.name: method for method in case.methods}
+        pair = [methods[each] for each in (name, "GraspFX, ticks alone")]
+        for _ in range(5):
+            own, alone = interleaved(pair, BRIEF)
+            if min(own) <= most * min(alone):
+                return
+    pytest.fail(f"{min(own):.3g} s against {min(alone):.3g} s of ticks alone")
+
+
+@pytest.mark.parametrize(
     ("case_name", "most"), [("line, 2 fingers, kep < kip", 2.0), ("plane, 3 fingers, kep < kip", 2.5)]
 )
 def test_a_tick_on_pybullet_is_little_more_than_pybullet(case_name: str, most: float) -> None:

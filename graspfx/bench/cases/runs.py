@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator
 from functools import partial
 from itertools import count
 from pathlib import Path
+from shutil import rmtree
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -27,15 +28,16 @@ all that is recorded for each, and the recording's object or file; "ticks alone"
 was compiled beforehand (what that takes: Start-up). Numpy and MuJoCo keep positions and forces, or the state, in an
 array made beforehand; MuJoCo's run is one call of its `rollout`. The scene and the errors are those of the whole ticks
 in space, after 1 s. `gx.run` is asked to go as far as 10 000 ticks by its default engine, which runs the first 16
-interpreted.
+interpreted. Of the long run, a million ticks, building and loading is a small part; its files are removed again.
 """
 
 TICKS = 10_000
 QUICK = 1000
+LONG, LONG_QUICK = 1_000_000, 200_000  # ticks of which building a scene is a small part
 
 
 def cases(quick: bool) -> Generator[Case]:
-    """Yield five fingers in space: separate gains, then equal ones, which MuJoCo's springs can be too."""
+    """Yield five fingers in space: separate gains, then equal ones, which MuJoCo's springs can be too; a long run."""
     number = QUICK if quick else TICKS
     for internal, gains in ((ticks.INTERNAL, "kep < kip"), (ticks.EXTERNAL, "kep = kip")):
         scene = ticks.make_scene(3, internal, "native")
@@ -46,13 +48,20 @@ def cases(quick: bool) -> Generator[Case]:
             if internal == ticks.EXTERNAL:
                 methods.append(_by_mujoco(system, truth, number))
             yield Case("runs", f"space, 5 fingers, {gains}, {number} ticks", "m", methods, bound=0.002)
+    with TemporaryDirectory(prefix="graspfx-bench-") as folder:
+        scene = ticks.make_scene(3, ticks.INTERNAL, "native")
+        system = ticks.springs(scene, ticks.INTERNAL)
+        methods = _ours(scene, LONG_QUICK if quick else LONG, ticks.anchors_after(system), system, Path(folder))
+        yield Case("runs", "space, 5 fingers, a long run", "m", methods, bound=0.002)
 
 
 def _ours(scene: Scene, number: int, truth: FloatArray, system: Springs, folder: Path) -> list[Method]:
     seconds, folders = number * scene.period, count()
 
     def to_disk() -> None:
-        gx.run(scene, duration=seconds, out=folder / f"run-{next(folders)}")
+        place = folder / f"run-{next(folders)}"
+        gx.run(scene, duration=seconds, out=place)
+        rmtree(place)
 
     def error(engine: str) -> float:
         run = gx.run(scene.model_copy(update={"engine": engine}), duration=ticks.SECONDS + scene.period)

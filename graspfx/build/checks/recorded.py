@@ -25,7 +25,7 @@ def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], st
     )  # fmt: skip
     for i, name in enumerate(names):
         if not columns_of(every, name):
-            known = [*every.columns, *(column.name for column in every.derived)]
-            close = closest(name, known) if len(name) <= LONGEST_KEY else None
-            hint = f"; did you mean {close!r}?" if close else f" (there are {', '.join(known)})"
+            names_ = [*every.columns, *(column.name for column in every.derived)]
+            close = closest(name, names_) if len(name) <= LONGEST_KEY else None
+            hint = f"; did you mean {close!r}?" if close else f" (there are {', '.join(names_)})"
             yield ("record", "columns", i), f"expected the name of a column, given {name!r}{hint}"

@@ -123,9 +123,9 @@ class Layout:
             return ("finger_force",)
         displacement = name.endswith("displacement")
         own = ("finger_position", "torsion_displacement") if displacement else ("finger_force", "finger_moment")
-        wanted = {*own, "contact_position", "gap", "contact_normal", "torsion_axis"}
-        wanted |= {f"objects/{thing}/{place}" for thing in self.objects for place in ("position", "centre")}
-        return tuple(each for each, *_ in self._quantities() if each in wanted)
+        names = {*own, "contact_position", "gap", "contact_normal", "torsion_axis"}
+        names |= {f"objects/{thing}/{place}" for thing in self.objects for place in ("position", "centre")}
+        return tuple(each for each, *_ in self._quantities() if each in names)
 
     def is_essential(self, name: str) -> bool:
         """Tell whether no recording can lack a column."""

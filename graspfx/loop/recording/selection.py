@@ -58,14 +58,14 @@ def chosen_layout(whole: Layout, names: Sequence[str]) -> Layout:
     """
     if not names:
         return whole
-    wanted: set[str] = set()
+    columns_: set[str] = set()
     for name in names:
         columns = columns_of(whole, name)
         if not columns:
             groups = {column.rpartition("/")[0] for column in whole.columns if "/" in column}
             raise UnknownNameError("column", name, {*whole.columns, *(each.name for each in whole.derived), *groups})
-        wanted.update(columns)
-    return replace(whole, omitted=tuple(name for name in whole.columns if name not in wanted))
+        columns_.update(columns)
+    return replace(whole, omitted=tuple(name for name in whole.columns if name not in columns_))
 
 
 def columns_of(whole: Layout, name: str) -> list[str]:

@@ -159,10 +159,10 @@ class Tally:
     ) -> None:  # fmt: skip
         force = part.finger_force
         sizes = lengths(force)
-        shown = lengths(part.array("displayed_force")) if self.has("displayed_force") else sizes
+        lengths_displayed = lengths(part.array("displayed_force")) if self.has("displayed_force") else sizes
         for i in range(self.n):
             self.force.add(i, sizes[:, i])
-            self.displayed.add(i, shown[:, i])
+            self.displayed.add(i, lengths_displayed[:, i])
         signals.append(("force_vibration", force))
         if not part.header.split or not part.layout.forces or not self.has("touching"):
             return

@@ -181,8 +181,8 @@ def splits_of(header: Header, changes: Sequence[KeyChange]) -> list[tuple[int, S
             "this recording does not say how its forces divide into external and internal ones, as an earlier GraspFX "
             "made it: run its scene again"
         )
-    later = [(header.rows_before(change.tick), change.value) for change in changes if change.key == SPLIT]
-    return [(0, header.split), *later]
+    changed = [(header.rows_before(change.tick), change.value) for change in changes if change.key == SPLIT]
+    return [(0, header.split), *changed]
 
 
 def wide_width(layout: Layout, header: Header) -> int:

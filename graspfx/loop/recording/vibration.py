@@ -1,4 +1,4 @@
-"""What shakes in a run: the part above 5 Hz of many signals at once, block after block of a run of any length."""
+"""Vibration in a run: the part above 5 Hz of many signals at once, block after block of a run of any length."""
 
 from __future__ import annotations
 

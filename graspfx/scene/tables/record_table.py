@@ -14,7 +14,7 @@ def _listed(value: Any) -> Any:
 
 
 class Record(Table):
-    """What is recorded; a list is the table of these columns."""
+    """Columns and ticks of a recording; a list is the table of these columns."""
 
     columns: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
         default=(), description="names of variables as in the file, or of groups of them; all if not given"
