@@ -82,8 +82,8 @@ class LaneBuffers:
         self.base = base[entries, None]
         self.arena = aligned(len(entries) * lanes).reshape(len(entries), lanes)
         width = len(dict.fromkeys(job.columns)) if runs.measuring else job.width
-        self.rows = aligned(max(1, rows * width * lanes)).reshape(-1, lanes)
-        self.measures = aligned(max(1, len(job.columns) * MEASURES * lanes)).reshape(-1, lanes)
+        self.rows = aligned(max(1, rows * width) * lanes).reshape(-1, lanes)
+        self.measures = aligned(max(1, len(job.columns) * MEASURES) * lanes).reshape(-1, lanes)
         self.blank = np.repeat(empty(len(job.columns)).reshape(-1, 1), lanes, axis=1)
         buffers: dict[str, FloatArray] = {ROWS: self.rows.reshape(-1), SUMS: self.measures.reshape(-1)}
         start = 0
