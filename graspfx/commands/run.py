@@ -49,7 +49,7 @@ def execute(options: Namespace) -> int:
         _require_room(options.out, options)
     where = place(options.scene, dict(options.overrides), options.preset)
     entry = cached(where) if where is not None else None
-    scene, notes = entry or (_checked(options) if where is not None else _made(options))
+    scene, notes = entry or (_checked(options) if where is not None else _from_python(options))
     note(notes)
     with destination(options, Path(options.scene).stem, latest=True) as folder:
         code, complete = _run_into(folder, scene, options)
@@ -111,7 +111,7 @@ def _log_plan(scene: Readable) -> None:
             log.info("skipped: %s: %s", row.step, row.why)
 
 
-def _made(options: Namespace) -> tuple[Scene, list[str]]:
+def _from_python(options: Namespace) -> tuple[Scene, list[str]]:
     """Let a Python file make its scene, which is checked unless the very same one was before; with its notes."""
     with waiting(f"checking {options.scene}"):
         from graspfx.build.scene_memory import SceneMemory

@@ -27,7 +27,7 @@ class ProgressLine:
 
     def __init__(self, terminal: TextIO) -> None:
         self._terminal, self._lock, self._waits = terminal, Lock(), list[Wait]()
-        self._shown, self._idle = False, Event()
+        self._visible, self._idle = False, Event()
         self._idle.set()
         self._thread: Thread | None = None
 
@@ -61,12 +61,12 @@ class ProgressLine:
                 long = [wait for wait in self._waits if now - wait.began >= PATIENCE]
                 if long:
                     self._write(text_of(long[-1], now)[: self._columns() - 1] + CLEAR + START)
-                    self._shown = True
+                    self._visible = True
 
     def _wipe(self) -> None:
-        if self._shown:
+        if self._visible:
             self._write(START + CLEAR)
-            self._shown = False
+            self._visible = False
 
     def _write(self, text: str) -> None:
         with suppress(OSError, ValueError):  # a terminal that is gone takes no run along

@@ -27,7 +27,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
 def test_richardson_recovers_the_error_that_is_left(order: float) -> None:
-    """Of x_h = C h^q with C = 1 after halvings from h = 1, the error left is the last h^q itself."""
+    """After halvings from h = 1 the error left of x_h = h^q is the last h^q itself."""
     sizes = 0.5 ** np.arange(6) ** 1.0
     values = sizes**order
     error, seen = estimate(list(-np.diff(values)))

@@ -23,11 +23,11 @@ def hull_points(vertices: FloatArray) -> FloatArray:
     key = content_key(("hull", installed.version("scipy"), corners.shape), corners.tobytes())
     entry = load_arrays(key)
     if entry is None:
-        chosen = _hull(corners)
-        store_arrays(key, {}, [chosen])
+        numbers = _hull(corners)
+        store_arrays(key, {}, [numbers])
     else:
-        [chosen] = entry[1]
-    points: FloatArray = vertices[chosen]
+        [numbers] = entry[1]
+    points: FloatArray = vertices[numbers]
     return points
 
 
