@@ -152,7 +152,7 @@ def refactor(grasp: GraspState) -> None:
         )  # fmt: skip
         grasp.split_known = True
         if grasp.recoils:
-            grasp.recoil.known = False
+            grasp.recoil.current = False
 
 
 @kernel

@@ -166,14 +166,12 @@ class Grip:
         return self.implicit and not self.matrices
 
     @property
-    def columns(self) -> tuple[int, int]:
-        """Count the columns of the elastic law and, at most, of the law with damping: modes, and levers beyond them."""
-        free = _free(self)
-        modes, turns = int((free != 0.0).sum()), int((free[3:] != 0.0).sum())
-        twisted = turns if self.soft and not self.rules.at_contact else 0
-        distant = 0 if self.rules.at_contact else turns
+    def columns(self) -> int:
+        """Count the columns of the law with damping at most: modes, twice by depth, and levers beyond them."""
+        free = _free(self) != 0.0
+        modes, tips = int(free.sum()), 0 if self.rules.at_contact else int(free[3:].sum())
         softened = modes if self.gradual or "gradual" in self.live else 0
-        return modes + twisted, modes + twisted + softened + distant
+        return max(modes + softened + tips + (tips if self.soft else 0), 1)
 
     @property
     def rays(self) -> bool:
@@ -228,9 +226,9 @@ class _Room:
             "components": n * d if grip.matrices else 0,
             "matrix_entries": sum(matrix.size for matrix in squares),
             "padded_count": n if grip.padded else 0,
-            "recoil_entries": recoil_size(max(grip.columns[1], 1)) if grip.recoils else 0,
+            "recoil_entries": recoil_size(grip.columns) if grip.recoils else 0,
         }
-        most = max(grip.columns[1], 1) if grip.recoils else MODES
+        most = grip.columns if grip.recoils else MODES
         unknowns = max(n * coordinates, most) if grip.implicit or grip.matrices else MODES
         problem = problem_size(n, unknowns, most) if grip.problems else 0
         walks = n * size_of(MeshFinger) if grip.shape is not None and grip.shape.data is not None else 0
@@ -303,13 +301,10 @@ def _fill_rules(grasp: GraspState, grip: Grip) -> None:
     rules = grip.rules
     grasp.attached, grasp.stick, grasp.at_contact = rules.attached, rules.stick, rules.at_contact
     grasp.friction, grasp.rays, grasp.implicit = grip.slips, grip.rays, grip.implicit
-    grasp.limited = grip.limit is not None
-    grasp.recoils = grip.recoils
+    grasp.limited, grasp.recoils = grip.limit is not None, grip.recoils
     if grip.recoils:
-        turns = bool(_free(grip)[3:].any())
-        grasp.recoil.most = max(grip.columns[1], 1)
-        grasp.recoil.distant = turns and not rules.at_contact
-        grasp.recoil.twisted = turns and grip.soft and not rules.at_contact
+        tips = bool(_free(grip)[3:].any()) and not rules.at_contact
+        grasp.recoil.most, grasp.recoil.distant, grasp.recoil.twisted = grip.columns, tips, tips and grip.soft
     grasp.padded = grip.padded
     grasp.gradual, grasp.damping_depth = grip.gradual, rules.damping_depth
     if rules.fade is not None and not rules.attached:

@@ -74,10 +74,10 @@ def recoil(grasp: GraspState, damped: bool, slipped: bool) -> None:
 def find_levers(grasp: GraspState, damped: bool) -> None:
     """Compute the levers of this sample: those of the contacts only if the modes are others, or they are no modes'."""
     state = grasp.recoil
-    if not state.known or state.twisted:
+    if not state.current or state.twisted:
         write_roots(grasp)
         write_levers(grasp, False, state.elastic_share, state.elastic_weight)
-        state.known = True
+        state.current = True
     if damped and state.distant:
         write_levers(grasp, True, state.damping_share, state.damping_weight)
 

@@ -14,7 +14,7 @@ class RecoilState(Record):
     most: int  # columns that there is room for
     twisted: bool  # torsion acts along axes that are not the normals: elastic levers are no sums of modes
     distant: bool  # rates are taken at the fingertips: so are the levers of damping
-    known: bool  # elastic levers are those of the modes
+    current: bool  # elastic levers are those of the modes
     stuck: bool  # the last sample's forces all lay inside their cones
     elastic_share: Table = table("6", "6")  # T = Q'sqrt(W) G', a row for each mode
     elastic_weight: Table = table("6", "6")  # G W G' of rotations

@@ -10,6 +10,7 @@ from scipy.optimize import nnls
 
 import graspfx as gx
 from graspfx.compile.kernel import source_function
+from graspfx.cones.friction import UNRESOLVED
 from graspfx.coupling import coulomb, frictionless
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
@@ -141,12 +142,14 @@ def test_where_the_modes_do_not_settle_the_square_is_asked(friction: float, monk
 
     def lost(*arguments: Any) -> tuple[int, float, int]:
         calls.append(arguments)
-        return coulomb.NONE, 0.0, 100
+        return UNRESOLVED, 0.0, 100
 
-    for kernel in (coulomb.force_of_recoil, frictionless.force_along_normals):
+    kernels: list[Any] = [coulomb.force_of_recoil, frictionless.force_along_normals]
+    for kernel in kernels:
         monkeypatch.setitem(source_function(kernel).__globals__, "friction_force_flexible_k", lost)
-    for kernel in (coulomb.damping_of_recoil, frictionless.frictionless_force):
-        monkeypatch.setitem(source_function(kernel).__globals__, "damping_in_columns_k", lambda *_: coulomb.NONE)
+    kernels = [coulomb.damping_of_recoil, frictionless.frictionless_force]
+    for kernel in kernels:
+        monkeypatch.setitem(source_function(kernel).__globals__, "damping_in_columns_k", lambda *_: UNRESOLVED)
     np.testing.assert_allclose(forces(), expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
     assert calls and expected.any()
 

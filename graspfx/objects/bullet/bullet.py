@@ -194,15 +194,15 @@ def _bind_read(guest_state: GuestState, client: int, body: int, where: list[Sequ
     place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
     F, received_at = guest_state.buffer, 8 * start_of(GuestState, "velocity")
     all_of_it, velocity_alone = struct.Struct("13d").pack_into, struct.Struct("3d").pack_into
-    which = (body, client)  # a tuple that stays: `f(*which)` makes none for the call
+    pair = (body, client)  # a tuple that stays: `f(*pair)` makes none for the call
 
     def read_velocity() -> None:
-        velocity, _ = motion(*which)
+        velocity, _ = motion(*pair)
         velocity_alone(F, received_at, *velocity)
 
     def read() -> None:
-        where[0], turn = place(*which)
-        velocity, spin = motion(*which)
+        where[0], turn = place(*pair)
+        velocity, spin = motion(*pair)
         all_of_it(F, received_at, *velocity, *where[0], *turn, *spin)
 
     return read_velocity if guest_state.turns == 0 else read
