@@ -18,8 +18,8 @@ from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.journal import Content, is_journal, read_journal
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.places import recording_file
+from graspfx.loop.recording.row_store import MemoryRows, PackedRows, Piece, RowStore, StoredRows
 from graspfx.loop.recording.seal import has_digest
-from graspfx.loop.recording.store import MemoryRows, PackedRows, Piece, RowStore, StoredRows
 
 FloatArray = NDArray[np.float64]
 

@@ -21,9 +21,9 @@ from graspfx.loop.recording.header import Header, Outcome, RunFault
 from graspfx.loop.recording.journal import Journal
 from graspfx.loop.recording.layout import Column, Layout
 from graspfx.loop.recording.places import sync_folder
+from graspfx.loop.recording.row_store import Piece
 from graspfx.loop.recording.scales import LOGICAL, scales_of, stored_type
 from graspfx.loop.recording.seal import seal
-from graspfx.loop.recording.store import Piece
 from graspfx.loop.recording.stream import Graft, Stream
 
 FloatArray = NDArray[np.float64]

@@ -15,7 +15,7 @@ from graspfx.loop.recording.by_name import PartsOnDemand, by_name
 from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.object_motion import ObjectMotion, described_pose
-from graspfx.loop.recording.store import BLOCK, MemoryRows, RowStore, joined
+from graspfx.loop.recording.row_store import BLOCK, MemoryRows, RowStore, joined
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.two_parts import RowSplit

@@ -38,7 +38,7 @@ from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.lock import claim, release
 from graspfx.loop.recording.places import sync_folder
-from graspfx.loop.recording.store import MemoryRows, Piece, RowStore, StoredRows
+from graspfx.loop.recording.row_store import MemoryRows, Piece, RowStore, StoredRows
 
 FloatArray = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,52 +12,65 @@ from numpy.typing import NDArray
 from graspfx.card import Card, Carded
 from graspfx.spatial import Quaternion, Vector, rotate
 
-if TYPE_CHECKING:
-    from graspfx.loop.recording.history import History
-
 FloatArray = NDArray[np.float64]
+
+
+class Columns(Protocol):
+    """A recording's columns by name."""
+
+    def array(self, column: str) -> FloatArray:
+        """View a column, (N, ...)."""
+        ...
+
+    def optional(self, column: str) -> FloatArray | None:
+        """View a column; None if the scene has no such quantity."""
+        ...
+
+    def whole_numbers(self, column: str) -> Any:
+        """View a column of whole numbers; None if the scene has no such quantity."""
+        ...
 
 
 class ObjectMotion(Carded):
     """One object over time."""
 
-    def __init__(self, history: History, name: str) -> None:
-        self._history, self._at = history, f"objects/{name}/"
+    def __init__(self, columns: Columns, name: str) -> None:
+        self._columns, self._at = columns, f"objects/{name}/"
 
     @property
     def position(self) -> FloatArray:
         """Positions of its centre, (N, d) [m]."""
-        return self._history.array(self._at + "position")
+        return self._columns.array(self._at + "position")
 
     @property
     def velocity(self) -> FloatArray:
         """Velocities of its centre, (N, d) [m/s]."""
-        return self._history.array(self._at + "velocity")
+        return self._columns.array(self._at + "velocity")
 
     @property
     def orientation(self) -> FloatArray | None:
         """Angles (N,) [rad] in a plane, quaternions x y z w (N, 4) in space, or None on a line."""
-        return self._history.optional(self._at + "orientation")
+        return self._columns.optional(self._at + "orientation")
 
     @property
     def angular_velocity(self) -> FloatArray | None:
         """Angular velocities, (N,) or (N, 3) [rad/s], or None on a line."""
-        return self._history.optional(self._at + "angular_velocity")
+        return self._columns.optional(self._at + "angular_velocity")
 
     @property
     def wrench(self) -> FloatArray:
         """Wrenches of the fingers on the object about its centre, (N, w) [N, N m]."""
-        return self._history.array(self._at + "wrench")
+        return self._columns.array(self._at + "wrench")
 
     @cached_property
     def law(self) -> NDArray[np.int8] | None:
         """Law that the elastic force satisfies, (N,), 0 Coulomb's, 1 the associated one; None without a coefficient."""
-        return self._history.whole_numbers(self._at + "law")
+        return self._columns.whole_numbers(self._at + "law")
 
     @property
     def residual(self) -> FloatArray | None:
         """Residuals of that law, (N,) [N]; None without a coefficient."""
-        return self._history.optional(self._at + "residual")
+        return self._columns.optional(self._at + "residual")
 
     def _card(self) -> Card:
         from graspfx.loop.recording.recording_card import motion_card

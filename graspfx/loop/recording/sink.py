@@ -17,8 +17,8 @@ from graspfx.loop.recording.journal import Journal
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.lock import claim, release, stands_at
 from graspfx.loop.recording.places import NAME, part_of, recording_path, require_vacancy_of
+from graspfx.loop.recording.row_store import BLOCK, RowStore
 from graspfx.loop.recording.signals import hold_signals
-from graspfx.loop.recording.store import BLOCK, RowStore
 from graspfx.loop.recording.two_parts import wide_rows, wide_width
 
 FloatArray = NDArray[np.float64]

@@ -12,8 +12,8 @@ from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.header import Outcome
 from graspfx.loop.recording.places import NAME
 from graspfx.loop.recording.record import Recording
+from graspfx.loop.recording.row_store import StoredRows
 from graspfx.loop.recording.sink import FileSink
-from graspfx.loop.recording.store import StoredRows
 from graspfx.show.tabular import csv_lines
 from tests.support.parts import made, script, values
 from tests.support.recordings import header
