@@ -26,7 +26,7 @@ class Columns(Protocol):
         """View a column; None if the scene has no such quantity."""
         ...
 
-    def whole_numbers(self, column: str) -> Any:
+    def whole_numbers(self, column: str) -> NDArray[np.int8] | None:
         """View a column of whole numbers; None if the scene has no such quantity."""
         ...
 
