@@ -17,7 +17,7 @@ from graspfx.certificate.certificate import Certificate, Limit, is_stable
 from graspfx.certificate.crossing import bracketed, crossings
 from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import pushing_limits
-from graspfx.certificate.reach import reach, reaches
+from graspfx.certificate.first_loss import reach, reaches
 from graspfx.certificate.verdict import Report
 from graspfx.certificate.whole_loop import Family, Line, WholeLoop
 from tests.support.random_scenes import random_case
