@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
 from graspfx.analysis.stability.modal import together
+from graspfx.certificate.first_loss import reach
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, reduced
-from graspfx.certificate.first_loss import reach
 from graspfx.certificate.whole_loop import Line, WholeLoop, bounded
 from graspfx.errors import InputError
 from graspfx.progress import waiting

@@ -15,9 +15,9 @@ from graspfx.analysis.stability.decoupled import parts_of
 from graspfx.analysis.stability.fullloop import loop_matrix, without_drift
 from graspfx.certificate.certificate import Certificate, Limit, is_stable
 from graspfx.certificate.crossing import bracketed, crossings
+from graspfx.certificate.first_loss import reach, reaches
 from graspfx.certificate.linearise import linearise
 from graspfx.certificate.mode_limits import pushing_limits
-from graspfx.certificate.first_loss import reach, reaches
 from graspfx.certificate.verdict import Report
 from graspfx.certificate.whole_loop import Family, Line, WholeLoop
 from tests.support.random_scenes import random_case
