@@ -22,21 +22,21 @@ def hull_points(vertices: FloatArray) -> FloatArray:
     most runs.
     """
     corners = np.ascontiguousarray(vertices, dtype=np.float64)
-    points: FloatArray = vertices[_chosen(corners.shape, corners.tobytes())]
+    points: FloatArray = vertices[_hull_vertices(corners.shape, corners.tobytes())]
     return points
 
 
 @lru_cache(maxsize=8)
-def _chosen(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
+def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
     """Load the numbers of the vertices on the hull from the disk, or find and store them."""
     key = content_key(("hull", installed.version("scipy"), shape), entries)
     entry = load_arrays(key)
     if entry is not None:
-        chosen: NDArray[np.intp] = entry[1][0]
-        return chosen
-    chosen = _hull(np.frombuffer(entries).reshape(shape))
-    store_arrays(key, {}, [chosen])
-    return chosen
+        selection: NDArray[np.intp] = entry[1][0]
+        return selection
+    selection = _hull(np.frombuffer(entries).reshape(shape))
+    store_arrays(key, {}, [selection])
+    return selection
 
 
 def _hull(vertices: FloatArray) -> NDArray[np.intp]:
