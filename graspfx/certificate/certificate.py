@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from graspfx.card import Card, Carded
-from graspfx.certificate.limit_list import LimitList
 from graspfx.certificate.plain_data import plain
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ class Certificate(Carded):
         object: its name.
         at: "squeezed", "recorded", "provisional" or "start".
         spectral_radius: of the loop as it is; up to 1, give or take rounding, it is stable (`is_stable`).
-        limits: of every mode; a quick certificate computes those of pushing when they are asked for.
+        limits: of every mode.
         assumed: what that takes for granted.
         passive: largest gains that are passive to any operator, or None.
         why_not_passive: in a few words, where there is None.
@@ -80,7 +79,7 @@ class Certificate(Carded):
     object: str
     at: str
     spectral_radius: float
-    limits: Sequence[Limit]
+    limits: tuple[Limit, ...]
     assumed: tuple[str, ...]
     passive: CouplingLimits | None
     why_not_passive: str = ""
@@ -105,9 +104,8 @@ class Certificate(Carded):
     @property
     def stable(self) -> bool:
         """Whether the loop is stable as it is, and also with the object on what carries it at the start."""
-        rows = self.limits.first if isinstance(self.limits, LimitList) else self.limits
         return is_stable(self.spectral_radius) and all(
-            row.margin >= 1.0 for row in rows if row.mode.startswith(STANDING)
+            row.margin >= 1.0 for row in self.limits if row.mode.startswith(STANDING)
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.certificate.certificate import Certificate
-from graspfx.certificate.limit_list import LimitList
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, number_of, pushing_limits, standing_limits
 from graspfx.certificate.rest.cone_edge import sliding_notes
@@ -41,13 +39,11 @@ def _certificate(scene: Scene, loop: Linearised) -> Certificate:
     linear = loop.linear
     whole = Family(WholeLoop(linear, [linear.stiffness]), lambda s: linear.stiffness)
     passive, why = _passive(scene, loop)
-    first = (*mode_limits(scene, loop), *standing_limits(loop))
-    limits = LimitList(first, one_blas_thread()(partial(pushing_limits, scene, loop)))
     return Certificate(
         object=loop.objects[0],
         at=loop.at[0],
         spectral_radius=whole.radius(1.0),
-        limits=limits if loop.at[0] == "provisional" else limits.all,
+        limits=(*mode_limits(scene, loop), *standing_limits(loop), *pushing_limits(scene, loop)),
         assumed=loop.assumed,
         passive=passive,
         why_not_passive=why,

@@ -82,8 +82,7 @@ def certify(
 
     Args:
         scene: from `load`, or made in Python; or its name, or a path.
-        quick: hold the squeeze of one linear step from the start instead of seeking a rest. The result is provisional,
-            and has limits of fingers that push computed when they are asked for.
+        quick: hold the squeeze of one linear step from the start instead of seeking a rest. The result is provisional.
         recording: of the scene, or its path: the grasp is that of its last row.
 
     Returns:

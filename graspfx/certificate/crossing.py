@@ -38,9 +38,9 @@ def crossings(starts: Sequence[tuple[Family, float, complex]]) -> list[float | N
 
 def _line_of(family: Family, s: float, z: complex) -> Line | None:
     """Give A_0 and A_1 of the part that z is an eigenvalue of."""
-    if not isinstance(family.stiffness, Line) or not all(part.affine for part in family.loop.parts):
+    lines = family.lines
+    if lines is None:
         return None
-    lines = [part.line(family.stiffness) for part in family.loop.parts]
     if len(lines) == 1:
         return lines[0]
     distances = [np.abs(np.linalg.eigvals(line(s)) - z).min(initial=np.inf) for line in lines]

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.maps.maps import external_limit_map, wall_limit_map
 from graspfx.analysis.stability.modal import together
+from graspfx.certificate.first_loss import reach
 from graspfx.certificate.linearise import Linearised, linearise
 from graspfx.certificate.mode_limits import mode_limits, reduced
-from graspfx.certificate.reach import reach
 from graspfx.certificate.whole_loop import Line, WholeLoop, bounded
 from graspfx.errors import InputError
 from graspfx.progress import waiting
@@ -117,6 +118,7 @@ class SweptLimits:
         return [("internal", self.internal), ("external", self.external), ("conventional", self.conventional)]
 
 
+@one_blas_thread()
 def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") -> SweptLimits:
     """Compute the limits of a scene with one object in fingers, over its keys.
 
@@ -156,6 +158,7 @@ def swept_limits(scene: Scene, sweeps: Sequence[Sweep], at: str = "squeezed") ->
     return SweptLimits(tuple(sweeps), internal, external, conventional, False, perf_counter() - began)
 
 
+@one_blas_thread()
 def limits_of_scene(scene: Scene, at: str = "squeezed") -> SweptLimits:
     """Compute the three limits of an unchanged scene, each an array without axes."""
     _require_numbers(scene)

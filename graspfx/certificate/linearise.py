@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.preload import ROWS, cross
 from graspfx.analysis.series import in_series
@@ -114,6 +115,7 @@ class _Share:
     integrator: str
 
 
+@one_blas_thread()
 def linearise(
     scene: Scene, at: str = "squeezed", object: str | None = None, recording: Recording | None = None
 ) -> Linearised:  # fmt: skip

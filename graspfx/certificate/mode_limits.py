@@ -15,8 +15,8 @@ from graspfx.analysis.series import in_series, springs_in_series
 from graspfx.analysis.stability.modal import Mode, modes
 from graspfx.analysis.symmetry import alike_sets, symmetries
 from graspfx.certificate.certificate import STANDING, Limit, is_stable
+from graspfx.certificate.first_loss import Reach, least_reaches, reach, reaches
 from graspfx.certificate.linearise import Linearised
-from graspfx.certificate.reach import Reach, reach, reaches
 from graspfx.certificate.whole_loop import Family, Line, Stiffness, WholeLoop
 from graspfx.errors import InputError
 from graspfx.scene.model import Scene
@@ -152,8 +152,11 @@ def pushing_limits(scene: Scene, loop: Linearised) -> list[Limit]:
     free = np.array(scene.free(next(thing for thing in scene.object if thing.name == loop.objects[0])), dtype=bool)
     alike = alike_sets(sets, symmetries(loop.linear, loop.contacts, free))
     loops = {k: list(_pushes(scene, loop, tuple(loop.fingers[i] for i in sets[k]))) for k in dict.fromkeys(alike)}
-    answers = iter(reaches([_all_scaled(linear) for each in loops.values() for linear in each]))
-    edges = {k: [(_stiffest(linear), next(answers)) for linear in each] for k, each in loops.items()}
+    answers = least_reaches([[_all_scaled(linear) for linear in each] for each in loops.values()])
+    edges = {
+        k: [(_stiffest(linear), edge) for linear, edge in zip(each, answer, strict=True)]
+        for (k, each), answer in zip(loops.items(), answers, strict=True)
+    }
     rows = []
     for places, k in zip(sets, alike, strict=True):
         pushers = [loop.fingers[i] for i in places]

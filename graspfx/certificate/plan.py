@@ -199,8 +199,12 @@ def _weighed_by(scene: Scene) -> str:
         return "the ledger weighs"
     if not _scalar(scene):
         return "gains per finger or matrices weigh"
-    implicit = any(thing.dynamics == "native" and thing.integrator == "implicit" for thing in scene.object)
-    return "the implicit integrator weighs" if implicit else ""
+    return "the implicit integrator weighs" if _is_implicit(scene) else ""
+
+
+def _is_implicit(scene: Scene) -> bool:
+    """Tell whether an object moves under the forces of the sample that they are found in."""
+    return any(thing.dynamics == "native" and thing.integrator == "implicit" for thing in scene.object)
 
 
 def _resplit(scene: Scene) -> str:
@@ -217,7 +221,12 @@ def _resplit(scene: Scene) -> str:
 
 def _split(scene: Scene) -> Iterator[Row]:
     if equal_gains(scene):
-        yield "split", False, "equal external and internal gains: the conventional method, eqs. (20)-(23)"
+        why = "equal external and internal gains: the conventional method, eqs. (20)-(23)"
+        if _is_implicit(scene) and _scalar(scene):
+            basis = "whose rigid modes the implicit integrator finds forces in"
+            yield "split", True, f"{why}; but the modes of eq. (3), {basis}, {_resplit(scene)}"
+        else:
+            yield "split", False, why
         return
     yield "split", True, f"eq. (3), {_resplit(scene)}"
     turning = [thing for thing in scene.object if scene.turns(thing)]

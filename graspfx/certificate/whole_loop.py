@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -75,9 +76,6 @@ class _PartLoop:
         if not self.affine:
             loops = [part.linear.with_arrays(stiffness=part.stiffness(stiffness(s))) for s in factors]
             return np.stack([self._without_drift(loop_matrix(each, self._motions)) for each in loops])
-        if isinstance(stiffness, Line):
-            line = self.line(stiffness)
-            return line.still + np.asarray(factors)[:, None, None] * line.slope
         return np.stack([self._still + self._W @ (part.stiffness(stiffness(s)) @ self._C) for s in factors])
 
     def line(self, stiffness: Line) -> Line:
@@ -113,7 +111,18 @@ class Family:
 
     def matrices(self, factors: Sequence[float]) -> Iterator[FloatArray]:
         """Give A of each part for each factor."""
-        return (part.matrices(self.stiffness, factors) for part in self.loop.parts)
+        if self.lines is None:
+            return (part.matrices(self.stiffness, factors) for part in self.loop.parts)
+        s = np.asarray(factors)[:, None, None]
+        return (line.still + s * line.slope for line in self.lines)
+
+    @cached_property
+    def lines(self) -> list[Line] | None:
+        """A_0 and A_1 of each part with A(s) = A_0 + s A_1; None where A is no line in s."""
+        stiffness, parts = self.stiffness, self.loop.parts
+        if not isinstance(stiffness, Line) or not all(part.affine for part in parts):
+            return None
+        return [part.line(stiffness) for part in parts]
 
 
 def bounded(value: Any) -> Any:

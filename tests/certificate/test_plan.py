@@ -50,6 +50,12 @@ CASES: list[tuple[dict[str, Any], str, bool, str]] = [
         False,
         "equal external and internal gains: the conventional method",
     ),
+    (
+        {"coupling__internal__stiffness": 30.0, "object__integrator": "implicit"},
+        "split",
+        True,
+        "whose rigid modes the implicit integrator finds forces in",
+    ),
     ({"coupling__internal__damping": 0.1}, "rate of displacement", True, "damping"),
     ({}, "rate of displacement", False, "no damping"),
     (
@@ -153,6 +159,8 @@ EQUAL = {"coupling__internal__stiffness": 30.0}
         EQUAL | {"coupling__passivity": "observe"},
         EQUAL | {"object__integrator": "implicit"},
         {"coupling__external__stiffness": [30.0, 30.0], "coupling__internal__stiffness": [30.0, 30.0]},
+        {"coupling__external__stiffness": [30.0, 30.0], "coupling__internal__stiffness": [30.0, 30.0]}
+        | {"object__integrator": "implicit"},
     ],
     ids=str,
 )

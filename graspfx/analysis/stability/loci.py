@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspfx import plugins
 from graspfx.analysis.arguments import numbers
+from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Subject
 from graspfx.analysis.stability.fullloop import OpenLoop, open_loop
 from graspfx.card import Card, Carded
@@ -77,6 +78,7 @@ class Loci(Carded):
         return Card("Characteristic loci of a loop", rows, ".bode(), .nyquist(), .magnitude, .phase [degrees]")
 
 
+@one_blas_thread()
 def loci(subject: Subject, frequency: ArrayLike | None = None) -> Loci:
     """Compute the loci of L(z) = -C (z I - A)^-1 B, the return ratio of the loop opened at the coupling's forces.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Unpack
 
 from graspfx.analysis.arguments import number
+from graspfx.analysis.blas_threads import one_blas_thread
 from graspfx.analysis.linearisation import Subject, linear_of
 from graspfx.analysis.sampled_plant import ObjectOptions, plant_on_wall, plant_with_object
 from graspfx.analysis.stability.fullloop import radius_of
@@ -156,6 +157,7 @@ def stable_intervals(
     return [(low, min(high, top)) for low, high in limits.intervals if low < top]
 
 
+@one_blas_thread()
 def spectral_radius(linear: Subject, *, drift: bool = False) -> float:
     """Find the largest |z| of the sampled closed loop about a grasp at rest; below 1 it is stable.
 

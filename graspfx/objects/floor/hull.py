@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,15 +22,21 @@ def hull_points(vertices: FloatArray) -> FloatArray:
     most runs.
     """
     corners = np.ascontiguousarray(vertices, dtype=np.float64)
-    key = content_key(("hull", installed.version("scipy"), corners.shape), corners.tobytes())
-    entry = load_arrays(key)
-    if entry is None:
-        numbers = _hull(corners)
-        store_arrays(key, {}, [numbers])
-    else:
-        [numbers] = entry[1]
-    points: FloatArray = vertices[numbers]
+    points: FloatArray = vertices[_hull_vertices(corners.shape, corners.tobytes())]
     return points
+
+
+@lru_cache(maxsize=8)
+def _hull_vertices(shape: tuple[int, ...], entries: bytes) -> NDArray[np.intp]:
+    """Load the numbers of the vertices on the hull from the disk, or find and store them."""
+    key = content_key(("hull", installed.version("scipy"), shape), entries)
+    entry = load_arrays(key)
+    if entry is not None:
+        selection: NDArray[np.intp] = entry[1][0]
+        return selection
+    selection = _hull(np.frombuffer(entries).reshape(shape))
+    store_arrays(key, {}, [selection])
+    return selection
 
 
 def _hull(vertices: FloatArray) -> NDArray[np.intp]:

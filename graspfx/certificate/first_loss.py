@@ -20,8 +20,7 @@ FloatArray = NDArray[np.float64]
 
 LEAST, MOST = 0.01, 100.0  # of a gain: where it is looked for
 GRID = 64  # factors between them, 16 % apart: a gap in what is stable narrower than that can be missed
-SMALL = 40  # states up to which `BATCH` factors are looked at together, of more a half of them
-BATCH = 4  # of factors, upwards until one is not stable
+BATCH = 2  # of factors that are looked at together, upwards until one is not stable
 ROUNDS = 8  # in which another root is looked for that crosses earlier
 BEYOND = 1e-9  # of the limit: where the root that has crossed is looked at
 ANOTHER = 1e-7  # above 1 there: |z| of a root that has crossed earlier
@@ -55,7 +54,7 @@ class _Search:
         """Give the factors to look at now; none where the search is over."""
         if self.lost is not None:
             return []
-        return self.factors[: BATCH if self.family.size <= SMALL else BATCH // 2]
+        return self.factors[:BATCH]
 
     def take(self, factors: Sequence[float], roots: Sequence[complex]) -> None:
         """Take the farthest roots of these factors into account."""
@@ -91,13 +90,33 @@ def reach(linear: Linearisation | WholeLoop, stiffness: Stiffness) -> Reach:
 
 def reaches(families: Sequence[Family]) -> list[Reach]:
     """Find the reach of each family, as `reach` does; those of as many states share their eigenproblems."""
-    searches = [_Search(family, np.geomspace(1.0, MOST, GRID // 2).tolist()) for family in families]
-    while some := [(search, factors) for search in searches if (factors := search.upcoming())]:
+    return [reach for [reach] in least_reaches([[family] for family in families])]
+
+
+def least_reaches(groups: Sequence[Sequence[Family]]) -> list[list[Reach]]:
+    """Find the reach of each family in groups of which the least one counts.
+
+    A family that is stable up to a factor beyond which another of its group is not has a larger reach: its search ends
+    there, and it is told as inf.
+    """
+    searches = [[_Search(family, np.geomspace(1.0, MOST, GRID // 2).tolist()) for family in group] for group in groups]
+    each = [search for group in searches for search in group]
+    while some := [(search, factors) for search in each if (factors := search.upcoming())]:
         roots = farthest([(search.family, factors) for search, factors in some])
         for (search, factors), worst in zip(some, roots, strict=True):
             search.take(factors, worst)
-    _find_edges([search for search in searches if search.lost is not None])
-    return [search.reach for search in searches]
+        for group in searches:
+            _drop_larger(group)
+    _find_edges([search for search in each if search.lost is not None])
+    return [[search.reach for search in group] for group in searches]
+
+
+def _drop_larger(group: Sequence[_Search]) -> None:
+    """End the searches of a group that are stable where another one is not."""
+    least = min((search.lost for search in group if search.lost is not None), default=math.inf)
+    for search in group:
+        if search.before is not None and not search.from_below and search.before >= least:
+            search.factors, search.lost = [], None
 
 
 def farthest(families: Sequence[tuple[Family, Sequence[float]]]) -> list[list[complex]]:

@@ -15,9 +15,8 @@ from graspfx.analysis.stability.decoupled import parts_of
 from graspfx.analysis.stability.fullloop import loop_matrix, without_drift
 from graspfx.certificate.certificate import Certificate, Limit, is_stable
 from graspfx.certificate.crossing import bracketed, crossings
+from graspfx.certificate.first_loss import least_reaches, reach, reaches
 from graspfx.certificate.linearise import linearise
-from graspfx.certificate.mode_limits import pushing_limits
-from graspfx.certificate.reach import reach, reaches
 from graspfx.certificate.verdict import Report
 from graspfx.certificate.whole_loop import Family, Line, WholeLoop
 from tests.support.random_scenes import random_case
@@ -154,29 +153,27 @@ def test_a_bracket_finds_the_root_of_a_power(power: int) -> None:
     assert abs(root - 1.3) < 1e-11 or abs(root - 1.3) ** power < 1e-100
 
 
-def test_a_quick_certificate_computes_limits_of_pushing_when_they_are_asked_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Radius, verdict and the first limits come without them; text, length and data bring them, once."""
-    calls = []
-
-    def counted(*arguments: Any) -> list[Limit]:
-        calls.append(arguments)
-        return pushing_limits(*arguments)
-
-    monkeypatch.setattr("graspfx.certificate.certificates.pushing_limits", counted)
-    [quick] = gx.certify("paper-spring", quick=True)
-    assert quick.stable
-    assert [row.mode for row in quick.limits[0:1]] and len(calls) == 1  # a slice is of all of them
-    [quick] = gx.certify("paper-spring", quick=True)
-    assert quick.limits[0].mode == "internal" and len(calls) == 1
+def test_a_quick_certificate_has_every_limit_in_a_tuple() -> None:
+    [quick], [full] = (gx.certify("paper-spring", quick=quick) for quick in (True, False))
+    assert {type(quick.limits), type(full.limits)} == {tuple}
     modes = [row.mode for row in quick.limits]
-    assert len(modes) == len(quick.limits) == len(quick.to_dict()["limits"]) and len(calls) == 2
+    assert modes == [row.mode for row in full.limits] == [row.mode for row in pickle.loads(pickle.dumps(quick)).limits]
     assert modes[-1].startswith("pushing with ")
-    assert [row.mode for row in pickle.loads(pickle.dumps(quick)).limits] == modes
-    [full] = gx.certify("paper-spring")
-    assert isinstance(full.limits, tuple) and len(calls) == 3
-    assert [row.mode for row in full.limits] == modes
+
+
+def test_of_a_group_the_least_reach_is_what_it_is_alone() -> None:
+    """Loops whose limits are a grid's step and more apart: those with larger ones are inf, in any order."""
+    groups = []
+    for factors in ((1.0, 2.0, 9.0), (9.0, 1.0, 2.0), (150.0, 0.02, 1.0), (1.0, 1.0)):
+        linear = alike_fingers(3)
+        K = linear.stiffness
+        groups.append([Family(WholeLoop(linear, [K]), Line(np.zeros_like(K), each * K)) for each in factors])
+    for group, answers in zip(groups, least_reaches(groups), strict=True):
+        alone = reaches(group)
+        least = min(alone, key=lambda each: each.factor)
+        for one, answer in zip(alone, answers, strict=True):
+            assert answer == one or (math.isinf(answer.factor) and one.factor > 1.1 * least.factor)
+        assert sum(answer == least for answer in answers) >= 1
 
 
 # Verdicts ----------------------------------------------------------------------------------------------------------
