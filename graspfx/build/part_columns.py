@@ -1,0 +1,229 @@
+"""Many values of keys of devices and hands at once: their blocks, made for each choice of values and nothing else.
+
+What decides a choice is checked by the tables' own fields and by the drivers; the blocks are filled by the functions
+that fill those of one scene, so that they are the same, bit by bit. No object is filled anew and no program written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from graspfx.build.fading import squeezes
+from graspfx.build.hand_parts import make_hand
+from graspfx.build.holdings import holdings
+from graspfx.build.live import value_of
+from graspfx.build.plants import make_plants
+from graspfx.build.resolve import Parts
+from graspfx.build.stock import Stock
+from graspfx.build.wiring import outside_faults, wires_anew
+from graspfx.errors import GraspFXError
+from graspfx.numeric import LARGEST
+from graspfx.scene.tables.fields import Table
+from graspfx.scene.tables.part_tables import Device
+
+if TYPE_CHECKING:
+    from graspfx.loop.servo import Servo
+    from graspfx.scene.model import Scene
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Index = NDArray[np.intp]
+Column = tuple[FloatArray, int, FloatArray]  # a block, an entry of it, and its number in each variant
+
+SAME = ("fingers", "dimensions", "continuous_force", "stiffness", "delay")  # features that other parts go by
+
+
+class NotAlikeError(Exception):
+    """Values choose what is computed: variants of several programs."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartColumns:
+    """Values of keys of devices and hands, one of each for every variant.
+
+    Args:
+        scene: the scene; other keys of it may be replaced, too.
+        values: by key, numbered, (V,).
+    """
+
+    scene: Scene
+    values: Mapping[str, FloatArray]
+
+    @cached_property
+    def _choices(self) -> tuple[FloatArray, Index]:
+        """Give the choices of values, to the last bit, and which of them each variant has."""
+        bits = np.stack([each.view(np.int64) for each in self.values.values()], axis=1)
+        rows, choice = np.unique(bits, axis=0, return_inverse=True)
+        return rows.view(np.float64), choice.ravel()
+
+    def sound(self, parts: Parts) -> BoolArray:
+        """Tell of which values it is sure that the scene's checks pass them, as those of another variant pass."""
+        rows, choice = self._choices
+        return np.array([self._is_sound(parts, row) for row in rows])[choice]
+
+    @property
+    def has_hands(self) -> bool:
+        return any(map(is_of_a_hand, self.values))
+
+    def _is_sound(self, parts: Parts, row: FloatArray) -> bool:
+        if not (np.isfinite(row) & (np.abs(row) <= LARGEST)).all():
+            return False
+        try:
+            anew = self._parts(parts, row)
+            wired = anew.own_wires()
+            anew.limits  # noqa: B018 (a device's largest force is checked where it is asked for)
+        except (GraspFXError, ValidationError):
+            return False
+        for wire, own in zip(wired, parts.wires, strict=True):
+            if any(getattr(wire.features, name) != getattr(own.features, name) for name in SAME):
+                return False
+            if repr(wire.features.workspace) != repr(own.features.workspace) or any(outside_faults(wire, parts.start)):
+                return False
+        return True
+
+    def _parts(self, parts: Parts, row: FloatArray) -> Parts:
+        """Give the parts of a scene with these values, of which devices and hands alone are made anew."""
+        scene = self.scene
+        tables: dict[str, list[Any]] = {name: list(getattr(scene, name)) for name in ("finger", "device", "hand")}
+        for key, value in zip(self.values, row.tolist(), strict=True):
+            first, number, *path = key.split(".")
+            for k in range(len(tables[first])) if number == "*" else [int(number)]:
+                tables[first][k] = _with(tables[first][k], path, value)
+        copy = scene.model_copy(update={name: tuple(items) for name, items in tables.items()})
+        stock = Stock(parts.folder)
+        anew = Parts(copy, stock)
+        hands = tuple(
+            own if each.table is own.holding.table else make_hand(copy, parts.stock, each)
+            for own, each in zip(parts.hands, holdings(copy), strict=True)
+        )
+        vars(anew).update(start=parts.start, hands=hands, wires=wires_anew(copy, parts.folder))
+        return anew
+
+    def blocks(self, parts: Parts, servo: Servo) -> PartBlocks:
+        """Make the blocks of all choices.
+
+        Args:
+            parts: of the scene.
+            servo: of one of the variants, which has not run.
+
+        Raises:
+            NotAlikeError: some values choose what is computed.
+        """
+        rows, choice = self._choices
+        inward = np.zeros_like(parts.start)
+        for each in servo.objects:
+            inward[each.fingers] = each.grasped.inward()
+        own = [*(station.device for station in servo.stations)]
+        for wiring in servo.plants:
+            own += [wiring.plant, wiring.hand]
+        states: list[list[FloatArray]] = [[] for _ in own]
+        limits: list[FloatArray | None] = []
+        pushes: list[list[float]] = []
+        for row in rows:
+            anew = self._parts(parts, row)
+            for to, part, base in zip(states, _made(anew, servo, inward), own, strict=True):
+                to.append(_alike(part, base))
+            limits.append(anew.limits)
+            pushes.append(squeezes(anew, servo.objects, inward))
+        blocks = [part.state for part in own]
+        return PartBlocks(blocks, [np.array(each) for each in states], limits, np.array(pushes), choice)
+
+
+@dataclass(frozen=True, eq=False)
+class PartBlocks:
+    """Blocks of devices, plants and hands for each choice of values.
+
+    Attributes:
+        blocks: of the servo.
+        states: of each of them, its numbers for every choice, (R, size).
+        limits: largest forces of fingers for every choice [N], (n,), or None.
+        pushes: how hard each object is squeezed at most [N], (R, objects).
+        choice: which of them each variant has, (V,).
+    """
+
+    blocks: list[Any]
+    states: list[FloatArray]
+    limits: list[FloatArray | None]
+    pushes: FloatArray
+    choice: Index
+
+    def columns(self) -> Iterator[Column]:
+        """List the entries that are not the same for all choices or in the servo."""
+        for block, rows in zip(self.blocks, self.states, strict=True):
+            for entry in np.flatnonzero((rows.view(np.int64) != block.view(np.int64)).any(axis=0)).tolist():
+                yield block, entry, rows[self.choice, entry]
+
+    def limit(self, finger: int) -> FloatArray | None:
+        """Give the largest force of a finger in each variant [N]; None where there is none."""
+        if any(each is None for each in self.limits):
+            return None
+        return np.array([each[finger] for each in self.limits if each is not None])[self.choice]
+
+
+def is_of_a_hand(own: str) -> bool:
+    """Tell whether a key, numbered, is one of a hand."""
+    return own.startswith("hand.") or own.split(".")[2:3] == ["hand"]
+
+
+def is_of_a_part(scene: Scene, own: str) -> bool:
+    """Tell whether a key, numbered, is a number of a device or of a hand that blocks alone are made from."""
+    first, *rest = own.split(".")
+    path = rest[1:]
+    if scene.coupling.metric == "mass" or not path:
+        return False
+    if first == "finger" and (len(path) < 2 or path[0] not in ("device", "hand")):
+        return False
+    if first not in ("finger", "device", "hand"):
+        return False
+    try:
+        value = value_of(scene, own)
+    except GraspFXError:
+        return False
+    numbers = value if isinstance(value, tuple) else (value,)
+    return all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers)
+
+
+def _made(anew: Parts, servo: Servo, inward: FloatArray) -> Iterator[Any]:
+    """Make devices, plants and hands ready for the first tick, as `build` does, one after another."""
+    wired = anew.own_wires()
+    plants = list(make_plants(anew, wired, inward))
+    with ExitStack() as stack:
+        for wire in wired:
+            stack.enter_context(wire.device)
+            wire.device.open(servo.period)
+            yield wire.device
+        for each in plants:
+            each.plant.hold(each.hand, servo.period)  # type: ignore[attr-defined]
+            yield each.plant
+            yield each.hand
+
+
+def _alike(part: Any, own: Any) -> FloatArray:
+    """Copy the block of a part that is laid out like one of the servo."""
+    if part.state.shape != own.state.shape or not np.array_equal(part.structure, own.structure):
+        raise NotAlikeError
+    places = own.structure
+    if part.state[places].tobytes() != own.state[places].tobytes():
+        raise NotAlikeError
+    return np.array(part.state)
+
+
+def _with(table: Any, path: list[str], value: float) -> Any:
+    """Copy a table with one number in it, or below it, replaced; its own fields check it."""
+    name, *rest = path
+    if isinstance(table, Device) and not rest and name in table.settings:
+        return table.model_copy(update={name: value})
+    if not isinstance(table, Table) or isinstance(table, Device):
+        raise ValidationError.from_exception_data("table", [])  # no such number, or in a form of its own
+    if rest:
+        return table.model_copy(update={name: _with(getattr(table, name), rest, value)})
+    fields = {field: getattr(table, field) for field in table.model_fields_set}
+    return type(table).model_validate({**fields, name: value})
