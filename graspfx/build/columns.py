@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from graspfx.build.bodies import inertia, mass
 from graspfx.build.fading import squeezes
 from graspfx.build.live import numbered
-from graspfx.build.part_columns import PartBlocks, PartColumns, is_of_a_hand, is_of_a_part
+from graspfx.build.numbers import general
+from graspfx.build.part_columns import PartBlocks, PartColumns, fades, is_of_a_hand, is_of_a_part
 from graspfx.build.resolve import resolve
 from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.fade import BAND, FADE
-from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import GraspFXError
 from graspfx.numeric import LARGEST, SMALLEST
 from graspfx.objects.body import VISCOUS_LIMIT, fill_body
@@ -183,7 +184,7 @@ class Columns:
             for j, finger in enumerate(part.fingers.tolist()):
                 limit = None if made is None else made.limit(finger)
                 if limit is not None:
-                    yield block, at.ROW + j * at.STRIDE + at.LIMIT, limit
+                    yield block, at.ROW + j * at.STRIDE + start_of(FingerState, "limit"), limit
                 values = self._coefficient(finger)
                 if values is not None:
                     yield block, at.ROW + j * at.STRIDE + at.COEFFICIENT, values
@@ -208,12 +209,16 @@ class Columns:
         self, parts: Parts, servo: Servo, block: FloatArray, index: int, made: PartBlocks | None
     ) -> Iterator[Column]:
         """Compute where an automatic fade begins and ends, `fading.set_fade` for all variants."""
-        if not _fades(self.scene):
+        if not fades(self.scene):
             return
         inward = np.zeros_like(parts.start)
         for each in servo.objects:
             inward[each.fingers] = each.grasped.inward()
-        push = squeezes(parts, servo.objects, inward)[index] if made is None else made.pushes[made.choice, index]
+        push = (
+            made.pushes[made.choice, index]
+            if made is not None and len(made.pushes)
+            else squeezes(parts, servo.objects, inward)[index]
+        )
         kep, kip = self.gain("coupling.external.stiffness"), self.gain("coupling.internal.stiffness")
         needed = 0.5 * np.abs(1.0 / kep - 1.0 / kip) * push
         near = needed <= FADE[0]
@@ -236,12 +241,11 @@ def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) 
         return []
     if len(set(own.values())) < len(own):
         return []  # two keys for one value: the later one wins
-    if any(several.replace(".*.", f".{key.split('.')[1]}.") == key for key in own.values() for several in own.values()
-           if ".*." in several and several != key):
-        return []  # a key of one table, and of all
+    if any(".*." in one and one != two and general(two) == one for one in own.values() for two in own.values()):
+        return []  # a key of all tables, and of one of them
     numbers = {key for key, items in values.items() if all(type(each) in (int, float) for each in items)}
     others = [key for key in values if key not in numbers or not _is_plain(scene, parts, own[key])]
-    if _fades(scene) and others:  # they may change what the hands squeeze with
+    if fades(scene) and others:  # they may change what the hands squeeze with
         others += [key for key in values if own[key] in GAINS]
     if not all(BESIDE.match(key) for key in others):
         return []  # its checks, or what it fills, may ask for the plain ones
@@ -250,13 +254,15 @@ def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) 
 
 def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
     coupling = scene.coupling
-    gains = [getattr(part, name) for part in (coupling.external, coupling.internal) for name in ("stiffness", "damping")]
+    gains = [
+        getattr(part, name) for part in (coupling.external, coupling.internal) for name in ("stiffness", "damping")
+    ]
     meshes = any(part.solid.mesh is not None for part in parts.objects)  # walks on them reach as far as a fade
-    steady = all(isinstance(gain, int | float) for gain in gains) and not (meshes and _fades(scene))
+    steady = all(isinstance(gain, int | float) for gain in gains) and not (meshes and fades(scene))
     if own in GAINS:
         return steady
     if is_of_a_part(scene, own):
-        return steady or not (_fades(scene) and is_of_a_hand(own))
+        return steady or not (fades(scene) and is_of_a_hand(own))
     if own == "coupling.friction":
         return isinstance(coupling.friction, int | float) and coupling.contact != "attached"
     first, *rest = own.split(".")
@@ -270,19 +276,12 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
     return False
 
 
-def _fades(scene: Scene) -> bool:
-    """Tell whether a fade is automatic, so that it begins where the hands' squeeze asks for it."""
-    rules = scene.coupling
-    return rules.fade == "auto" and rules.absent != "follow" and rules.contact != "attached"
-
-
 def _own(scene: Scene, key: str) -> str:
     """Write a key with the numbers of its tables; one that stands for the only table of a list has 0."""
     key = numbered(scene, key)
     first, *rest = key.split(".")
     if first in ("object", "finger", "device", "hand") and rest and not (rest[0].isdecimal() or rest[0] == "*"):
-        if len(getattr(scene, first)) == 1:
-            return f"{first}.0.{'.'.join(rest)}"
+        return f"{first}.0.{'.'.join(rest)}" if len(getattr(scene, first)) == 1 else key
     return key
 
 

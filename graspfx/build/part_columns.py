@@ -6,8 +6,7 @@ that fill those of one scene, so that they are the same, bit by bit. No object i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -16,23 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from graspfx import plugins
 from graspfx.build.fading import squeezes
+from graspfx.build.force_limits import force_limits
 from graspfx.build.hand_parts import make_hand
 from graspfx.build.holdings import holdings
 from graspfx.build.live import value_of
 from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts
 from graspfx.build.stock import Stock
-from graspfx.build.wiring import outside_faults, wires_anew
+from graspfx.build.wiring import Wire, connect, outside_faults
 from graspfx.errors import GraspFXError
+from graspfx.loop.plant import is_still
 from graspfx.numeric import LARGEST
 from graspfx.scene.tables.fields import Table
 from graspfx.scene.tables.part_tables import Device
 
 if TYPE_CHECKING:
+    from graspfx.build.hand_parts import HandPart
     from graspfx.loop.servo import Servo
     from graspfx.scene.model import Scene
+    from graspfx.scene.tables.scene_table import SceneTable
 
+Location = tuple[str | int, ...]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Index = NDArray[np.intp]
@@ -64,51 +69,41 @@ class PartColumns:
         rows, choice = np.unique(bits, axis=0, return_inverse=True)
         return rows.view(np.float64), choice.ravel()
 
+    @property
+    def has_hands(self) -> bool:
+        return any(map(is_of_a_hand, self.values))
+
     def sound(self, parts: Parts) -> BoolArray:
         """Tell of which values it is sure that the scene's checks pass them, as those of another variant pass."""
         rows, choice = self._choices
         return np.array([self._is_sound(parts, row) for row in rows])[choice]
 
-    @property
-    def has_hands(self) -> bool:
-        return any(map(is_of_a_hand, self.values))
-
     def _is_sound(self, parts: Parts, row: FloatArray) -> bool:
         if not (np.isfinite(row) & (np.abs(row) <= LARGEST)).all():
             return False
         try:
-            anew = self._parts(parts, row)
-            wired = anew.own_wires()
-            anew.limits  # noqa: B018 (a device's largest force is checked where it is asked for)
+            scene = self._scene(row)
+            wired = _wires(parts, scene, self._changed(parts, scene))
+            force_limits(len(scene.finger), wired)
         except (GraspFXError, ValidationError):
             return False
-        for wire, own in zip(wired, parts.wires, strict=True):
-            if any(getattr(wire.features, name) != getattr(own.features, name) for name in SAME):
-                return False
-            if repr(wire.features.workspace) != repr(own.features.workspace) or any(outside_faults(wire, parts.start)):
-                return False
-        return True
+        return all(_fits(wire, own, parts.start) for wire, own in zip(wired, parts.wires, strict=True))
 
-    def _parts(self, parts: Parts, row: FloatArray) -> Parts:
-        """Give the parts of a scene with these values, of which devices and hands alone are made anew."""
-        scene = self.scene
-        tables: dict[str, list[Any]] = {name: list(getattr(scene, name)) for name in ("finger", "device", "hand")}
+    def _scene(self, row: FloatArray) -> Scene:
+        """Copy the scene with a choice of values, checked by the fields of their tables."""
+        tables: dict[str, list[Any]] = {name: list(getattr(self.scene, name)) for name in ("finger", "device", "hand")}
         for key, value in zip(self.values, row.tolist(), strict=True):
             first, number, *path = key.split(".")
             for k in range(len(tables[first])) if number == "*" else [int(number)]:
                 tables[first][k] = _with(tables[first][k], path, value)
-        copy = scene.model_copy(update={name: tuple(items) for name, items in tables.items()})
-        stock = Stock(parts.folder)
-        anew = Parts(copy, stock)
-        hands = tuple(
-            own if each.table is own.holding.table else make_hand(copy, parts.stock, each)
-            for own, each in zip(parts.hands, holdings(copy), strict=True)
-        )
-        vars(anew).update(start=parts.start, hands=hands, wires=wires_anew(copy, parts.folder))
-        return anew
+        return self.scene.model_copy(update={name: tuple(items) for name, items in tables.items()})
+
+    def _changed(self, parts: Parts, scene: Scene) -> list[Location]:
+        """List where the tables of devices stand that differ."""
+        return [wire.at for wire in parts.wires if _device_at(scene, wire) is not _device_at(self.scene, wire)]
 
     def blocks(self, parts: Parts, servo: Servo) -> PartBlocks:
-        """Make the blocks of all choices.
+        """Make the blocks of all choices, of those devices, plants and hands that the keys reach.
 
         Args:
             parts: of the scene.
@@ -118,22 +113,37 @@ class PartColumns:
             NotAlikeError: some values choose what is computed.
         """
         rows, choice = self._choices
+        first = self._scene(rows[0])
+        changed = self._changed(parts, first)
+        fingers = {f for wire in parts.wires if wire.at in changed for f in wire.used.tolist()}
+        for own, new in zip(parts.hands, holdings(first), strict=True):
+            fingers |= set(own.fingers) if own.holding.table is not new.table else set()
+        plants = [wiring for wiring in servo.plants if fingers & set(wiring.fingers.tolist())]
+        reached = [wire for wire in parts.wires if any(set(wire.used) & set(each.fingers) for each in plants)]
+        own_parts: list[Any] = [s.device for s in servo.stations if any(set(s.fingers) & set(w.used) for w in reached)]
+        own_parts += [part for wiring in plants for part in (wiring.plant, wiring.hand)]
         inward = np.zeros_like(parts.start)
         for each in servo.objects:
             inward[each.fingers] = each.grasped.inward()
-        own = [*(station.device for station in servo.stations)]
-        for wiring in servo.plants:
-            own += [wiring.plant, wiring.hand]
-        states: list[list[FloatArray]] = [[] for _ in own]
+        states: list[list[FloatArray]] = [[] for _ in own_parts]
         limits: list[FloatArray | None] = []
         pushes: list[list[float]] = []
         for row in rows:
-            anew = self._parts(parts, row)
-            for to, part, base in zip(states, _made(anew, servo, inward), own, strict=True):
+            scene = self._scene(row)
+            wired = _wires(parts, scene, [wire.at for wire in reached])
+            hands = [
+                own if new.table is own.holding.table else make_hand(scene, parts.stock, new)
+                for own, new in zip(parts.hands, holdings(scene), strict=True)
+            ]
+            used = [wire for wire, own in zip(wired, parts.wires, strict=True) if wire is not own]
+            inside = {f for wire in used for f in wire.used.tolist()}
+            anew = _parts(parts, scene, [hand for hand in hands if inside & set(hand.fingers)])
+            for to, part, base in zip(states, _ready(anew, used, servo, inward), own_parts, strict=True):
                 to.append(_alike(part, base))
-            limits.append(anew.limits)
-            pushes.append(squeezes(anew, servo.objects, inward))
-        blocks = [part.state for part in own]
+            limits.append(force_limits(len(scene.finger), wired))
+            if self.has_hands and fades(scene):
+                pushes.append(squeezes(_parts(parts, scene, hands), servo.objects, inward))
+        blocks = [part.state for part in own_parts]
         return PartBlocks(blocks, [np.array(each) for each in states], limits, np.array(pushes), choice)
 
 
@@ -191,19 +201,65 @@ def is_of_a_part(scene: Scene, own: str) -> bool:
     return all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers)
 
 
-def _made(anew: Parts, servo: Servo, inward: FloatArray) -> Iterator[Any]:
+def fades(scene: SceneTable) -> bool:
+    """Tell whether a fade is automatic, so that it begins where the hands' squeeze asks for it."""
+    rules = scene.coupling
+    return rules.fade == "auto" and rules.absent != "follow" and rules.contact != "attached"
+
+
+def _device_at(scene: SceneTable, wire: Wire) -> Any:
+    first, number = wire.at[:2]
+    table = getattr(scene, str(first))[number]
+    return table.device if first == "finger" else table
+
+
+def _wires(parts: Parts, scene: Scene, places: Collection[Location]) -> list[Wire]:
+    """Connect the devices that stand at some places anew; all others are those of the parts."""
+    out = []
+    for wire in parts.wires:
+        if wire.at not in places:
+            out.append(wire)
+            continue
+        table = _device_at(scene, wire)
+        device = connect(plugins.load("devices", table.name, parts.folder), table, scene.dimensions)
+        out.append(Wire(wire.at, device, wire.fingers, device.features))
+    return out
+
+
+def _fits(wire: Wire, own: Wire, start: FloatArray) -> bool:
+    """Tell whether other parts of a scene see no other device, but for what follows from its numbers."""
+    if wire is own:
+        return True
+    same = all(getattr(wire.features, name) == getattr(own.features, name) for name in SAME)
+    same = same and repr(wire.features.workspace) == repr(own.features.workspace)
+    return same and not any(outside_faults(wire, start))
+
+
+def _parts(parts: Parts, scene: Scene, hands: Sequence[HandPart]) -> Parts:
+    """Give the parts of a scene that differs in its hands."""
+    anew = Parts(scene, Stock(parts.folder))
+    vars(anew).update(start=parts.start, hands=tuple(hands))
+    return anew
+
+
+def _ready(anew: Parts, wired: Sequence[Wire], servo: Servo, inward: FloatArray) -> Iterator[Any]:
     """Make devices, plants and hands ready for the first tick, as `build` does, one after another."""
-    wired = anew.own_wires()
     plants = list(make_plants(anew, wired, inward))
-    with ExitStack() as stack:
-        for wire in wired:
-            stack.enter_context(wire.device)
+    for wire in wired:
+        with wire.device:
             wire.device.open(servo.period)
             yield wire.device
-        for each in plants:
-            each.plant.hold(each.hand, servo.period)  # type: ignore[attr-defined]
-            yield each.plant
-            yield each.hand
+    for each in plants:
+        plant: Any = each.plant
+        plant.hold(each.hand, servo.period)
+        if is_still(each.hand):  # its targets stand in the plant's block, as the tick's wires leave them there
+            r, v = each.hand.target(0.0)
+            for port in (plant.ports.end, plant.ports.middle):
+                if port is not None:
+                    plant.state[port : port + r.size] = r.ravel()
+                    plant.state[port + r.size : port + 2 * r.size] = v.ravel()
+        yield plant
+        yield each.hand
 
 
 def _alike(part: Any, own: Any) -> FloatArray:
