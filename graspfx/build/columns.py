@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.bodies import inertia, mass
+from graspfx.build.bodies import mass, solid_inertia
 from graspfx.build.fading import squeezes
 from graspfx.build.live import numbered
 from graspfx.build.numbers import general
@@ -28,9 +28,8 @@ from graspfx.coupling.fade import BAND, FADE
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import GraspFXError
 from graspfx.numeric import LARGEST, SMALLEST
-from graspfx.objects.body import VISCOUS_LIMIT, fill_body
+from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.body_state import BodyState
-from graspfx.objects.integrators import SIZE
 
 if TYPE_CHECKING:
     from graspfx.build.object_parts import ObjectPart
@@ -159,8 +158,7 @@ class Columns:
     def moments(self, part: ObjectPart) -> FloatArray:
         """Compute the moments of an object's body, (V, 3): by the formula of one, for each mass that there is."""
         masses, choice = np.unique(self.body(part.index, "mass"), return_inverse=True)
-        rows = np.array([_moments(self.scene, part, mass) for mass in masses.tolist()])
-        return np.asarray(rows[choice.ravel()])
+        return np.asarray(_moments(self.scene, part, masses.tolist())[choice.ravel()])
 
     # Where they go ------------------------------------------------------------------------------------------------
 
@@ -285,16 +283,14 @@ def _own(scene: Scene, key: str) -> str:
     return key
 
 
-def _moments(scene: Scene, part: ObjectPart, weight: float) -> list[float]:
-    """Compute the moments that a body's block has with a mass, as `fill_body` does."""
-    table = part.table.model_copy(update={"mass": weight})
-    state = np.zeros(SIZE)
-    fill_body(
-        state,
-        dimensions=scene.dimensions,
-        mass=weight,
-        inertia=inertia(scene, table, part.solid),
-        free=scene.free(table),
-    )
-    first = start_of(BodyState, "inertia")
-    return list(state[first : first + 3])
+def _moments(scene: Scene, part: ObjectPart, weights: Sequence[float]) -> FloatArray:
+    """Compute the moments that a body's block has with some masses, (M, 3), as `fill_body` does."""
+    rows = np.zeros((len(weights), 3))
+    for k, weight in enumerate(weights):
+        own = part.table.inertia
+        moments = solid_inertia(part.solid, weight, scene.dimensions) if own is None else own
+        if moments is not None:
+            rows[k] = moments
+    if scene.dimensions == 2:
+        rows[:, :2] = 0.0
+    return rows
