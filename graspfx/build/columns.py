@@ -168,19 +168,19 @@ class Columns:
         Raises:
             NotAlikeError: values of devices and hands that choose what is computed.
         """
-        made = None if self.of_parts is None else self.of_parts.blocks(parts, servo)
-        if made is not None:
-            yield from made.columns()
+        blocks = None if self.of_parts is None else self.of_parts.blocks(parts, servo)
+        if blocks is not None:
+            yield from blocks.columns()
         for part, grasped in zip(parts.objects, (each.grasped for each in servo.objects), strict=True):
             block = grasped.block
             if self.has_gains:
                 for key, field in GAINS.items():
                     yield block, start_of(GraspState, field), self.gain(key)
             if self.has_gains or (self.of_parts is not None and self.of_parts.has_hands):
-                yield from self._fade(parts, servo, block, part.index, made)
+                yield from self._fade(parts, servo, block, part.index, blocks)
             yield from self._body(part, block)
             for j, finger in enumerate(part.fingers.tolist()):
-                limit = None if made is None else made.limit(finger)
+                limit = None if blocks is None else blocks.limit(finger)
                 if limit is not None:
                     yield block, at.ROW + j * at.STRIDE + start_of(FingerState, "limit"), limit
                 values = self._coefficient(finger)
@@ -204,7 +204,7 @@ class Columns:
                 yield block, at.BODY + start_of(BodyState, "inertia") + a, moments[:, a]
 
     def _fade(
-        self, parts: Parts, servo: Servo, block: FloatArray, index: int, made: PartBlocks | None
+        self, parts: Parts, servo: Servo, block: FloatArray, index: int, blocks: PartBlocks | None
     ) -> Iterator[Column]:
         """Compute where an automatic fade begins and ends, `fading.set_fade` for all variants."""
         if not fades(self.scene):
@@ -213,8 +213,8 @@ class Columns:
         for each in servo.objects:
             inward[each.fingers] = each.grasped.inward()
         push = (
-            made.pushes[made.choice, index]
-            if made is not None and len(made.pushes)
+            blocks.pushes[blocks.choice, index]
+            if blocks is not None and len(blocks.pushes)
             else squeezes(parts, servo.objects, inward)[index]
         )
         kep, kip = self.gain("coupling.external.stiffness"), self.gain("coupling.internal.stiffness")
