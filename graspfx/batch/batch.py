@@ -211,9 +211,10 @@ def run_batch(
 
     The runs are those of `gx.run`, to the last bit but for the sign of a zero. Values of gains that are numbers, of
     coefficients of friction, and of an object's mass and viscosities go to the fields that they reach as columns, all
-    at once: one variant is built of each kind, as of equal gains, and two others to check the columns. Of another key
-    one variant is built for every value, which takes some milliseconds; combinations are put together from what each
-    value changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit
+    at once: one variant is built of each kind, as of equal gains, and two others to check the columns. Of numbers of
+    devices and hands their blocks alone are made, a millisecond or two for each choice of values. Of another key one
+    variant is built for every value, which takes some milliseconds; combinations are put together from what each value
+    changes, and some of these, with all combinations of extremes, are built to check that they are the same, bit
     by bit; where keys act on one another their combinations are built too. Every value is checked as the scene's own.
 
     Variants run side by side, as many as the processor's vectors have numbers, on all processors: those whose ticks are

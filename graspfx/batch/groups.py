@@ -111,6 +111,12 @@ class Group:
         rows = np.stack([numbers[entry] for entry in entries], axis=1) if entries else np.empty((len(self.members), 0))
         self.factors.append((np.array(entries, dtype=np.intp), rows, np.arange(len(self.members))))
 
+    def folds(self) -> bool:
+        """Tell whether the program holds a number of an entry that is not the same in all members."""
+        places = self.program.places
+        fixed = [places[name].start + k for name, k in self.program.tick.script.fixed]
+        return bool(np.isin(fixed, self.varying).any())
+
     def fill_lanes(self, arena: FloatArray, where: Index, members: Index) -> None:
         """Fill what varies into lanes side by side, (entries, lanes), where `where` says which entry is which."""
         for entries, rows, choice in self.factors:

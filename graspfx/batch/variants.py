@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from graspfx.batch.groups import Built, Group, Program
 from graspfx.build.build import build
 from graspfx.build.columns import Columns, plain_keys
+from graspfx.build.part_columns import NotAlikeError
 from graspfx.build.resolve import resolve
 from graspfx.errors import Fault, InputError, SceneError
 from graspfx.loop.foreign import foreign, guests, looked_ahead
@@ -149,14 +150,20 @@ class Variants:
         for group in groups_:
             inside = {key: each[group.members] for key, each in values.items()}
             group.members = members[group.members]
-            group.add(Columns(self.scene, inside).fill(parts, group.program.servo))
-            if not self._is_as_built(group, inside):
+            try:
+                group.add(Columns(self.scene, inside).fill(parts, group.program.servo))
+                same = self._is_as_built(group, inside)
+            except NotAlikeError:
+                same = False
+            if not same:
                 self.notes.append(f"{len(group.members)} variants: columns of values are not what is built")
                 return None
         return groups_
 
     def _is_as_built(self, group: Group, values: Mapping[str, FloatArray]) -> bool:
         """Check that built variants are what was put together: that which is farthest out in each key, and another."""
+        if group.folds():
+            return False
         random = np.random.default_rng(len(group.members))
         some = [int(np.argmax(np.abs(each - each[len(each) // 2]))) for each in values.values()]
         some.append(int(random.integers(len(group.members))))

@@ -94,12 +94,17 @@ def inertia(scene: SceneTable, table: Object, solid: Solid) -> Inertia | None:
     """Give the table's moments about the centre, else those of the solid shape [kg m^2]; None for neither."""
     if table.inertia is not None or scene.dimensions == 1:
         return table.inertia
+    return solid_inertia(solid, mass(table, solid), scene.dimensions)
+
+
+def solid_inertia(solid: Solid, mass: float, dimensions: int) -> tuple[float, ...] | None:
+    """Give the moments of a solid shape of that mass about its centre [kg m^2]; None if it has none."""
     if solid.mesh is not None:
-        return solid.mesh.moments(mass(table, solid))
+        return solid.mesh.moments(mass)
     shape = solid.primitive
     if shape is None or shape.endless:
         return None
-    moments: list[float] = shape.inertia(mass(table, solid), scene.dimensions).tolist()
+    moments: list[float] = shape.inertia(mass, dimensions).tolist()
     return tuple(moments)
 
 

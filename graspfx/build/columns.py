@@ -16,19 +16,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.bodies import inertia, mass
+from graspfx.build.bodies import mass, solid_inertia
 from graspfx.build.fading import squeezes
 from graspfx.build.live import numbered
+from graspfx.build.numbers import general
+from graspfx.build.part_columns import PartBlocks, PartColumns, fades, is_of_a_hand, is_of_a_part
 from graspfx.build.resolve import resolve
 from graspfx.compile.records import start_of
 from graspfx.coupling import block as at
 from graspfx.coupling.fade import BAND, FADE
-from graspfx.coupling.grasp_state import GraspState
+from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import GraspFXError
 from graspfx.numeric import LARGEST, SMALLEST
-from graspfx.objects.body import VISCOUS_LIMIT, fill_body
+from graspfx.objects.body import VISCOUS_LIMIT
 from graspfx.objects.body_state import BodyState
-from graspfx.objects.integrators import SIZE
 
 if TYPE_CHECKING:
     from graspfx.build.object_parts import ObjectPart
@@ -67,7 +68,15 @@ class Columns:
     @cached_property
     def by_field(self) -> dict[str, FloatArray]:
         """Values by the key in its general form, or with its number where only one of a list has it."""
-        return {_own(self.scene, key): each for key, each in self.values.items()}
+        numbers = {_own(self.scene, key): each for key, each in self.values.items()}
+        return {key: each for key, each in numbers.items() if not is_of_a_part(self.scene, key)}
+
+    @cached_property
+    def of_parts(self) -> PartColumns | None:
+        """Values of devices and hands; None where there are none."""
+        numbers = {_own(self.scene, key): each for key, each in self.values.items()}
+        own = {key: each for key, each in numbers.items() if key not in self.by_field}
+        return PartColumns(self.scene, own) if own else None
 
     @property
     def count(self) -> int:
@@ -99,6 +108,8 @@ class Columns:
         if self.has_gains:
             tests += [self.gain(one) == self.gain(other) for one, other in PAIRS]
         tests += [each == 0.0 for key, each in self.by_field.items() if key not in GAINS]
+        if self.of_parts is not None:
+            tests += [each == 0.0 for each in self.of_parts.values.values()]
         return np.asarray(np.stack(tests, axis=1) @ (1 << np.arange(len(tests))))
 
     @property
@@ -108,6 +119,8 @@ class Columns:
     def sound(self, parts: Parts) -> BoolArray:
         """Tell of choice values it is sure that the scene's checks pass them, as those of another variant pass."""
         sound = np.ones(self.count, dtype=bool)
+        if self.of_parts is not None:
+            sound &= self.of_parts.sound(parts)
         for key, values in self.by_field.items():
             sound &= np.isfinite(values) & (values >= 0.0) & (values <= LARGEST)
             if key.endswith(".mass"):
@@ -145,21 +158,31 @@ class Columns:
     def moments(self, part: ObjectPart) -> FloatArray:
         """Compute the moments of an object's body, (V, 3): by the formula of one, for each mass that there is."""
         masses, choice = np.unique(self.body(part.index, "mass"), return_inverse=True)
-        rows = np.array([_moments(self.scene, part, mass) for mass in masses.tolist()])
-        return np.asarray(rows[choice.ravel()])
+        return np.asarray(_moments(self.scene, part, masses.tolist())[choice.ravel()])
 
     # Where they go ------------------------------------------------------------------------------------------------
 
     def fill(self, parts: Parts, servo: Servo) -> Iterator[Column]:
-        """List the entries of a servo's blocks that these values go to, with their numbers."""
+        """List the entries of a servo's blocks that these values go to, with their numbers.
+
+        Raises:
+            NotAlikeError: values of devices and hands that choose what is computed.
+        """
+        blocks = None if self.of_parts is None else self.of_parts.blocks(parts, servo)
+        if blocks is not None:
+            yield from blocks.columns()
         for part, grasped in zip(parts.objects, (each.grasped for each in servo.objects), strict=True):
             block = grasped.block
             if self.has_gains:
                 for key, field in GAINS.items():
                     yield block, start_of(GraspState, field), self.gain(key)
-                yield from self._fade(parts, servo, block, part.index)
+            if self.has_gains or (self.of_parts is not None and self.of_parts.has_hands):
+                yield from self._fade(parts, servo, block, part.index, blocks)
             yield from self._body(part, block)
             for j, finger in enumerate(part.fingers.tolist()):
+                limit = None if blocks is None else blocks.limit(finger)
+                if limit is not None:
+                    yield block, at.ROW + j * at.STRIDE + start_of(FingerState, "limit"), limit
                 values = self._coefficient(finger)
                 if values is not None:
                     yield block, at.ROW + j * at.STRIDE + at.COEFFICIENT, values
@@ -180,16 +203,22 @@ class Columns:
             for a in range(3):
                 yield block, at.BODY + start_of(BodyState, "inertia") + a, moments[:, a]
 
-    def _fade(self, parts: Parts, servo: Servo, block: FloatArray, index: int) -> Iterator[Column]:
+    def _fade(
+        self, parts: Parts, servo: Servo, block: FloatArray, index: int, blocks: PartBlocks | None
+    ) -> Iterator[Column]:
         """Compute where an automatic fade begins and ends, `fading.set_fade` for all variants."""
-        if not _fades(self.scene):
+        if not fades(self.scene):
             return
         inward = np.zeros_like(parts.start)
         for each in servo.objects:
             inward[each.fingers] = each.grasped.inward()
-        pushes = squeezes(parts, servo.objects, inward)
+        push = (
+            blocks.pushes[blocks.choice, index]
+            if blocks is not None and len(blocks.pushes)
+            else squeezes(parts, servo.objects, inward)[index]
+        )
         kep, kip = self.gain("coupling.external.stiffness"), self.gain("coupling.internal.stiffness")
-        needed = 0.5 * np.abs(1.0 / kep - 1.0 / kip) * pushes[index]
+        needed = 0.5 * np.abs(1.0 / kep - 1.0 / kip) * push
         near = needed <= FADE[0]
         yield block, at.NEAR, np.where(near, FADE[0], needed)
         yield block, at.FAR, np.where(near, FADE[1], needed + BAND)
@@ -210,9 +239,11 @@ def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) 
         return []
     if len(set(own.values())) < len(own):
         return []  # two keys for one value: the later one wins
+    if any(".*." in one and one != two and general(two) == one for one in own.values() for two in own.values()):
+        return []  # a key of all tables, and of one of them
     numbers = {key for key, items in values.items() if all(type(each) in (int, float) for each in items)}
     others = [key for key in values if key not in numbers or not _is_plain(scene, parts, own[key])]
-    if _fades(scene) and others:  # they may change what the hands squeeze with
+    if fades(scene) and others:  # they may change what the hands squeeze with
         others += [key for key in values if own[key] in GAINS]
     if not all(BESIDE.match(key) for key in others):
         return []  # its checks, or what it fills, may ask for the plain ones
@@ -221,12 +252,15 @@ def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) 
 
 def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
     coupling = scene.coupling
+    gains = [
+        getattr(part, name) for part in (coupling.external, coupling.internal) for name in ("stiffness", "damping")
+    ]
+    meshes = any(part.solid.mesh is not None for part in parts.objects)  # walks on them reach as far as a fade
+    steady = all(isinstance(gain, int | float) for gain in gains) and not (meshes and fades(scene))
     if own in GAINS:
-        gains = [
-            getattr(part, name) for part in (coupling.external, coupling.internal) for name in ("stiffness", "damping")
-        ]
-        meshes = any(part.solid.mesh is not None for part in parts.objects)  # walks on them reach as far as a fade
-        return all(isinstance(gain, int | float) for gain in gains) and not (meshes and _fades(scene))
+        return steady
+    if is_of_a_part(scene, own):
+        return steady or not (fades(scene) and is_of_a_hand(own))
     if own == "coupling.friction":
         return isinstance(coupling.friction, int | float) and coupling.contact != "attached"
     first, *rest = own.split(".")
@@ -240,31 +274,23 @@ def _is_plain(scene: Scene, parts: Parts, own: str) -> bool:
     return False
 
 
-def _fades(scene: Scene) -> bool:
-    """Tell whether a fade is automatic, so that it begins where the hands' squeeze asks for it."""
-    rules = scene.coupling
-    return rules.fade == "auto" and rules.absent != "follow" and rules.contact != "attached"
-
-
 def _own(scene: Scene, key: str) -> str:
     """Write a key with the numbers of its tables; one that stands for the only table of a list has 0."""
     key = numbered(scene, key)
     first, *rest = key.split(".")
-    if first == "object" and rest and not rest[0].isdecimal() and len(scene.object) == 1:
-        return f"object.0.{'.'.join(rest)}"
+    if first in ("object", "finger", "device", "hand") and rest and not (rest[0].isdecimal() or rest[0] == "*"):
+        return f"{first}.0.{'.'.join(rest)}" if len(getattr(scene, first)) == 1 else key
     return key
 
 
-def _moments(scene: Scene, part: ObjectPart, weight: float) -> list[float]:
-    """Compute the moments that a body's block has with a mass, as `fill_body` does."""
-    table = part.table.model_copy(update={"mass": weight})
-    state = np.zeros(SIZE)
-    fill_body(
-        state,
-        dimensions=scene.dimensions,
-        mass=weight,
-        inertia=inertia(scene, table, part.solid),
-        free=scene.free(table),
-    )
-    first = start_of(BodyState, "inertia")
-    return list(state[first : first + 3])
+def _moments(scene: Scene, part: ObjectPart, weights: Sequence[float]) -> FloatArray:
+    """Compute the moments that a body's block has with some masses, (M, 3), as `fill_body` does."""
+    rows = np.zeros((len(weights), 3))
+    for k, weight in enumerate(weights):
+        own = part.table.inertia
+        moments = solid_inertia(part.solid, weight, scene.dimensions) if own is None else own
+        if moments is not None:
+            rows[k] = moments
+    if scene.dimensions == 2:
+        rows[:, :2] = 0.0
+    return rows

@@ -20,6 +20,12 @@ from tests.support.small_scenes import line
 
 GAINS = [f"coupling.{share}.{quantity}" for share in ("external", "internal") for quantity in ("stiffness", "damping")]
 OTHERS = ["coupling.friction", "object.mass", "object.viscosity", "object.rotational_viscosity", "finger.0.friction"]
+PARTS = [
+    "finger.0.hand.stiffness", "finger.0.hand.damping", "finger.0.hand.squeeze", "finger.0.hand.squeeze_ramp",
+    "finger.0.hand.motion.amplitude", "finger.0.hand.motion.frequency", "hand.0.arm.stiffness", "hand.0.grip.damping",
+    "hand.0.squeeze", "finger.0.device.mass", "finger.*.device.damping", "finger.1.device.force_limit",
+    "device.0.mass", "device.0.damping", "device.0.force_limit",
+]  # fmt: skip
 SHELF = ["paper-spring", "sphere-three-fingers", "reference-1dof", "paper-waving", "unequal-devices", "soft-pinch"]
 COUNT = FULL + 4
 
@@ -87,6 +93,29 @@ def test_columns_are_what_is_built_on_the_shelf(name: str) -> None:
         require_as_built(scene, {key: keys[key] for key in pairs[k]})
 
 
+@pytest.mark.parametrize("name", ["reference-1dof", "paper-spring", "paper-waving", "carry-bar"])
+def test_devices_and_hands_are_what_is_built_on_the_shelf(name: str) -> None:
+    scene, rng = gx.load(name), np.random.default_rng(len(name))
+    keys = {key: values for key in PARTS if (values := values_of(scene, key, rng)) is not None}
+    assert keys
+    for key, values in keys.items():
+        assert require_as_built(scene, {key: values}) <= 4, key
+    first, second = rng.choice([*keys, "coupling.internal.stiffness"], size=2, replace=False).tolist()
+    keys["coupling.internal.stiffness"] = rng.uniform(40.0, 90.0, COUNT)
+    require_as_built(scene, {first: keys[first], second: keys[second]})
+
+
+def test_a_value_that_a_driver_refuses_is_said_as_of_one_scene() -> None:
+    scene = gx.load("reference-1dof")
+    values = np.linspace(0.1, 0.2, 40)
+    values[17] = -1.0
+    with pytest.raises(SceneError) as single:
+        scene.replace({"finger.0.device.mass": -1.0})
+    with pytest.raises(SceneError, match=r"finger\.0\.device\.mass = -1\.0") as several:
+        gx.run_batch(scene, {"finger.0.device.mass": values}, 0.1)
+    assert [fault.message for fault in several.value.faults] == [fault.message for fault in single.value.faults]
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_columns_are_what_is_built_of_random_scenes(seed: int) -> None:
     table: dict[str, Any] = random_case(seed).table
@@ -98,11 +127,11 @@ def test_columns_are_what_is_built_of_random_scenes(seed: int) -> None:
 
 
 def test_columns_stand_beside_values_that_are_built() -> None:
-    """Devices of which each is built, and gains and masses that are not, together."""
+    """Starts of which each is built, and gains and masses that are not, together."""
     scene, rng = gx.load("reference-1dof"), np.random.default_rng(1)
-    values = {
+    values: dict[str, Any] = {
         "coupling.external.stiffness": rng.uniform(10.0, 60.0, COUNT),
-        "finger.0.hand.stiffness": np.repeat([30.0, 36.0], COUNT // 2),
+        "finger.0.start": np.array([[0.002], [0.0021]] * (COUNT // 2)),
         "object.mass": rng.uniform(0.05, 0.2, COUNT),
     }
     assert plain_keys(scene, resolve(scene), {key: each.tolist() for key, each in values.items()}) == [

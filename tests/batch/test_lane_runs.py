@@ -108,7 +108,7 @@ def test_recordings_of_lanes_are_single_runs(name: str, lanes: list[LaneRuns]) -
 
 
 def test_faults_are_those_of_single_runs(lanes: list[LaneRuns]) -> None:
-    """Of gains with which the grasp blows up each lane stops at its own tick, and says why as its run does."""
+    """Each lane of gains with which the grasp blows up stops at its own tick, and says why as its run does."""
     scene = gx.load("reference-1dof")
     values = {"coupling.external.stiffness": np.geomspace(30.0, 1e6, 9)}
     batch = gx.run_batch(scene, values, 3.0)
