@@ -102,9 +102,9 @@ def run(
             file = make_folder(out) / NAME
             free = shutil.disk_usage(file.parent).free
             more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
-            both = 2 * (size + more / every)  # the part, and the recording from it
-            _require_room(ticks, both, f"the disk of {file.parent}", free)
             packed = scene_.record.compression
+            copies = 1 if packed == "none" else 2  # what is compressed is written beside the part
+            _require_room(ticks, copies * (size + more / every), f"the disk of {file.parent}", free)
             sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
         with Recorder(servo.layout, header, sinks, keep=out is None, ticks=ticks) as recorder:
             began = perf_counter()
