@@ -163,8 +163,9 @@ def require_memory(ticks: float, size: float) -> None:
 def _require_disk(folder: Path, ticks: float, size: float) -> None:
     """Raise InputError where so many ticks of so many bytes have no room on the disk of a folder that may not exist."""
     home = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
-    if home is not None:
-        _require_room(ticks, size, f"the disk of {folder}", shutil.disk_usage(home).free)
+    usage = None if home is None else shutil.disk_usage(home)
+    if usage is not None and usage.total > 0:  # what is no disk, as /proc, has none
+        _require_room(ticks, size, f"the disk of {folder}", usage.free)
 
 
 def _require_room(ticks: float, size: float, where: str, limit: float) -> None:

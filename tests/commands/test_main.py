@@ -333,13 +333,13 @@ def test_more_ticks_than_the_disk_has_room_for(
 ) -> None:  # fmt: skip
     row, forces, time = 17 * 8, 2 * 2 * 8, 8  # 17 columns; internal and external force of two fingers on a line
     each = copies * (row + forces + time)  # what is compressed is written beside the part
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=400 * each - 1))
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(total=1, free=400 * each - 1))
     scene = graspfx.load("reference-1dof", {"record.compression": compression})
     rec = graspfx.run(scene)
     assert len(rec) == 400 and rec.rows.nbytes == 400 * row
     with pytest.raises(graspfx.errors.InputError, match=rf"given 400, .*each takes {each} bytes .*disk of here"):
         graspfx.run(scene, out="here")
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=400 * each))
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(total=1, free=400 * each))
     assert len(graspfx.run(scene, out="there")) == 400
 
 
