@@ -131,7 +131,7 @@ def test_full_blocks_go_out_only_when_drained() -> None:
 
 
 def test_a_block_is_full_or_about_a_second_old(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of 26 numbers, 5041 rows take a MB; a clock that the test sets says when fewer go out."""
+    """A MB holds 5041 rows of 26 numbers; a clock that the test sets says when fewer go out."""
     clock = 0.0
     monkeypatch.setattr(time, "monotonic", lambda: clock)
     counts: list[int] = []
