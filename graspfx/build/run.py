@@ -10,6 +10,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -91,6 +92,10 @@ def run(
     ticks = ticks_of(scene_.duration if duration is None else duration, scene_.period)
     if out is None:
         require_memory(ticks, size)
+    else:
+        more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
+        copies = 1 if scene_.record.compression == "none" else 2  # what is compressed is written beside the part
+        _require_disk(recording_path(out, "out"), ticks, copies * (size + more / every))
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
     with build(scene_, selected=True) as servo:
@@ -99,12 +104,7 @@ def run(
         if out is not None:
             from graspfx.loop.recording.sink import FileSink
 
-            file = make_folder(out) / NAME
-            free = shutil.disk_usage(file.parent).free
-            more = 8 * (sum(math.prod(column.shape) for column in layout.forces) + 1)  # and the time
-            both = 2 * (size + more / every)  # the part, and the recording from it
-            _require_room(ticks, both, f"the disk of {file.parent}", free)
-            packed = scene_.record.compression
+            file, packed = make_folder(out) / NAME, scene_.record.compression
             sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
         with Recorder(servo.layout, header, sinks, keep=out is None, ticks=ticks) as recorder:
             began = perf_counter()
@@ -158,6 +158,14 @@ def ticks_of(duration: float, period: float) -> int:
 def require_memory(ticks: float, size: float) -> None:
     """Raise InputError where so many ticks of so many bytes have no room in memory."""
     _require_room(ticks, size, "this machine's memory", _memory())
+
+
+def _require_disk(folder: Path, ticks: float, size: float) -> None:
+    """Raise InputError where so many ticks of so many bytes have no room on the disk of a folder that may not exist."""
+    home = next((each for each in (folder, *folder.absolute().parents) if each.is_dir()), None)
+    usage = None if home is None else shutil.disk_usage(home)
+    if usage is not None and usage.total > 0:  # what is no disk, as /proc, has none
+        _require_room(ticks, size, f"the disk of {folder}", usage.free)
 
 
 def _require_room(ticks: float, size: float, where: str, limit: float) -> None:

@@ -16,6 +16,7 @@ from graspfx.coupling import two_forces
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError
 from graspfx.grasp import point_sets
+from graspfx.loop.recording import tally_program
 from graspfx.loop.recording.growth import rough_program
 from graspfx.loop.tick.library import LIBRARY
 from graspfx.loop.tick.programs import Compiled
@@ -50,6 +51,7 @@ def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> 
     try:
         two_forces.warm()
         rough_program.warm()
+        tally_program.warm()
         with build(load(name, overrides, preset=preset), hardware=False) as servo:
             programs = Compiled(servo.script).programs.values()
     except GraspFXError as error:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
@@ -91,20 +91,26 @@ class SplitRule:
     @property
     def block(self) -> FloatArray:
         """A block for the kernel, with the rule in it."""
-        n = len(self.shares)
-        free = np.array([*self.translations, *self.rotations], dtype=bool)
-        division = Division(np.zeros(size_for(Division, count=n, width=4 if self.soft else 3)))
-        division.count, division.dimensions, division.width = n, self.dimensions, 4 if self.soft else 3
-        division.arm_low, division.arm_high = self.blend or (NO_ARM, NO_ARM)
-        if self.fade is not None:
-            division.fade, (division.fade_start, division.fade_end) = True, self.fade
-        freedom = division.freedom
-        freedom.shifts, freedom.turns = int(free[:3].sum()), int(free[3:].sum())
-        for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
-            division.buffer[freedom.axes[k].offset :][:3] = axis
-        division.contacts.array(DividedContact.share)[:] = self.shares
-        division.contacts.array(DividedContact.patch)[:] = self.patches
-        return np.asarray(division.buffer)
+        return _block_of(self).copy()
+
+
+@lru_cache(64)  # a run divides its rows by the same few rules, block after block
+def _block_of(rule: SplitRule) -> FloatArray:
+    """Write a rule into a block."""
+    n, width = len(rule.shares), 4 if rule.soft else 3
+    free = np.array([*rule.translations, *rule.rotations], dtype=bool)
+    division = Division(np.zeros(size_for(Division, count=n, width=width)))
+    division.count, division.dimensions, division.width = n, rule.dimensions, width
+    division.arm_low, division.arm_high = rule.blend or (NO_ARM, NO_ARM)
+    if rule.fade is not None:
+        division.fade, (division.fade_start, division.fade_end) = True, rule.fade
+    freedom = division.freedom
+    freedom.shifts, freedom.turns = int(free[:3].sum()), int(free[3:].sum())
+    for k, axis in enumerate(np.vstack([np.eye(3), np.eye(3)])[free]):
+        division.buffer[freedom.axes[k].offset :][:3] = axis
+    division.contacts.array(DividedContact.share)[:] = rule.shares
+    division.contacts.array(DividedContact.patch)[:] = rule.patches
+    return np.asarray(division.buffer)
 
 
 class Samples(NamedTuple):

@@ -310,6 +310,28 @@ def test_after_an_error_no_thread_begins_another_job():
     assert len(begun) < 50
 
 
+def test_a_batch_records_what_its_scene_asks_for_and_measures_every_tick(line):
+    sets = {"record.columns": ["finger_force", "touching"], "record.every": 7}
+    some, values = line.replace(sets), {KIP: [60.0, 90.0]}
+    batch = gx.run_batch(some, values, 0.5, keep="recordings")
+    whole = gx.run_batch(line, values, 0.5, keep="recordings")
+    for index in range(2):
+        recording, run = require(batch.recordings)[index], single(some, batch, (index,), 0.5)
+        assert [*recording.layout.columns] == [*run.layout.columns] == ["finger_force", "touching"]
+        assert recording.rows.tobytes() == run.rows.tobytes()
+        assert (recording.ticks, recording.end) == (run.ticks, run.end)
+        every = require(whole.recordings)[index].finger_force[::7]
+        assert recording.finger_force.tobytes() == every.tobytes()
+    summaries = require(gx.run_batch(some, values, 0.5, keep="summary").summaries)
+    assert "one in 7 ticks" in summaries[0]["recorded"]
+    assert summaries[0]["peak_force"] == require(batch.recordings)[0].summary()["peak_force"]
+    some_peak, whole_peak = (
+        require(gx.run_batch(each, values, 0.5, measure=["finger_position"], statistics=["peak"]).measures)
+        for each in (some, line)
+    )
+    np.testing.assert_array_equal(some_peak["finger_position"]["peak"], whole_peak["finger_position"]["peak"])
+
+
 def test_summaries_are_those_of_recordings(line):
     batch = gx.run_batch(line, {BV: [0.5, 0.8]}, 0.5, keep="summary")
     expected = single(line, batch, (1,), 0.5).summary()

@@ -333,15 +333,20 @@ def test_more_ticks_than_there_is_room_for(key: str, value: float, out: str | No
     assert not Path("here").exists()
 
 
-def test_more_ticks_than_the_disk_has_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    row, forces = 17 * 8, 2 * 2 * 8  # 17 columns; internal and external force of two fingers on a line
-    each = 2 * row + forces  # the part, and the recording with the two forces beside its columns
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=400 * each - 1))
-    scene = graspfx.load("reference-1dof")
+@pytest.mark.parametrize(("compression", "copies"), [("none", 1), ("gzip", 2)])
+def test_more_ticks_than_the_disk_has_room_for(
+    compression: str, copies: int, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    row, forces, time = 17 * 8, 2 * 2 * 8, 8  # 17 columns; internal and external force of two fingers on a line
+    each = copies * (row + forces + time)  # what is compressed is written beside the part
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(total=1, free=400 * each - 1))
+    scene = graspfx.load("reference-1dof", {"record.compression": compression})
     rec = graspfx.run(scene)
     assert len(rec) == 400 and rec.rows.nbytes == 400 * row
     with pytest.raises(graspfx.errors.InputError, match=rf"given 400, .*each takes {each} bytes .*disk of here"):
         graspfx.run(scene, out="here")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(total=1, free=400 * each))
+    assert len(graspfx.run(scene, out="there")) == 400
 
 
 @pytest.mark.parametrize("command", ["run", "plot"])

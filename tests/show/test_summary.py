@@ -8,9 +8,10 @@ import sys
 import numpy as np
 import pytest
 
+from graspfx.loop.recording import tally_program
 from graspfx.loop.recording.header import Outcome, RunFault
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.tally import internal_deformation
+from graspfx.loop.recording.tally_program import MORE, Measures
 from graspfx.loop.recording.vibration import vibration
 from graspfx.show import table
 from graspfx.show.summary_table import ROWS, columns, print_summary
@@ -39,13 +40,20 @@ def test_a_wave_in_closed_form(n: int, k: float) -> None:
     assert found["tick_cost"] == pytest.approx(100.0)
 
 
+def squeeze(e: np.ndarray, touching: np.ndarray) -> list[float]:
+    """Largest squeeze of each row of displacements (N, n, d), -1 where there is none."""
+    count, n, d = e.shape
+    rows = np.concatenate([e.reshape(count, -1), np.zeros((count, n * d)), touching.astype(float)], axis=1)
+    measures = Measures(count)
+    return [measures.places(each[None], range(n), d, 0, 2 * n * d, n * d, -1)[0] for each in rows]
+
+
 def test_deformation_counts_only_fingers_that_touch_and_only_when_two_do() -> None:
-    p = np.array([[[0.001], [-0.003]], [[0.001], [-0.003]], [[0.004], [0.0]]])
-    c = np.zeros((3, 2, 1))
+    e = np.array([[[0.001], [-0.003]], [[0.001], [-0.003]], [[0.004], [0.0]]])
     touching = np.array([[True, True], [True, False], [True, True]])
     # e - mean e = +-2 mm in both ticks that count; a shift of both fingers does not
-    assert internal_deformation(p, c, touching) == pytest.approx([0.002, 0.002])
-    assert internal_deformation(p, c) == pytest.approx([0.002, 0.002, 0.002])
+    assert squeeze(e, touching) == pytest.approx([0.002, -1.0, 0.002])
+    assert squeeze(e, np.ones((3, 2))) == pytest.approx([0.002, 0.002, 0.002])
 
 
 def test_deformation_is_the_residual_of_the_mean_for_three() -> None:
@@ -53,7 +61,36 @@ def test_deformation_is_the_residual_of_the_mean_for_three() -> None:
     P = np.kron(np.full((3, 3), 1.0 / 3.0), np.eye(2))  # of a grasp whose rotation is locked
     residual = e.reshape(10, 6) @ (np.eye(6) - P)
     expected = np.linalg.norm(residual, axis=1) / np.sqrt(3.0)
-    assert internal_deformation(e, np.zeros_like(e)) == pytest.approx(expected, rel=1e-13)
+    assert squeeze(e, np.ones((10, 3))) == pytest.approx(expected, rel=1e-13)
+
+
+@pytest.mark.parametrize("bad", [None, np.nan, np.inf])
+def test_sums_and_peaks_are_the_same_compiled_and_interpreted(
+    bad: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("llvmlite")
+    rng = np.random.default_rng(4)
+    rows, counts = rng.normal(size=(300, 31)), rng.random((300, 3)) > 0.4
+    rows[:, 20:23] = counts
+    if bad is not None:
+        rows[7, 5] = bad
+    answers = []
+    for count in (MORE + 1, 0):  # rows that there are in all, for a program or for Python
+        monkeypatch.setattr(tally_program, "FEW", MORE)
+        measures = Measures(count)
+        answers.append(
+            [
+                *measures.lengths(rows, 5, 3, 3)[0],
+                *measures.lengths(rows, 5, 3, 3, counts)[0],
+                *measures.lengths(rows, 5, 3, 3, counts)[1:],
+                *measures.places(rows, [0, 2], 3, 5, 20, 11, 24),
+            ]
+        )
+    assert np.array(answers[0]).tobytes() == np.array(answers[1]).tobytes()
+    with np.errstate(invalid="ignore"):
+        sizes = np.linalg.norm(rows[:, 5:14].reshape(300, 3, 3), axis=2)
+        assert answers[0][:3] == pytest.approx(sizes.max(axis=0), rel=1e-14, nan_ok=True)
+        assert answers[0][6:8] == pytest.approx([sizes[counts].sum(), counts.sum()], rel=1e-13, nan_ok=True)
 
 
 @pytest.mark.parametrize(("frequency", "gain"), [(0.5, 0.0), (1.0, 0.0), (5.0, 0.5), (20.0, 1.0), (40.0, 1.0)])

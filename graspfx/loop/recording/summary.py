@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.recording.history import History
-from graspfx.loop.recording.tally import Ledger, Mean, Parts, Peaks, books_of, internal_deformation, lengths
+from graspfx.loop.recording.tally import Ledger, Mean, Parts, Peaks, books_of, lengths
+from graspfx.loop.recording.tally_program import Measures
 from graspfx.loop.recording.vibration import Vibration
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +25,9 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
     Keys:
         ticks, period, duration: N, T [s], N T [s].
         touching: per finger, the share of ticks in which it touches.
-        internal_deformation_mean, internal_deformation_peak: see `tally.internal_deformation` [m].
+        internal_deformation_mean, internal_deformation_peak: how far touching fingers squeeze in against each
+            other, sqrt(mean |e - mean e|^2), e = p - c: (I - P) e with the object's rotation locked, eq. (3), so that
+            moving the whole hand against the object does not count [m].
         invasion_mean, invasion_peak: depth of touching fingers in the object, along its normal [m]; None if attached.
         finger_distance_mean, finger_distance_least: between two fingers [m]; None for another number of them.
         tracking_error: RMS distance between an object's centre and the centre of its fingers [m].
@@ -98,6 +101,7 @@ class Tally:
         self.energy: FloatArray | None = None
         self.shaking = Vibration(recording.row_period, len(recording))
         self.signals: dict[str, slice] = {}
+        self.measures = Measures(len(recording))
 
     def has(self, *columns: str) -> bool:
         """Tell whether the recording has all of these columns."""
@@ -113,14 +117,15 @@ class Tally:
         if self.has("saturated") and (saturated := part.saturated) is not None:
             for i in range(self.n):
                 self.saturated[i].add(saturated[:, i])
+        rows = np.array(part.rows)  # which programs take only where they could write
         if self.has("finger_position"):
-            self._add_places(part, touching)
+            self._add_places(part, rows)
         if self.has("gap", "touching"):
             depth = np.maximum(-part.read("gap", 0, len(part)), 0.0)[touching]
             self.depth.add(depth)
             self.deepest.add(1, depth)
         if self.has("finger_force"):
-            self._add_forces(part, touching, signals)
+            self._add_forces(part, rows, touching, signals)
         tips = "true_position" if layout.simulated else "finger_position"
         if self.has(tips):
             signals.append(("finger_vibration", part.array(tips)))
@@ -139,36 +144,39 @@ class Tally:
             self.energy = part.array("device_energy")[-1].copy()
         self._add_signals(signals)
 
-    def _add_places(self, part: History, touching: NDArray[np.bool_]) -> None:
-        p = part.finger_position
+    def _add_places(self, part: History, rows: FloatArray) -> None:
+        p, at, d = part.finger_position, part.layout.columns, part.layout.dimensions
+        squeezes = self.has("contact_position", "touching")
+        touching, contact = (at[k].where.start if squeezes else -1 for k in ("touching", "contact_position"))
         for name, fingers in self.groups:
-            if self.has("contact_position", "touching"):
-                squeeze = internal_deformation(p[:, fingers], part.contact_position[:, fingers], touching[:, fingers])
-                self.deformation.add(squeeze)
-                self.deepest.add(0, squeeze)
-            if fingers and self.has(f"objects/{name}/position"):
-                x = part.array(f"objects/{name}/position")
-                self.error.add(lengths(x - p[:, fingers].mean(axis=1)), squares=True)
+            place = f"objects/{name}/position"
+            centre = at[place].where.start if fingers and self.has(place) else -1
+            start = at["finger_position"].where.start
+            peak, total, count, squares = self.measures.places(rows, fingers, d, start, touching, contact, centre)
+            self.deformation.add_sum(total, count)
+            self.deepest.add_peak(0, peak)
+            if centre >= 0:
+                self.error.add_squares(squares, len(part))
         if self.n == 2:
             apart = lengths(p[:, 1] - p[:, 0])
             self.apart.add(apart)
             self.least_apart = min(self.least_apart, float(apart.min(initial=np.inf)))
 
     def _add_forces(
-        self, part: History, touching: NDArray[np.bool_], signals: list[tuple[str, FloatArray]]
+        self, part: History, rows: FloatArray, touching: NDArray[np.bool_], signals: list[tuple[str, FloatArray]]
     ) -> None:  # fmt: skip
-        force = part.finger_force
-        sizes = lengths(force)
-        lengths_displayed = lengths(part.array("displayed_force")) if self.has("displayed_force") else sizes
-        for i in range(self.n):
-            self.force.add(i, sizes[:, i])
-            self.displayed.add(i, lengths_displayed[:, i])
+        force, at = part.finger_force, part.layout.columns
+        displayed = "displayed_force" if self.has("displayed_force") else "finger_force"
+        for peaks, name in ((self.force, "finger_force"), (self.displayed, displayed)):
+            largest, _, _ = self.measures.lengths(rows, at[name].where.start, self.n, part.layout.dimensions)
+            for i in range(self.n):
+                peaks.add_peak(i, largest[i])
         signals.append(("force_vibration", force))
         if not part.header.split or not part.layout.forces or not self.has("touching"):
             return
         both = {"internal_force": part.internal_force, "external_force": part.external_force}
         for name, values in both.items():
-            self.parts[name].add(values, touching)
+            self.parts[name].add(self.measures, values, touching)
             signals.append((f"{name}_vibration", values))
         if self.has("finger_position"):
             for key, moment, whole in part._row_split.moments(both["internal_force"]):

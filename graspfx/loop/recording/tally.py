@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.loop.recording.tally_program import Measures
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -26,6 +28,14 @@ class Mean:
         else:
             self.total += float(values.sum())
 
+    def add_sum(self, total: float, count: int) -> None:
+        """Add the sum of so many values."""
+        self.total, self.count = self.total + total, self.count + count
+
+    def add_squares(self, squares: float, count: int) -> None:
+        """Add the sum of the squares of so many values."""
+        self.squares, self.count = self.squares + squares, self.count + count
+
     @property
     def mean(self) -> float | None:
         return self.total / self.count if self.count else None
@@ -43,8 +53,16 @@ class Peaks:
 
     def add(self, i: int, values: FloatArray) -> None:
         if values.size:
-            peak, before = float(values.max()), self.values[i]
-            self.values[i] = peak if before is None else float(np.maximum(before, peak))
+            self._add(i, float(values.max()))
+
+    def add_peak(self, i: int, peak: float) -> None:
+        """Add the peak of some values, none of which is below zero; below zero it is of none."""
+        if not peak < 0.0:
+            self._add(i, float(peak))
+
+    def _add(self, i: int, peak: float) -> None:
+        before = self.values[i]
+        self.values[i] = peak if before is None else float(np.maximum(before, peak))
 
 
 class Parts(NamedTuple):
@@ -53,41 +71,17 @@ class Parts(NamedTuple):
     peaks: Peaks
     mean: Mean
 
-    def add(self, force: FloatArray, touching: BoolArray) -> None:
-        size = lengths(force)
-        for i in range(size.shape[1]):
-            self.peaks.add(i, size[touching[:, i], i])
-        self.mean.add(size[touching])
+    def add(self, measures: Measures, force: FloatArray, touching: BoolArray) -> None:
+        count, n, d = force.shape
+        peaks, total, number = measures.lengths(force.reshape(count, n * d), 0, n, d, touching)
+        for i in range(n):
+            self.peaks.add_peak(i, peaks[i])
+        self.mean.add_sum(total, number)
 
 
 def lengths(vectors: FloatArray) -> FloatArray:
     """Compute the lengths of vectors (..., d)."""
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
-
-
-def internal_deformation(
-    finger_position: FloatArray, contact_position: FloatArray, touching: BoolArray | None = None
-) -> FloatArray:
-    """Compute sqrt(mean_i |e_i - mean e|^2), e = p - c: how far touching fingers squeeze in against each other [m].
-
-    e less its mean is (I - P) e with the object's rotation locked, eq. (3), so that moving the whole hand against the
-    object does not count; for two opposed fingers, each d deep, it is d.
-
-    Args:
-        finger_position, contact_position: (N, n, d) of the fingers of one object [m].
-        touching: (N, n); all if not given.
-
-    Returns:
-        One number for each tick in which at least two fingers touch.
-    """
-    e = finger_position - contact_position
-    w = np.ones(e.shape[:2]) if touching is None else touching.astype(float)  # (N, n)
-    grasped = w.sum(axis=1) >= 2.0
-    e, w = e[grasped], w[grasped, :, None]
-    count = w.sum(axis=1, keepdims=True)
-    spread = w * (e - (w * e).sum(axis=1, keepdims=True) / count)
-    mean_square: FloatArray = (spread**2).sum(axis=(1, 2)) / count[:, 0, 0]
-    return np.sqrt(mean_square)
 
 
 class Ledger:
