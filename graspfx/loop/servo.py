@@ -160,8 +160,8 @@ class Servo:
             self._tick = write(self.parts, record=self._record)
             self._own = ServoState(self._tick.own.data)
             faulted = start_of(ServoState, "faulted")
-            bodies = [self.movers[i].body for i in self._tick.guests]
-            self._rounds = GuestRounds(bodies, self._tick.own.data[faulted : faulted + 1])
+            self._flag = self._tick.own.data[faulted : faulted + 1]
+            self._rounds = GuestRounds([self.movers[i].body for i in self._tick.guests], self._flag)
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
             if self._kind not in (Interpreted.name, Generic.name):
                 self.watch.fold(self.parts, self._tick)
@@ -319,7 +319,7 @@ class Servo:
         latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: Recorder | None) -> None:
-        if self.fault is None and self._own.faulted:
+        if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:
                 recorder.fault(*self.fault)

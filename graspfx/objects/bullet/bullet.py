@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from graspfx.compile.calls import Call, in_turn
+from graspfx.compile.kernel import source_function
 from graspfx.compile.records import Record, start_of
 from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import guest
@@ -119,7 +120,8 @@ class CarriedBody(BlockBody):
 
     def take_over(self, T: float) -> int:
         """Write the motion after a step of T [s] to the block; give 0, or a code if the body cannot go on."""
-        return guest.take_over(self._body, self._guest, T)
+        body, part = self._body, self._guest  # as numbers, since every call of a run ends here
+        return int(source_function(guest.take_over)(body.buffer, body.offset, part.buffer, part.offset, T))
 
     @property
     def speed(self) -> float:
