@@ -17,7 +17,7 @@ from graspfx import log
 from graspfx.compile import cache as disk
 from graspfx.compile.emission import FULL, LANES, QUICK, address, emitted, loaded, platform, require_llvm
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
-from graspfx.compile.llvm.method import ENTRY, METHOD, method, method_text
+from graspfx.compile.llvm.method import ENTRY, METHOD, SPREAD, method, method_text
 from graspfx.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,6 +29,21 @@ Run = Callable[..., int]
 
 
 @dataclass(frozen=True)
+class Spread:
+    """A bound program as other machine code calls it, i64 (table of buffers, numbers).
+
+    Args:
+        address: of the function.
+        table: of the buffers' addresses.
+        owner: keeps the code and the buffers.
+    """
+
+    address: int
+    table: Any
+    owner: Any
+
+
+@dataclass(frozen=True)
 class Bound:
     """A program with its buffers, which it keeps.
 
@@ -36,11 +51,13 @@ class Bound:
         brief: runs it, given its numbers; for calls of some microseconds, the interpreter's lock held.
         long: the same with the lock released: other threads run meanwhile.
         pointers: to the buffers, by name; each holds its own.
+        spread: the same for other machine code; None of a program that is interpreted or checked.
     """
 
     brief: Run
     long: Run
     pointers: Mapping[str, ctypes.c_void_p] = field(default_factory=dict)
+    spread: Spread | None = None
 
 
 class Native:
@@ -60,7 +77,7 @@ class Native:
         entry = address(self._engine, ENTRY)
         pointers = [ctypes.c_void_p] * len(self.arrays)
         numbers = [ctypes.c_double if type_ == FLOAT else ctypes.c_int64 for type_ in description["numbers"]]
-        self._method = address(self._engine, METHOD)
+        self._method, self._spread = address(self._engine, METHOD), address(self._engine, SPREAD)
         self._long = ctypes.CFUNCTYPE(ctypes.c_int64, *pointers, *numbers)(entry)
         self._long.engine = self._engine  # type: ignore[attr-defined] # whoever may call holds the code
 
@@ -84,7 +101,9 @@ class Native:
         if self.checked:
             lengths = {name: len(pointer.memory) for name, pointer in pointers.items()}  # type: ignore[attr-defined]
             brief, long = self._watched(brief, lengths), self._watched(long, lengths)
-        return Bound(brief, long, pointers)
+            return Bound(brief, long, pointers)
+        table = (ctypes.c_void_p * len(pointers))(*(pointer.value for pointer in pointers.values()))
+        return Bound(brief, long, pointers, Spread(self._spread, table, (self._engine, pointers)))
 
     def _watched(self, run: Run, lengths: dict[str, int]) -> Run:
         """Check every index of a program: one outside of its buffer is an error."""

@@ -15,6 +15,7 @@ from graspfx.coupling.grasped import fault_text
 from graspfx.errors import DeviceError, GraspFXError, InputError
 from graspfx.loop.device import Device, LimitedDevice
 from graspfx.loop.energy.observer import Observer
+from graspfx.loop.guest_rounds import GuestRounds
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.recording.header import RunFault
@@ -158,6 +159,9 @@ class Servo:
             self.watch.require()  # what stands there now is folded in
             self._tick = write(self.parts, record=self._record)
             self._own = ServoState(self._tick.own.data)
+            faulted = start_of(ServoState, "faulted")
+            self._flag = self._tick.own.data[faulted : faulted + 1]
+            self._rounds = GuestRounds([self.movers[i].body for i in self._tick.guests], self._flag)
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
             if self._kind not in (Interpreted.name, Generic.name):
                 self.watch.fold(self.parts, self._tick)
@@ -186,29 +190,23 @@ class Servo:
                 recorder.drain()
 
     def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
-        """Run ticks of which all but the exchange with guests is one call."""
-        run, faulted, k = engine.each, self._tick.own.data[start_of(ServoState, "faulted") :], self.ticks
-        exchanges = self._exchanges()
-        one = exchanges[0] if len(exchanges) == 1 else None  # without a loop about it
+        """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
+        rounds, last, shift = self._rounds, self.ticks + count, row - self.ticks
+        rounds.k = self.ticks
         try:
-            for r in range(row, row + count):
-                run(k, 1, r)
-                if faulted[0]:
-                    self._notice(recorder)  # now, as it says how things stand
-                    exchanges = self._exchanges()
-                    one = None
-                if one is not None:
-                    one()
-                else:
-                    for exchange in exchanges:
-                        exchange()
-                k += 1
+            while not rounds.run(engine, last, shift):
+                self._notice(recorder)  # now, as it says how things stand
+                self._exchange()
+                rounds.k += 1
         finally:  # what was run is kept also if the run breaks off here
-            self._finish_tick(k - self.ticks, recorder)
+            self._finish_tick(rounds.k - self.ticks, recorder)
 
-    def _exchanges(self) -> list[Callable[[], None]]:
+    def _exchange(self) -> None:
         """Exchange with the guests that are not stuck."""
-        return [self.movers[i].body.exchange for i in self._tick.guests if not self._own.stuck_bodies[i]]
+        exchanges = self._rounds.exchanges(machine=self._kind != Interpreted.name)
+        for i, exchange in zip(self._tick.guests, exchanges, strict=True):
+            if not self._own.stuck_bodies[i]:
+                exchange()
 
     def _settle(self) -> None:
         """Settle what guests were told after the last tick."""
@@ -234,8 +232,7 @@ class Servo:
             engine.end(k, row)
         else:
             engine.run(k, 1, row)
-        for exchange in self._exchanges():
-            exchange()
+        self._exchange()
         for i in tick.bodies:
             self._step(k, i)
         for j in tick.plants:
@@ -322,7 +319,7 @@ class Servo:
         latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: Recorder | None) -> None:
-        if self.fault is None and self._own.faulted:
+        if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:
                 recorder.fault(*self.fault)

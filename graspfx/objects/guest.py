@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
+from graspfx.compile.calls import Call
 from graspfx.compile.kernel import kernel
 from graspfx.compile.records import Record, size_of, start_of
 from graspfx.objects.body import FloatArray
@@ -87,6 +88,16 @@ class Guest(Protocol):
 
     def fault_text(self, code: int) -> str:
         """Explain why a body cannot go on."""
+        ...
+
+
+@runtime_checkable
+class CallingGuest(Guest, Protocol):
+    """A guest whose `exchange` is nothing but calls of the software's functions, which a run then makes itself."""
+
+    @property
+    def calls(self) -> Sequence[Call]:
+        """Calls of an exchange, in their order; none where `exchange` has to be called."""
         ...
 
 

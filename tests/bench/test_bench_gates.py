@@ -94,10 +94,15 @@ def test_a_long_run_costs_little_more_than_its_ticks(name: str, most: float) -> 
 
 
 @pytest.mark.parametrize(
-    ("case_name", "most"), [("line, 2 fingers, kep < kip", 2.0), ("plane, 3 fingers, kep < kip", 2.5)]
+    ("case_name", "most"),
+    [
+        ("line, 2 fingers, kep < kip", 1.4),
+        ("plane, 3 fingers, kep < kip", 1.6),
+        ("space, 5 fingers, kep < kip", 1.6),
+    ],
 )
 def test_a_tick_on_pybullet_is_little_more_than_pybullet(case_name: str, most: float) -> None:
-    """The ratio to the bare calls is at most 2: 1.1 and 1.6 were measured. A busy machine gets a second chance."""
+    """Ratios to the bare calls: 0.8, 1.1 and 1.1 were measured. A busy machine gets further chances."""
     pytest.importorskip("llvmlite")
     pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
     with case_of("ticks", case_name) as case:

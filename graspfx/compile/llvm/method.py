@@ -10,7 +10,7 @@ from typing import Any
 
 from graspfx.compile.llvm.llvm_arithmetic import FLOAT
 
-ENTRY, METHOD = "graspfx_entry", "graspfx_method"
+ENTRY, METHOD, SPREAD = "graspfx_entry", "graspfx_method", "graspfx_spread"
 FASTCALL = 0x80  # METH_FASTCALL: f(self, array of arguments, how many)
 READ = {False: ("i64", "PyLong_AsLongLong"), True: ("double", "PyFloat_AsDouble")}
 DECLARED = {
@@ -36,12 +36,15 @@ class _Definition(ctypes.Structure):
 
 
 def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
-    """Write LLVM's text of the function that reads its arguments and calls the entry.
+    """Write LLVM's text of the functions that read their arguments and call the entry.
 
-    Its `self` is a tuple that begins with the buffers' addresses, as bytes.
+    That for Python has a `self`, a tuple that begins with the buffers' addresses, as bytes. That for other machine
+    code, `graspfx_spread`, takes two addresses: of the table of the buffers' addresses, and of the numbers, eight bytes
+    each.
     """
     n = len(numbers)
     reading, operands = [], [f"ptr %p{k}" for k in range(arrays)]
+    spread = []
     for k, type_ in enumerate(numbers):
         kind, reader = READ[type_ == FLOAT]
         reading += [
@@ -50,6 +53,7 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
             f"  %n{k} = call {kind} @{reader}(ptr %object{k})",
         ]
         operands.append(f"{kind} %n{k}")
+        spread += [f"  %at{k} = getelementptr i64, ptr %numbers, i64 {k}", f"  %n{k} = load {kind}, ptr %at{k}"]
     loading = []
     for k in range(arrays):
         loading += [f"  %slot{k} = getelementptr ptr, ptr %table, i64 {k}", f"  %p{k} = load ptr, ptr %slot{k}"]
@@ -75,6 +79,12 @@ def method_text(entry: str, arrays: int, numbers: Sequence[str]) -> str:
         "  br label %fail",
         "fail:",
         "  ret ptr null",
+        "}",
+        f"define i64 @{SPREAD}(ptr %table, ptr %numbers) nounwind {{",
+        *loading,
+        *spread,
+        f"  %result = call i64 @{entry}({', '.join(operands)})",
+        "  ret i64 %result",
         "}",
     ]
     return "\n".join(lines)

@@ -18,6 +18,8 @@ from graspfx.loop.tick.script import Tick
 if TYPE_CHECKING:
     from subprocess import Popen
 
+    from graspfx.compile.native import Spread
+
 LOADING = 100_000  # ticks to come that are worth a look for a program that was specialised before,
 SPECIALISING = 10_000_000  # and those that are worth specialising one
 LOOKING = 1024  # ticks between two looks whether it is there
@@ -67,6 +69,10 @@ class AutoEngine:
     @property
     def each(self) -> Run:
         return self._engine.each if self._process is None else self.run
+
+    def spread(self, k: int, count: int) -> Spread | None:
+        self._look(k, count)
+        return self._engine.spread(k, count)
 
     def begin(self, k: int) -> None:
         self._look(k, 1)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import FunctionType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graspfx.compile.kernel_checks import checked_function
 from graspfx.loop.tick.programs import Engine, FloatArray, Interpreted, Run
 from graspfx.loop.tick.script import Tick
+
+if TYPE_CHECKING:
+    from graspfx.compile.native import Spread
 
 FIRST = 16  # ticks
 
@@ -61,6 +64,9 @@ class FirstTicks:
     @property
     def each(self) -> Run:
         return self.run if self._left else self._engine.each
+
+    def spread(self, k: int, count: int) -> Spread | None:
+        return None if self._left else self._engine.spread(k, count)
 
     def begin(self, k: int) -> None:
         (self._checked if self._left else self._engine).begin(k)

@@ -15,7 +15,7 @@ from graspfx.loop.tick.library import LIBRARY
 from graspfx.loop.tick.script import Tick
 
 if TYPE_CHECKING:
-    from graspfx.compile.native import Native
+    from graspfx.compile.native import Native, Spread
 
 FloatArray = NDArray[np.float64]
 Run = Callable[[int, int, int], int]
@@ -50,6 +50,13 @@ class Engine(Protocol):
     @property
     def each(self) -> Run:
         """`run` for one tick after the other, until `write_to` is called again."""
+        ...
+
+    def spread(self, k: int, count: int) -> Spread | None:
+        """Give the code of ticks k, ..., k + count - 1 for other machine code, until `write_to` is called again.
+
+        It takes the numbers of `run`. None where they are not machine code.
+        """
         ...
 
     def begin(self, k: int) -> None:
@@ -87,6 +94,9 @@ class Interpreted:
     @property
     def each(self) -> Run:
         return self._run
+
+    def spread(self, k: int, count: int) -> None:
+        return None
 
     def begin(self, k: int) -> None:
         self._begin(k)
@@ -129,6 +139,7 @@ class MachineCode:
             whole = self._bound(self.programs["run"], rows)
             self._long: Run = whole.long
             self._brief: Run = whole.brief
+            self._spread: Spread | None = whole.spread
 
     def _bound(self, program: Any, rows: FloatArray) -> Any:
         """Bind a program to the script's arrays and these rows."""
@@ -146,6 +157,9 @@ class MachineCode:
     @property
     def each(self) -> Run:
         return self._brief
+
+    def spread(self, k: int, count: int) -> Spread | None:
+        return self._spread
 
     def begin(self, k: int) -> None:
         self._begin(k)

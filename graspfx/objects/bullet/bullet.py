@@ -5,10 +5,9 @@ from __future__ import annotations
 import ctypes
 import math
 import os
-import struct
 import sys
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from tempfile import TemporaryFile
@@ -16,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from graspfx.compile.calls import Call, in_turn
+from graspfx.compile.kernel import source_function
 from graspfx.compile.records import Record, start_of
 from graspfx.errors import GraspFXError, InputError, MissingPackageError
 from graspfx.objects import guest
@@ -26,9 +27,8 @@ from graspfx.objects.guest import GuestState
 from graspfx.spatial import Quaternion, Vector, rotate
 
 BANNER = b"pybullet build time"
-Call = Callable[[], None]
-
 NO_LIMIT = 1e12  # PyBullet clamps speeds at 100 m/s unless told otherwise
+NONE = math.inf  # speed that no body has: before the first reading PyBullet is handed any
 
 
 class CarriedBody(BlockBody):
@@ -41,8 +41,8 @@ class CarriedBody(BlockBody):
     only is given the moment about that axis all around, which is the same motion; with two free rotations the
     inertia has to be isotropic.
 
-    `push()` gives PyBullet the wrench that `guest.hand_over` left in the body's part, for its next step; `read()`
-    writes the motion after that step there, for `guest.take_over`.
+    The calls `pushes` give PyBullet the wrench that `guest.hand_over` left in the body's part, for its next step;
+    `readings` write the motion after that step there, for `guest.take_over`.
 
     Args:
         state: (SIZE,) the block, filled by `fill_body`. The motion is read from it once, then written only.
@@ -101,9 +101,11 @@ class CarriedBody(BlockBody):
         guest_state.turns, guest_state.axis = len(self._turns), self._turns[0] if self._turns else 0
         guest_state.moments, guest_state.start = Vector(*moments), Quaternion(*self._start)
         guest_state.start_angle = self._body.motion.angle
-        last: list[Sequence[float]] = [where]
-        self.push = _bind_push(guest_state, client, self.body, last)
-        self.read = _bind_read(guest_state, client, self.body, last)
+        guest_state.place = Vector(*where)
+        if shaped:
+            guest_state.spin = Vector(NONE, NONE, NONE)
+        self.pushes = _pushes(guest_state, client, self.body)
+        self.readings = _readings(guest_state, client, self.body)
 
     def hold(self, T: float) -> None:
         """Compute the shares of viscosity over samples of T [s]."""
@@ -118,7 +120,8 @@ class CarriedBody(BlockBody):
 
     def take_over(self, T: float) -> int:
         """Write the motion after a step of T [s] to the block; give 0, or a code if the body cannot go on."""
-        return guest.take_over(self._body, self._guest, T)
+        body, part = self._body, self._guest  # as numbers, since every call of a run ends here
+        return int(source_function(guest.take_over)(body.buffer, body.offset, part.buffer, part.offset, T))
 
     @property
     def speed(self) -> float:
@@ -147,88 +150,45 @@ class CarriedBody(BlockBody):
         return J, J, J
 
 
-def _bind_push(guest_state: GuestState, client: int, body: int, where: list[Sequence[float]]) -> Call:
-    """Make the call that pushes a body in PyBullet by the wrench handed over; what would change nothing is left out.
+def _pushes(guest_state: GuestState, client: int, body: int) -> list[Call]:
+    """List the calls that push a body in PyBullet by the wrench handed over; what would change nothing is left out.
 
-    Names are bound once and arguments are positional, which saves 0.2 us a call. `where` holds its last position.
+    Arguments are positional where they can be, which saves 0.2 us a call.
     """
     bullet = pybullet()
-    force, torque, spin, frame = (
-        bullet.applyExternalForce, bullet.applyExternalTorque, bullet.resetBaseVelocity, bullet.WORLD_FRAME,
-    )  # fmt: skip
-    three, bits = struct.Struct("3d").unpack_from, struct.Struct("24s").unpack_from
-    F = guest_state.buffer
-    push_at, twist_at, spin_at = (8 * start_of(GuestState, name) for name in ("push", "twist", "spin"))
-    none, centre, own_frame = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), bullet.LINK_FRAME
-    same = False  # the spin in the buffer is PyBullet's
-
-    def push() -> None:
-        pushed = three(F, push_at)
-        if pushed != none:
-            force(body, -1, pushed, centre, own_frame, client)
-
-    def push_and_twist() -> None:
-        pushed, twist = three(F, push_at), three(F, twist_at)
-        if pushed != none:
-            force(body, -1, pushed, where[0], frame, client)
-        if twist != none:
-            torque(body, -1, twist, frame, client)
-
-    def push_and_spin() -> None:
-        nonlocal same
-        pushed = three(F, push_at)
-        if pushed != none:
-            force(body, -1, pushed, where[0], frame, client)
-        if not same or bits(F, twist_at) != bits(F, spin_at):
-            spin(body, angularVelocity=three(F, twist_at), physicsClientId=client)
-        same = True
-
+    force = bullet.applyExternalForce
+    push, twist, spin = (_entries(guest_state, name) for name in ("push", "twist", "spin"))
+    pushed, turned, where = [0.0] * 3, [0.0] * 3, [0.0] * 3
     if guest_state.turns == 0:  # its frame is never turned, and PyBullet's x+ = x + T v+ is ours to the last bit
-        return push
-    return push_and_spin if guest_state.by_spin else push_and_twist
+        own = (body, -1, pushed, (0.0, 0.0, 0.0), bullet.LINK_FRAME, client)
+        return [Call(force, own, sends=[(pushed, push)], nonzero=push)]
+    frame = bullet.WORLD_FRAME
+    at_centre = [(pushed, push), (where, _entries(guest_state, "place"))]
+    first = Call(force, (body, -1, pushed, where, frame, client), sends=at_centre, nonzero=push)
+    twisting = [(turned, twist)]
+    if not guest_state.by_spin:
+        second = Call(bullet.applyExternalTorque, (body, -1, turned, frame, client), sends=twisting, nonzero=twist)
+        return [first, second]
+    keywords = {"angularVelocity": turned, "physicsClientId": client}
+    return [first, Call(bullet.resetBaseVelocity, (body,), keywords, sends=twisting, changed=(twist, spin))]
 
 
-def _bind_read(guest_state: GuestState, client: int, body: int, where: list[Sequence[float]]) -> Call:
-    """Make the call that reads a body's motion from PyBullet, and leaves its position in `where`."""
-    bullet = pybullet()
-    place, motion = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
-    F, received_at = guest_state.buffer, 8 * start_of(GuestState, "velocity")
-    all_of_it, velocity_alone = struct.Struct("13d").pack_into, struct.Struct("3d").pack_into
-    pair = (body, client)  # a tuple that stays: `f(*pair)` makes none for the call
-
-    def read_velocity() -> None:
-        velocity, _ = motion(*pair)
-        velocity_alone(F, received_at, *velocity)
-
-    def read() -> None:
-        where[0], turn = place(*pair)
-        velocity, spin = motion(*pair)
-        all_of_it(F, received_at, *velocity, *where[0], *turn, *spin)
-
-    return read_velocity if guest_state.turns == 0 else read
+def _readings(guest_state: GuestState, client: int, body: int) -> list[Call]:
+    """List the calls that read a body's motion from PyBullet."""
+    bullet, world = pybullet(), (body, client)
+    place, turn, velocity, spin = (_entries(guest_state, name) for name in ("place", "turn", "velocity", "spin"))
+    if guest_state.turns == 0:
+        return [Call(bullet.getBaseVelocity, world, receipts=[(0, velocity)])]
+    return [
+        Call(bullet.getBasePositionAndOrientation, world, receipts=[(0, place), (1, turn)]),
+        Call(bullet.getBaseVelocity, world, receipts=[(0, velocity), (1, spin)]),
+    ]
 
 
-def _bind_exchange(pushes: Sequence[Call], reads: Sequence[Call], client: int) -> Call:
-    """Make the call that pushes every body, lets PyBullet step and reads every body."""
-    advance, world = pybullet().stepSimulation, (client,)
-    if len(pushes) == 1:
-        [push], [read] = pushes, reads
-
-        def exchange_one() -> None:
-            push()
-            advance(*world)
-            read()
-
-        return exchange_one
-
-    def exchange() -> None:
-        for push in pushes:
-            push()
-        advance(*world)
-        for read in reads:
-            read()
-
-    return exchange
+def _entries(guest_state: GuestState, name: str) -> memoryview:
+    """Give the memory of a field: three floats, four of a quaternion."""
+    size, start = 4 if name == "turn" else 3, guest_state.offset + start_of(GuestState, name)
+    return memoryview(guest_state.buffer)[start : start + size]
 
 
 class Carrier:
@@ -251,9 +211,15 @@ class Carrier:
         self.structure = tuple(o + k for o in self.places if o >= 0 for k in range(guest.STRUCTURE))
         self._moving = [one for one, m in zip(carried, moves, strict=True) if m]
         self.client, self._T = client, 0.0
-        self._exchange = _bind_exchange([one.push for one in self._moving], [one.read for one in self._moving], client)
-        if type(self).exchange is Carrier.exchange:
-            vars(self)["exchange"] = self._exchange  # a tick calls it without the method around it
+        pushes = [call for one in self._moving for call in one.pushes]
+        readings = [call for one in self._moving for call in one.readings]
+        self._calls = [*pushes, Call(pybullet().stepSimulation, (client,)), *readings]
+        self._exchange = in_turn(self._calls)
+
+    @property
+    def calls(self) -> Sequence[Call]:
+        """Calls of an exchange; none if a subclass exchanges in a way of its own."""
+        return self._calls if type(self).exchange is Carrier.exchange else ()
 
     def hold(self, T: float) -> None:
         """Set the period of every sample from here on to T [s].

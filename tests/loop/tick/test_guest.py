@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +20,7 @@ from graspfx.objects import guest
 from graspfx.objects import integrators as at
 from graspfx.objects.body import fill_body
 from graspfx.objects.bullet.bullet import BulletBody, pybullet
+from graspfx.spatial import Vector
 
 pytest.importorskip("pybullet", reason="pybullet has no wheel for this Python or platform")
 
@@ -82,11 +85,65 @@ def test_compiled_and_interpreted_give_the_same_bits(name: str) -> None:
     np.testing.assert_array_equal(state, end)
 
 
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("way", [at_once, one_by_one, watched])
+def test_exchanges_in_machine_code_and_in_python_give_the_same_bits(
+    name: str, way: Callable[[Any, Recorder, int], None]
+) -> None:
+    pytest.importorskip("llvmlite")
+    expected, end = rows(name, 150, "interpreted", at_once)
+    found, state = rows(name, 150, "generic", way)
+    np.testing.assert_array_equal(found.rows.view(np.int64), expected.rows.view(np.int64))
+    np.testing.assert_array_equal(np.asarray(state).view(np.int64), np.asarray(end).view(np.int64))
+
+
+@pytest.mark.parametrize("engine", ["interpreted", "generic"])
+def test_what_pybullet_raises_ends_the_run_where_it_stood(engine: str) -> None:
+    """The ticks before are there; that of the exchange is none yet."""
+    pytest.importorskip("llvmlite")
+    scene, overrides = SCENES["plane"]
+    loaded = gx.load(scene, {**overrides, "engine": engine})
+    with build(loaded) as servo, Recorder(servo.layout, Header(loaded.period)) as recorder:
+        servo.run(100, recorder)
+        servo.movers[0].body.close()
+        with pytest.raises(pybullet().error, match="Not connected"):
+            servo.run(100, recorder)
+        assert servo.ticks == recorder.ticks == 100
+
+
+def test_a_hundred_thousand_exchanges_leave_nothing_behind() -> None:
+    """Neither memory nor references: what PyBullet is given and gives is let go."""
+    pytest.importorskip("llvmlite")
+    from graspfx.compile.rounds import Rounds
+
+    state = np.zeros(at.SIZE)
+    fill_body(state, dimensions=2, mass=0.1, inertia=1e-4, viscosity=0.8)
+    body = BulletBody(state)
+    body.hold(1e-6)
+    rounds = Rounds(body.calls)
+    push = guest.GuestState(memoryview(body.buffer))
+    push.push, push.twist = Vector(1e-3, 2e-3, 0.0), Vector(0.0, 0.0, 1e-9)
+    parts = [part for call in body.calls for part in (call.function, call.arguments, call.sends)]
+    rounds.run(0, 1000, 0)
+    gc.collect()
+    before = *map(sys.getrefcount, parts), sys.getallocatedblocks()
+    assert rounds.run(0, 100_000, 0) == 100_000
+    gc.collect()
+    after = *map(sys.getrefcount, parts), sys.getallocatedblocks()
+    assert after[:-1] == before[:-1]
+    assert abs(after[-1] - before[-1]) < 200
+    assert push.velocity.y == pytest.approx(2.0 * push.velocity.x) != 0.0
+    body.close()
+
+
+@pytest.mark.parametrize("engine", ["interpreted", "generic"])
 @pytest.mark.parametrize("way", [at_once, one_by_one, watched])
 @pytest.mark.parametrize("ticks", [1, 3])
-def test_a_turn_too_fast_is_a_fault_of_its_tick(way: Callable[[Any, Recorder, int], None], ticks: int) -> None:
+def test_a_turn_too_fast_is_a_fault_of_its_tick(
+    way: Callable[[Any, Recorder, int], None], ticks: int, engine: str
+) -> None:
     """45 degrees a sample are 157.1 rad/s at 5 ms; the fault is there when the run is over, whatever comes after."""
-    recording, [state] = rows("plane", ticks, "interpreted", way, **{"object.angular_velocity": 900.0})
+    recording, [state] = rows("plane", ticks, engine, way, **{"object.angular_velocity": 900.0})
     [fault] = recording.faults
     assert fault.tick == 0
     assert "at most 157.1 rad/s" in fault.message

@@ -1,0 +1,78 @@
+"""Calls of another package's functions between two turns of a program: numbers go in and come back by buffers."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call that is made many times, with arguments that are made once; only the numbers in them change.
+
+    Attributes:
+        function: any callable.
+        arguments: by position.
+        keywords: by name.
+        sends: lists of floats within the arguments, each with the memory, a view of as many floats, from which it is
+            filled before the call. A list may be longer or shorter lived than the call; the function keeps none.
+        receipts: places in the tuple that the function returns; at each a tuple of floats, written to the memory.
+        nonzero: memory of floats; while all are zero nothing is called.
+        changed: two memories of equal size; while they are the same to the bit nothing is called.
+    """
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    keywords: dict[str, Any] = field(default_factory=dict)
+    sends: Sequence[tuple[list[float], memoryview]] = ()
+    receipts: Sequence[tuple[int, memoryview]] = ()
+    nonzero: memoryview | None = None
+    changed: tuple[memoryview, memoryview] | None = None
+
+
+def in_turn(calls: Sequence[Call]) -> Callable[[], None]:
+    """Make the function that makes these calls one after the other, in Python."""
+    each = [_bound(call) for call in calls]
+
+    def run() -> None:
+        for call in each:
+            call()
+
+    return run
+
+
+def _bound(call: Call) -> Callable[[], None]:
+    function, arguments, keywords, receipts = call.function, call.arguments, call.keywords, call.receipts
+    sends = [(numbers, memory.tolist) for numbers, memory in call.sends]
+    writers = [(place, struct.Struct(f"{len(memory)}d").pack_into, memory) for place, memory in receipts]
+
+    def run() -> None:
+        for numbers, read in sends:
+            numbers[:] = read()
+        result = function(*arguments, **keywords)
+        for place, write, memory in writers:
+            write(memory, 0, *result[place])
+
+    if call.nonzero is not None:
+        return _if_nonzero(run, call.nonzero)
+    return run if call.changed is None else _if_changed(run, *call.changed)
+
+
+def _if_nonzero(run: Callable[[], None], memory: memoryview) -> Callable[[], None]:
+    none, read = [0.0] * len(memory), memory.tolist
+
+    def tested() -> None:
+        if read() != none:
+            run()
+
+    return tested
+
+
+def _if_changed(run: Callable[[], None], new: memoryview, old: memoryview) -> Callable[[], None]:
+    def tested() -> None:
+        if new.tobytes() != old.tobytes():
+            run()
+
+    return tested
