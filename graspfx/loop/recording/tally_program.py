@@ -195,7 +195,7 @@ def _compiled() -> Runner:
     from graspfx.compile.native import compiled
     from graspfx.compile.program import program_source
 
-    kernels = {"measure_lengths": measure_lengths, "measure_places": measure_places}
+    kernels: dict[str, Callable[..., Any]] = {"measure_lengths": measure_lengths, "measure_places": measure_places}
     native = compiled(program_source(PROGRAM, kernels, ["rows", "entries", "results"], {}))
 
     def run(buffers: dict[str, FloatArray], numbers: tuple[int, ...]) -> None:
