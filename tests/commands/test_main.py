@@ -213,7 +213,7 @@ def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.Cap
 
 
 INTERRUPTED = """
-import signal, sys, time, weakref
+import os, signal, sys, time, weakref
 import graspfx.loop.recording.sink as file
 from graspfx.__main__ import main
 
@@ -229,7 +229,7 @@ class Sink(file.FileSink):
             del thing
 
 def interrupt():
-    signal.raise_signal(signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGINT)  # to the process, as from a terminal, not to this thread alone
     time.sleep(0.5)  # while the run goes on, or waits for this block
 
 file.FileSink = Sink
