@@ -23,6 +23,8 @@ NORMALS = "frictionless, 5 fingers, gains' ratio 3"
 PIVOTING = "GraspFX pivoting, compiled"
 WALL = "device on a wall, 60 by 60"
 
+ROUNDING = {"limit of 20 fingers": 192 * 2.2e-16}  # of the eigenvalues of 192 states, of a method and of its peer
+
 
 @contextmanager
 def case_of(name: str, case_name: str) -> Iterator[Case]:
@@ -65,7 +67,8 @@ def test_faster_than_its_peer_and_no_less_exact(
     benchmark.extra_info.update(peer=peer, ratio=ratio, least=least)
     assert ratio >= least
     if own_row.error is not None:
-        assert other_row.error is not None and own_row.error <= max(other_row.error, 4e-15)
+        rounding = ROUNDING.get(case_name, 4e-15)
+        assert other_row.error is not None and own_row.error <= max(other_row.error, rounding)
 
 
 @pytest.mark.parametrize("case_name", ["5 fingers", "5 fingers, 1 km from the origin", "5 fingers on a line (rank 5)"])
