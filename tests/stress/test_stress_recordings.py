@@ -49,11 +49,11 @@ for case in range({cases}):
     faulthandler.dump_traceback_later(20, exit=True)
     try:
         recording = Recording.load("spoilt.h5")
+        recording.rows.sum(), recording.time, recording.objects, recording.touching
     except GraspFXError:
         continue
     except BaseException as error:
         raise AssertionError(f"case {{case}}: bytes {{at}} to {{at + count}}: {{type(error).__name__}}: {{error}}")
-    recording.rows.sum(), recording.time, recording.objects, recording.touching
 """
 
 

@@ -61,6 +61,8 @@ def _read_hdf5(place: Path) -> Content:
             raise ValueError("it was changed since it was written: its digest is gone")
         layout = _drop_columns(layout_of(file.attrs), file, number)
         header, outcome = header_of(file.attrs), _outcome(file)
+        if number >= BLOCKS:
+            _require_variables(file, layout)
         if number >= BLOCKS and PIECES not in file and ROWS in file:
             return Content(PackedRows(file, file[ROWS]), layout, header, outcome)
         rows = _stored_rows(place, file) if number >= BLOCKS else MemoryRows(_rows(file, layout))
@@ -69,6 +71,21 @@ def _read_hdf5(place: Path) -> Content:
     except BaseException:
         file.close()
         raise
+
+
+def _require_variables(file: Any, layout: Layout) -> None:
+    """Require a variable of numbers for each column of the layout, as long as the time; its rows are read later.
+
+    Raises:
+        ValueError: one of another shape or kind.
+        KeyError: there is none.
+    """
+    (count,) = file["time"].shape
+    for column in layout.columns.values():
+        variable = file[column.name]
+        if variable.shape != (count, *column.shape) or variable.dtype.kind not in "biuf":
+            given = f"{variable.shape} of {variable.dtype}"
+            raise ValueError(f"{column.name} is {given}, expected numbers {(count, *column.shape)}")
 
 
 def _stored_rows(place: Path, file: Any) -> RowStore:
