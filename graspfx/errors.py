@@ -112,13 +112,19 @@ def __dir__() -> list[str]:
 def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | None:
     """Find the name nearest to a misspelt one, or None; a likeness of 1 takes the name itself only.
 
-    A name is near that holds the other one, or is a slip or two of the pen away: one, and one more for every three
-    letters. Letters that two words happen to share make them no misspelling of one another.
+    A name is near that holds the other one, or all of its parts between dots in whatever order, or is a slip or two of
+    the pen away: one, and one more for every three letters. Letters that two words happen to share make them no
+    misspelling of one another.
     """
     for match in get_close_matches(name, list(names), n=3, cutoff=likeness):
-        if name in match or match in name or slips(name, match) <= 1 + len(name) // 3:
+        if holds(match, name) or holds(name, match) or slips(name, match) <= 1 + len(name) // 3:
             return match
     return None
+
+
+def holds(name: str, other: str) -> bool:
+    """Tell whether a name holds another one: its letters in a row, or as a key with dots all of its parts."""
+    return other in name or {*other.split(".")} <= {*name.split(".")}
 
 
 def slips(name: str, other: str) -> int:

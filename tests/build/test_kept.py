@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
@@ -15,7 +16,7 @@ from graspfx.__main__ import main
 from graspfx.build import meshes
 from graspfx.build.resolve import resolve
 from graspfx.build.scene_cache import KeptTable, _read, _written, cached, place
-from graspfx.build.scene_memory import SceneMemory, _canonical
+from graspfx.build.scene_memory import SEPARATOR, SceneMemory, _canonical
 from graspfx.compile import cache
 from graspfx.loop.recording.record import Recording
 from graspfx.scene.load import load
@@ -35,6 +36,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def is_kept(name: str, **overrides: object) -> bool:
     where = place(name, overrides)
     return where is not None and cached(where) is not None
+
+
+def scene_files(folder: Path) -> list[Path]:
+    """List the cache's files of scenes and of notes on them; programs and their sources are kept there too."""
+    return sorted(path for path in folder.glob(f"*{cache.SUFFIX}") if is_of_a_scene(path.read_bytes()[32:]))
+
+
+def is_of_a_scene(entry: bytes) -> bool:
+    try:
+        head = json.loads(entry.partition(SEPARATOR)[0])
+    except ValueError:
+        return False
+    return isinstance(head, list) or (isinstance(head, dict) and "scene" in head)  # of Python, or of a TOML file
 
 
 def run(name: str, *more: str) -> int:
@@ -128,7 +142,7 @@ def test_what_is_installed_later_is_seen(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("override", ["finger.0.hand={ kind = 'mine.py' }", "finger.0.device.name='mine.py'"])
-def test_scenes_that_name_code_are_not_kept(override: str) -> None:
+def test_scenes_that_name_code_are_not_kept(override: str, folder: Path) -> None:
     Path("mine.py").write_text(
         "from graspfx.devices.simulated import connect\n"
         "from graspfx.loop.hand import Hand\n"
@@ -136,8 +150,9 @@ def test_scenes_that_name_code_are_not_kept(override: str) -> None:
     )
     written("own.toml")
     assert run("own.toml", "--set", override) == 0
-    files = [path for path in Path("cache").glob("*") if not path.name.startswith("lowered-")]  # lowered kernels may be
-    assert files == []
+    assert scene_files(folder) == []
+    assert run("own.toml") == 0
+    assert len(scene_files(folder)) == 1 and is_kept("own.toml")  # without the code it is
 
 
 def test_a_mesh_that_changed_is_seen_at_once(capsys: pytest.CaptureFixture[str]) -> None:
@@ -218,8 +233,11 @@ def test_python_scenes_are_not_kept_as_files() -> None:
 
 
 @pytest.mark.parametrize("name", ["paper-waving-turning", "prism", "unequal-devices"])
-def test_a_python_scene_is_checked_once_and_stays_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_python_scene_is_checked_once_and_stays_the_same(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert run(name, "--out", "first") == 0
+    assert scene_files(folder)
     fresh = load(name)
     monkeypatch.setattr("graspfx.build.checks.faults.find_faults", lambda *_: pytest.fail("checked again"))
     monkeypatch.setattr("graspfx.certificate.notes.doubts.doubts", lambda *_: pytest.fail("looked at again"))
@@ -271,7 +289,8 @@ def test_what_was_damaged_is_checked_anew(folder: Path) -> None:
     assert run("reference-1dof") == 0
     where = place("reference-1dof", {})
     assert where is not None
-    (file,) = folder.iterdir()
+    (file,) = scene_files(folder)
+    assert file.stem == where.key
     file.write_bytes(file.read_bytes()[:-7])
     assert cached(where) is None
     assert run("reference-1dof") == 0

@@ -21,6 +21,8 @@ def test_slips_are_letters_put_in_left_out_or_exchanged(name: str, other: str, c
         ("viscosty", ["viscosity", "rotational_viscosity"], "viscosity"),
         ("paper-wavng", ["paper-waving", "paper-spring"], "paper-waving"),
         ("waving", ["paper-waving"], "paper-waving"),  # a part of the name
+        ("hand.*.stiffness", ["finger.*.hand.stiffness", "finger.*.hand.turn"], "finger.*.hand.stiffness"),  # its parts
+        ("hand.*.stiffness", ["finger.*.hand.damping"], None),
         ("axis", ["radius"], None),  # 0.6 alike, three slips apart
         ("stiffness", ["wall_fitness"], None),
         ("relation", ["rotational"], None),
