@@ -162,7 +162,7 @@ print(json.dumps({"lengths": lengths, "empty": empty, "files": sorted(os.listdir
 
 
 @POSIX
-@efforts(short=24, full=500, asked="faults")
+@efforts(short=72, full=500, asked="faults")
 def test_a_run_that_is_killed_at_any_instant_can_be_read(cases: int, tmp_path: Path) -> None:
     found = script(KILLS, tmp_path, str(cases), "7")
     assert len(found["lengths"]) >= cases / 3  # of those that were killed after a number of calls, half at least
