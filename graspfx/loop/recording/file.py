@@ -84,8 +84,8 @@ def _require_variables(file: Any, layout: Layout) -> None:
     for column in layout.columns.values():
         variable = file[column.name]
         if variable.shape != (count, *column.shape) or variable.dtype.kind not in "biuf":
-            given = f"{variable.shape} of {variable.dtype}"
-            raise ValueError(f"{column.name} is {given}, expected numbers {(count, *column.shape)}")
+            shape = f"{variable.shape} of {variable.dtype}"
+            raise ValueError(f"{column.name} is {shape}, expected numbers {(count, *column.shape)}")
 
 
 def _stored_rows(place: Path, file: Any) -> RowStore:
