@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
+    from matplotlib.transforms import Bbox
 
     from graspfx.show.widths import Width
 
@@ -23,6 +24,7 @@ BAR = 0.13  # width of a colour bar
 WIDE = 1.2  # of a margin
 MOST_LINES = 3  # of a title
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # from number to number along an ordinate
+STEP = 2.0  # [points] by which labels are moved apart
 PITCH = 1.32  # from line to line, in sizes of the type
 
 
@@ -132,6 +134,8 @@ class Sheet:
         above = [strip[0] + title for strip, title in zip(heads, titled, strict=True)]
         tall = self._place(left, right, above, below, head, between)
         self._set(heads, titled, tall, start)
+        for axes in self.panels.ravel():
+            _part(axes)
         self.arranged = True
         return self.figure
 
@@ -259,3 +263,16 @@ class Sheet:
         length = mark.get_window_extent().width / self.figure.dpi
         mark.remove()
         return float(length)
+
+
+def _part(axes: Axes) -> None:
+    """Move labels of points up, the highest last, until none lies over another one."""
+    from matplotlib.text import Annotation
+
+    labels = [text for text in axes.texts if isinstance(text, Annotation) and text.anncoords == "offset points"]
+    taken: list[Bbox] = []
+    for label in sorted(labels, key=lambda each: each.get_window_extent().y0):
+        while any(label.get_window_extent().overlaps(box) for box in taken):
+            x, y = label.xyann
+            label.xyann = (x, y + STEP)
+        taken.append(label.get_window_extent())

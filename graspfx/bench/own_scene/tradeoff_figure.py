@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from graspfx.bench.own_scene.tradeoff import Tradeoff
@@ -9,6 +10,7 @@ from graspfx.show import style
 from graspfx.show.style import FINGERS, INK, MARKERS, NEUTRAL, NOTE, PALE, panel
 
 if TYPE_CHECKING:
+    from graspfx.bench.measure import Row
     from graspfx.show.sheet import Sheet
 
 TALL = 2.9  # [inches]
@@ -30,21 +32,20 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
         for k, name in enumerate(names):
             own = sorted((each for each in sound if each.choice.name == name), key=lambda each: each.choice.period)
             axes.plot(
-                [1e-6 * (each.row.time_us or 0.0) for each in own],
-                [max(each.row.error or 0.0, LEAST) for each in own],
+                *_places(each.row for each in own),
                 color=COLOURS[k % len(COLOURS)], marker=MARKERS[k % len(MARKERS)], lw=1.2 * weight,
                 markersize=(6.5 - 0.5 * k) * weight, label=name,
             )  # fmt: skip
         best = tradeoff.best
         axes.plot(
-            [1e-6 * (row.time_us or 0.0) for row in best], [max(row.error or 0.0, LEAST) for row in best], "o",
-            color=INK, markerfacecolor="none", markersize=11.0 * weight, label="no other is as quick and as exact",
+            *_places(best), "o", color=INK, markerfacecolor="none", markersize=11.0 * weight,
+            label="no other is as quick and as exact",
         )  # fmt: skip
         for each in sound:
             if each.row in best:
                 axes.annotate(
-                    f"{1e3 * each.choice.period:.3g} ms", (1e-6 * (each.row.time_us or 0.0), each.row.error or LEAST),
-                    (8.0, 4.0), textcoords="offset points", color=NOTE, fontsize="small",
+                    f"{1e3 * each.choice.period:.3g} ms", _place(each.row), (8.0, 4.0),
+                    textcoords="offset points", color=NOTE, fontsize="small",
                 )  # fmt: skip
         if 0.0 < tradeoff.reference.error < float("inf"):
             axes.axhline(
@@ -57,3 +58,13 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
         drawing.legend(0)
         drawing.title(f"{style.plain(tradeoff.scene)}: which choice is quick, and exact?")
     return drawing
+
+
+def _place(row: Row) -> tuple[float, float]:
+    """Give where a choice is drawn: the time of a simulated second [s], and the error."""
+    return 1e-6 * (row.time_us or 0.0), max(row.error or 0.0, LEAST)
+
+
+def _places(rows: Iterable[Row]) -> tuple[list[float], list[float]]:
+    places = [_place(row) for row in rows]
+    return [x for x, _ in places], [y for _, y in places]
