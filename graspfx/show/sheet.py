@@ -266,13 +266,15 @@ class Sheet:
 
 
 def _part(axes: Axes) -> None:
-    """Move labels of points up, the highest last, until none lies over another one."""
+    """Move labels farther above their points, or below where they stand below, until none lies over another one."""
     from matplotlib.text import Annotation
 
     labels = [text for text in axes.texts if isinstance(text, Annotation) and text.anncoords == "offset points"]
     taken: list[Bbox] = []
-    for label in sorted(labels, key=lambda each: each.get_window_extent().y0):
-        while any(label.get_window_extent().overlaps(box) for box in taken):
-            x, y = label.xyann
-            label.xyann = (x, y + STEP)
-        taken.append(label.get_window_extent())
+    for step in (STEP, -STEP):
+        way = [label for label in labels if (label.xyann[1] >= 0.0) == (step > 0.0)]
+        for label in sorted(way, key=lambda each: each.get_window_extent().y0 * step):
+            while any(label.get_window_extent().overlaps(box) for box in taken):
+                x, y = label.xyann
+                label.xyann = (x, y + step)
+            taken.append(label.get_window_extent())

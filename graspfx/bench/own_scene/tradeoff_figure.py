@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 TALL = 2.9  # [inches]
 LEAST = 1e-17  # where an error of zero is drawn
 COLOURS = (INK, *FINGERS, NEUTRAL)
-ROOM = 1.6  # beyond the least and the greatest time
+BEFORE, BEYOND = 2.5, 1.6  # room before the least time, with labels in it, and beyond the greatest
 
 
 def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
@@ -42,10 +42,10 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
             label="no other is as quick and as exact",
         )  # fmt: skip
         for each in sound:
-            if each.row in best:
+            if each.row in best:  # below and on the left of it there is no other
                 axes.annotate(
-                    f"{1e3 * each.choice.period:.3g} ms", _place(each.row), (8.0, 4.0),
-                    textcoords="offset points", color=NOTE, fontsize="small",
+                    f"{1e3 * each.choice.period:.3g} ms", _place(each.row), (-7.0, -4.0),
+                    textcoords="offset points", ha="right", va="top", color=NOTE, fontsize="small",
                 )  # fmt: skip
         if 0.0 < tradeoff.reference.error < float("inf"):
             axes.axhline(
@@ -53,7 +53,7 @@ def tradeoff_sheet(tradeoff: Tradeoff, *, width: str = "screen") -> Sheet:
                 label="error of the reference",
             )  # fmt: skip
         low, high = axes.get_xlim()
-        axes.set_xlim(low / ROOM, high * ROOM)
+        axes.set_xlim(low / BEFORE, high * BEYOND)
         panel(axes, x="time of a simulated second [s]", y="error [m]")
         drawing.legend(0)
         drawing.title(f"{style.plain(tradeoff.scene)}: which choice is quick, and exact?")
