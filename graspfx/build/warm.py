@@ -12,17 +12,19 @@ from typing import Any
 
 from graspfx.build.build import build
 from graspfx.compile.generic import library
-from graspfx.coupling import two_forces
+from graspfx.compile.machine import compiled
+from graspfx.coupling.division import divide_rows
 from graspfx.environment import processors
 from graspfx.errors import GraspFXError
 from graspfx.grasp import point_sets
-from graspfx.loop.recording import tally_program
-from graspfx.loop.recording.growth import rough_program
+from graspfx.loop.recording.growth.rough_program import rough
+from graspfx.loop.recording.tally_program import measure_lengths, measure_places
 from graspfx.loop.tick.library import LIBRARY
 from graspfx.loop.tick.programs import Compiled
 from graspfx.scene.load import load
 
 KERNELS = "kernels of all scenes"
+OF_RECORDINGS = divide_rows, measure_lengths, measure_places, rough
 COMPILED, CACHED, CANNOT = "compiled", "was there", "cannot"
 
 
@@ -49,9 +51,8 @@ def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> 
     """Compile a scene's program unless it is in the cache; devices that are no simulations are not opened."""
     began = perf_counter()
     try:
-        two_forces.warm()
-        rough_program.warm()
-        tally_program.warm()
+        for kernel in OF_RECORDINGS:
+            compiled(kernel)
         with build(load(name, overrides, preset=preset), hardware=False) as servo:
             programs = Compiled(servo.script).programs.values()
     except GraspFXError as error:

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import cache, lru_cache
-from importlib.util import find_spec
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.records import Floats, Many, size_for
+from graspfx.compile.demand import KernelOnDemand
+from graspfx.compile.records import Many, size_for
 from graspfx.coupling.division import SAMPLE, ContactSample, DividedContact, Division, divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.errors import GraspFXError
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 
 FloatArray = NDArray[np.float64]
 
 ROWS = 2048  # divided at once: what they take in memory stays small
-FEW, MORE = 500, 5000  # rows x fingers x (1 + rotations), some ten microseconds each where Python divides them
-PROGRAM = """
-def run(rows, dual):
-    divide_rows(division, 0, samples, 0, rows, dual)
-"""
+# in rows x fingers x (1 + rotations), some ten microseconds each where Python divides them
+DIVIDE_ROWS = KernelOnDemand(divide_rows, few=500, load=5_000, make=40_000)
 
 
 @dataclass(frozen=True)
@@ -146,7 +140,7 @@ def external_part(
     """
     N, n, d = whole.shape
     external, twist = np.zeros((N, n, d)), np.zeros((N, n))
-    run, block = _runner(N * n * (1 + sum(rule.rotations))), rule.block
+    divide, block = DIVIDE_ROWS.runner(N * n * (1 + sum(rule.rotations))), rule.block
     for start in range(0, N, ROWS):
         piece = slice(start, min(start + ROWS, N))
         memory = np.zeros((piece.stop - start) * n * SAMPLE)
@@ -163,7 +157,7 @@ def external_part(
             field(ContactSample.normal)[:] = samples.normal[piece]
         if torsion is not None:
             field(ContactSample.whole)[:, :, 3] = torsion[piece]
-        run(block, memory, piece.stop - start, dual)
+        divide(block, 0, memory, 0, piece.stop - start, dual)
         external[piece] = field(ContactSample.external)[:, :, :d]
         twist[piece] = field(ContactSample.external)[:, :, 3]
     return external, twist
@@ -179,37 +173,3 @@ def torsion_over_patch(rule: SplitRule, moment: FloatArray, axis: FloatArray) ->
 def moment_of(rule: SplitRule, torsion: FloatArray, axis: FloatArray) -> FloatArray:
     """Compute the moments rho (tau / rho) a of torsions over their patch lengths, (..., n, 3) [N m]."""
     return np.asarray((np.array(rule.patches) * torsion)[..., None] * axis)
-
-
-def warm() -> None:
-    """Compile the program that divides rows, where there is LLVM, unless it is in the cache."""
-    if find_spec("llvmlite") is not None:
-        _compiled()
-
-
-def _runner(work: int) -> Any:
-    """Choose who divides, by the work there is and by whether LLVM would have to be loaded first; never by a clock."""
-    least = FEW if "llvmlite" in sys.modules else MORE
-    if work > least and find_spec("llvmlite") is not None:
-        with suppress(GraspFXError):  # an LLVM that does not load: Python gives the same bits
-            return _compiled()
-    return _interpreted
-
-
-def _interpreted(block: FloatArray, rows: FloatArray, count: int, dual: bool) -> None:
-    divide_rows(Division(memoryview(block)), Floats(memoryview(rows)), count, dual)
-
-
-@cache
-def _compiled() -> Any:
-    """Compile the program, which is one for all grasps, or take it from the cache."""
-    from graspfx.compile.native import compiled
-    from graspfx.compile.program import program_source
-
-    native = compiled(program_source(PROGRAM, {"divide_rows": divide_rows}, ["division", "samples"], {}))
-
-    def run(block: FloatArray, rows: FloatArray, count: int, dual: bool) -> None:
-        buffers = {"division": block, "samples": rows}
-        native.bind(*(buffers[name] for name in native.arrays)).long(count, int(dual))
-
-    return run

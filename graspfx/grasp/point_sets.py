@@ -1,97 +1,33 @@
-"""Point contacts on free objects by kernels: forces and modes of one set of contacts, or of thousands in one call.
-
-A kernel runs interpreted until its machine code is worth loading, and until it is worth compiling; that is decided by
-how much was computed and by what the cache holds, never by a clock, and both give the same bits.
-"""
+"""Point contacts on free objects by kernels: forces and modes of one set of contacts, or of thousands in one call."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import cache, partial
-from importlib.util import find_spec
 from threading import local
-from typing import TYPE_CHECKING, Any
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.compile.footprints import was_compiled
+from graspfx.compile.demand import KernelOnDemand
 from graspfx.compile.kernel import keep_lowerings, source_function
 from graspfx.compile.records import size_for, start_of
 from graspfx.grasp import direct, direct_modes
 from graspfx.grasp.contact import MOMENTS
 from graspfx.grasp.point_grasp import PointGrasp
 
-if TYPE_CHECKING:
-    from graspfx.compile.machine import Machine
-
 FloatArray = NDArray[np.float64]
+Space = TypeVar("Space")
 Numbers = tuple[float, float, float, float]  # kep, ked, kip, kid
 
 LOAD = 1_000  # contacts: interpreted, they take some milliseconds; to load machine code takes ten times as long
 COMPILE = 300_000  # contacts that take as long as compiling
 
-
-class Engine:
-    """A kernel, interpreted or as machine code.
-
-    Args:
-        kernel: the function.
-    """
-
-    def __init__(self, kernel: Callable[..., object]) -> None:
-        self.kernel = kernel
-        self._work = 0
-        self._next: float = LOAD
-        self._machine: Machine | None = None
-
-    @property
-    def is_compiled(self) -> bool:
-        """Whether the machine code is loaded."""
-        return self._machine is not None
-
-    def machine(self, contacts: int) -> Machine | None:
-        """Give the machine code for so many contacts more, or None where they are to be interpreted."""
-        if self._machine is None:
-            self._work += contacts
-            if self._work >= self._next:
-                self._load()
-        return self._machine
-
-    def _load(self) -> None:
-        if find_spec("llvmlite") is None:
-            self._next = math.inf
-            return
-        make = self._work >= COMPILE
-        if make or was_compiled(self.kernel):
-            from graspfx.compile.machine import compiled  # takes as long to import as thousands of interpreted calls
-
-            try:
-                self._machine = compiled(self.kernel, make=make)
-                return
-            except LookupError:
-                pass
-        self._next = COMPILE
-
-    def call(self, contacts: int, *arguments: Any) -> None:
-        """Run the kernel on arrays and numbers; each record and group of numbers is an array and an offset."""
-        machine = self.machine(contacts)
-        if machine is not None:
-            machine.once(*arguments)
-            return
-        self.interpret(*arguments)
-
-    def interpret(self, *arguments: Any) -> None:
-        """Run the kernel as it stands."""
-        views = (memoryview(a) if isinstance(a, np.ndarray) else a for a in arguments)  # quicker to read than arrays
-        source_function(self.kernel)(*views)
-        keep_lowerings()
-
-
-COUPLE = Engine(direct.couple)
-COUPLE_ROWS = Engine(direct_modes.couple_rows)
-MODE_ROWS = Engine(direct_modes.mode_rows)
+COUPLE, COUPLE_ROWS, MODE_ROWS = (
+    KernelOnDemand(kernel, few=LOAD, load=LOAD, make=COMPILE)
+    for kernel in (direct.couple, direct_modes.couple_rows, direct_modes.mode_rows)
+)
 
 
 def warm() -> None:
@@ -100,10 +36,8 @@ def warm() -> None:
     Raises:
         MissingPackageError: no LLVM.
     """
-    from graspfx.compile.machine import compiled
-
-    for engine in (COUPLE, COUPLE_ROWS, MODE_ROWS):
-        compiled(engine.kernel)
+    for kernel in (COUPLE, COUPLE_ROWS, MODE_ROWS):
+        kernel.compile()
 
 
 class Workspace:
@@ -170,17 +104,31 @@ class ModeSpace:
         return self._modes[:rank].T.copy(), rank
 
 
-class Workspaces(local):
-    """Workspaces of a thread, by number of contacts and dimensions."""
+class Workspaces(local, Generic[Space]):
+    """Workspaces of a thread, one for each number of contacts and dimensions.
 
-    def __init__(self) -> None:
-        self.by_size: dict[tuple[int, int], Workspace] = {}
-        self.of_modes: dict[tuple[int, int], ModeSpace] = {}
+    Args:
+        kind: of workspace, which takes (n, d).
+    """
+
+    def __init__(self, kind: Callable[[int, int], Space]) -> None:
+        self._kind = kind
+        self._by_size: dict[tuple[int, ...], Space] = {}
+
+    def of(self, shape: tuple[int, ...]) -> Space:
+        """Give the workspace of points (n, d)."""
+        space = self._by_size.get(shape)
+        if space is None:
+            if len(self._by_size) >= MOST_WORKSPACES:
+                self._by_size.clear()
+            n, d = shape
+            space = self._by_size[shape] = self._kind(n, d)
+        return space
 
 
 NO_GAINS = 0.0, 0.0, 0.0, 0.0
 MOST_WORKSPACES = 64
-WORKSPACES = Workspaces()
+FORCES, MODES = Workspaces(Workspace), Workspaces(ModeSpace)
 
 
 def point_head(n: int, d: int, gains: Numbers, tolerance: float) -> FloatArray:
@@ -214,13 +162,7 @@ def point_force(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatAr
         head: of `point_head`.
         e, de: displacements and rates, (n d,); a rate of None is zero.
     """
-    spaces = WORKSPACES.by_size
-    space = spaces.get(points.shape)
-    if space is None:
-        if len(spaces) >= MOST_WORKSPACES:
-            spaces.clear()
-        space = spaces[points.shape] = Workspace(*points.shape)
-    return space.force(points, head, e, de)
+    return FORCES.of(points.shape).force(points, head, e, de)
 
 
 def point_forces(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatArray | None) -> FloatArray:
@@ -230,20 +172,14 @@ def point_forces(points: FloatArray, head: FloatArray, e: FloatArray, de: FloatA
     block[: len(head)] = head
     rate = np.zeros(N * n * d) if de is None else _flat(de)
     force = np.empty(N * n * d)
-    COUPLE_ROWS.call(N * n, block, 0, _flat(points), 0, _flat(e), 0, rate, 0, force, 0, N)
+    COUPLE_ROWS.runner(N * n)(block, 0, _flat(points), 0, _flat(e), 0, rate, 0, force, 0, N)
     return force.reshape(N, n * d)
 
 
 def modes_of_one(points: FloatArray, tolerance: float) -> tuple[FloatArray, int]:
     """Compute orthonormal rigid modes of one set of point contacts (n, d): (n d, rank), and the rank."""
-    spaces = WORKSPACES.of_modes
-    space = spaces.get(points.shape)
-    if space is None:
-        if len(spaces) >= MOST_WORKSPACES:
-            spaces.clear()
-        space = spaces[points.shape] = ModeSpace(*points.shape)
     n, d = points.shape
-    return space.modes(points, point_head(n, d, NO_GAINS, tolerance))
+    return MODES.of(points.shape).modes(points, point_head(n, d, NO_GAINS, tolerance))
 
 
 def point_modes(points: FloatArray, tolerance: float) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -257,7 +193,7 @@ def point_modes(points: FloatArray, tolerance: float) -> tuple[FloatArray, NDArr
     head = point_head(n, d, NO_GAINS, tolerance)
     block[: len(head)] = head
     modes, ranks = np.zeros((N, d + MOMENTS[d], n * d)), np.zeros(N)
-    MODE_ROWS.call(2 * N * n, block, 0, _flat(points), 0, modes.reshape(-1), 0, ranks, 0, N)
+    MODE_ROWS.runner(2 * N * n)(block, 0, _flat(points), 0, modes.reshape(-1), 0, ranks, 0, N)
     return modes, ranks.astype(np.int64)
 
 

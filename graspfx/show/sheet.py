@@ -270,11 +270,11 @@ def _part(axes: Axes) -> None:
     from matplotlib.text import Annotation
 
     labels = [text for text in axes.texts if isinstance(text, Annotation) and text.anncoords == "offset points"]
-    taken: list[Bbox] = []
+    boxes: list[Bbox] = []
     for step in (STEP, -STEP):
         way = [label for label in labels if (label.xyann[1] >= 0.0) == (step > 0.0)]
         for label in sorted(way, key=lambda each: each.get_window_extent().y0 * step):
-            while any(label.get_window_extent().overlaps(box) for box in taken):
+            while any(label.get_window_extent().overlaps(box) for box in boxes):
                 x, y = label.xyann
                 label.xyann = (x, y + step)
-            taken.append(label.get_window_extent())
+            boxes.append(label.get_window_extent())

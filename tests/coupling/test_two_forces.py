@@ -9,6 +9,7 @@ import pytest
 
 import graspfx as gx
 from graspfx.build.build import build
+from graspfx.compile.demand import KernelOnDemand
 from graspfx.compile.records import Floats
 from graspfx.coupling.division import SAMPLE, ContactSample, Division, divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
@@ -133,15 +134,17 @@ def random_samples(seed: int, N: int) -> tuple[SplitRule, Samples, np.ndarray, n
     return one, samples, rng.normal(size=(N, n, d)), rng.normal(size=(N, n)) if soft else None
 
 
+def on_demand(work: float) -> KernelOnDemand:
+    return KernelOnDemand(divide_rows, few=work, load=work, make=work)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_interpreted_and_compiled_give_the_same_bits(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     one, samples, whole, torsion = random_samples(seed, 60)
     for dual in (False, True):
-        monkeypatch.setattr("graspfx.coupling.two_forces.FEW", 10**9)
-        monkeypatch.setattr("graspfx.coupling.two_forces.MORE", 10**9)
+        monkeypatch.setattr("graspfx.coupling.two_forces.DIVIDE_ROWS", on_demand(float("inf")))
         interpreted = external_part(one, samples, whole, torsion, dual=dual)
-        monkeypatch.setattr("graspfx.coupling.two_forces.FEW", 0)
-        monkeypatch.setattr("graspfx.coupling.two_forces.MORE", 0)
+        monkeypatch.setattr("graspfx.coupling.two_forces.DIVIDE_ROWS", on_demand(0.0))
         monkeypatch.setattr("graspfx.coupling.two_forces.ROWS", 17)  # in pieces
         compiled = external_part(one, samples, whole, torsion, dual=dual)
         for a, b in zip(interpreted, compiled, strict=True):
@@ -151,7 +154,8 @@ def test_interpreted_and_compiled_give_the_same_bits(seed: int, monkeypatch: pyt
 def test_without_llvm_python_divides(monkeypatch: pytest.MonkeyPatch) -> None:
     one, samples, whole, torsion = random_samples(3, 2000)
     compiled = external_part(one, samples, whole, torsion)
-    monkeypatch.setattr("graspfx.coupling.two_forces.find_spec", lambda name: None)
+    monkeypatch.setattr("graspfx.compile.demand.find_spec", lambda name: None)
+    monkeypatch.setattr("graspfx.coupling.two_forces.DIVIDE_ROWS", on_demand(0.0))
     assert external_part(one, samples, whole, torsion)[0].tobytes() == compiled[0].tobytes()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.compile.demand import KernelOnDemand
 from graspfx.errors import InputError
 from graspfx.grasp import point_sets
 from graspfx.grasp.split import UnitDependentSplitWarning
@@ -187,12 +188,11 @@ def test_machine_code_and_interpreter_give_the_same_bits(monkeypatch: pytest.Mon
     points, e = sets_of(rng, 5, 3), rng.normal(size=(3, 4, 15))
     answers = []
     for most in (float("inf"), 0):  # never, and at once
-        monkeypatch.setattr(point_sets, "LOAD", most)
-        monkeypatch.setattr(point_sets, "COMPILE", most)
         for name in ("COUPLE", "COUPLE_ROWS", "MODE_ROWS"):
-            engine = point_sets.Engine(getattr(point_sets, name).kernel)
-            monkeypatch.setattr(point_sets, name, engine)
-        monkeypatch.setattr(point_sets, "WORKSPACES", point_sets.Workspaces())
+            kernel = getattr(point_sets, name).kernel
+            monkeypatch.setattr(point_sets, name, KernelOnDemand(kernel, few=most, load=most, make=most))
+        monkeypatch.setattr(point_sets, "FORCES", point_sets.Workspaces(point_sets.Workspace))
+        monkeypatch.setattr(point_sets, "MODES", point_sets.Workspaces(point_sets.ModeSpace))
         split = gx.Grasp(points).split()
         alone = [LAW.force(gx.Grasp(points[i]).split(), e[i]) for i in np.ndindex(3, 4)]
         answers.append([LAW.force(split, e), np.array(alone), split.external])

@@ -8,10 +8,11 @@ import sys
 import numpy as np
 import pytest
 
+from graspfx.compile.demand import KernelOnDemand
 from graspfx.loop.recording import tally_program
 from graspfx.loop.recording.header import Outcome, RunFault
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.tally_program import MORE, Measures
+from graspfx.loop.recording.tally_program import Measures
 from graspfx.loop.recording.vibration import vibration
 from graspfx.show import table
 from graspfx.show.summary_table import ROWS, columns, print_summary
@@ -75,9 +76,12 @@ def test_sums_and_peaks_are_the_same_compiled_and_interpreted(
     if bad is not None:
         rows[7, 5] = bad
     answers = []
-    for count in (MORE + 1, 0):  # rows that there are in all, for a program or for Python
-        monkeypatch.setattr(tally_program, "FEW", MORE)
-        measures = Measures(count)
+    for most in (0, float("inf")):  # machine code at once, and never
+        for name in ("LENGTHS", "PLACES"):
+            kernel = getattr(tally_program, name).kernel
+            monkeypatch.setattr(tally_program, name, KernelOnDemand(kernel, few=most, load=most, make=most))
+        measures = Measures(300)
+        assert tally_program.LENGTHS.is_compiled == (most == 0)
         answers.append(
             [
                 *measures.lengths(rows, 5, 3, 3)[0],

@@ -6,28 +6,15 @@ Largest values begin at -1, which stands for none; what is not a number stays.
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from functools import cache
-from importlib.util import find_spec
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.errors import GraspFXError
+from graspfx.compile.demand import KernelOnDemand
 
 FloatArray = NDArray[np.float64]
-
-FEW, MORE = 100, 5000  # rows that Python looks at itself: where LLVM is loaded, and where it would have to be
-PROGRAM = """
-def run(task, count, width, n, d, at, mask, other, centre):
-    if task == 0:
-        measure_lengths(rows, entries, results, count, width, n, d, at, mask)
-    else:
-        measure_places(rows, entries, results, count, width, n, d, at, mask, other, centre)
-"""
 
 
 def larger(peak: float, size: float) -> float:
@@ -113,7 +100,10 @@ def measure_places(
                 results[3] = results[3] + off * off
 
 
-Runner = Callable[[dict[str, FloatArray], tuple[int, ...]], None]
+# in rows, which Python looks at in some ten microseconds each
+LENGTHS, PLACES = (
+    KernelOnDemand(kernel, few=100, load=5_000, make=50_000) for kernel in (measure_lengths, measure_places)
+)
 
 
 class Measures:
@@ -124,7 +114,7 @@ class Measures:
     """
 
     def __init__(self, rows: int) -> None:
-        self._runner = _runner(rows)
+        self._lengths, self._places = LENGTHS.runner(rows), PLACES.runner(rows)
 
     def lengths(
         self, rows: FloatArray, at: int, n: int, d: int, counts: NDArray[Any] | None = None
@@ -142,7 +132,8 @@ class Measures:
         """
         results = np.array([*[-1.0] * n, 0.0, 0.0])
         entries = np.zeros(1) if counts is None else np.ascontiguousarray(counts, dtype=float).reshape(-1)
-        self._run(rows, entries, results, 0, n, d, at, 0 if counts is None else 1, 0, 0)
+        flat = np.ascontiguousarray(rows).reshape(-1)
+        self._lengths(flat, entries, results, *rows.shape, n, d, at, 0 if counts is None else 1)
         return results[:n], float(results[n]), int(results[n + 1])
 
     def places(
@@ -155,50 +146,6 @@ class Measures:
         """
         results = np.array([-1.0, 0.0, 0.0, 0.0])
         entries = np.array([*fingers, 0.0])
-        self._run(rows, entries, results, 1, len(fingers), d, at, touching, contact, centre)
+        flat = np.ascontiguousarray(rows).reshape(-1)
+        self._places(flat, entries, results, *rows.shape, len(fingers), d, at, touching, contact, centre)
         return float(results[0]), float(results[1]), int(results[2]), float(results[3])
-
-    def _run(self, rows: FloatArray, entries: FloatArray, results: FloatArray, task: int, *numbers: int) -> None:
-        count, width = rows.shape
-        if count:
-            buffers = {"rows": np.ascontiguousarray(rows).reshape(-1), "entries": entries, "results": results}
-            self._runner(buffers, (task, count, width, *numbers))
-
-
-def warm() -> None:
-    """Compile the program, where there is LLVM, unless it is in the cache."""
-    if find_spec("llvmlite") is not None:
-        _compiled()
-
-
-def _runner(count: int) -> Runner:
-    """Choose who measures, by the rows that there are and by whether LLVM would have to be loaded first."""
-    least = FEW if "llvmlite" in sys.modules else MORE
-    if count > least and find_spec("llvmlite") is not None:
-        with suppress(GraspFXError):  # an LLVM that does not load: Python gives the same bits
-            return _compiled()
-    return _interpreted
-
-
-def _interpreted(buffers: dict[str, FloatArray], numbers: tuple[int, ...]) -> None:
-    rows, entries, results = (memoryview(buffers[name]) for name in ("rows", "entries", "results"))
-    task, *rest = numbers
-    if task == 0:
-        measure_lengths(rows, entries, results, *rest[:6])
-    else:
-        measure_places(rows, entries, results, *rest)
-
-
-@cache
-def _compiled() -> Runner:
-    """Compile the program, or take it from the cache."""
-    from graspfx.compile.native import compiled
-    from graspfx.compile.program import program_source
-
-    kernels: dict[str, Callable[..., Any]] = {"measure_lengths": measure_lengths, "measure_places": measure_places}
-    native = compiled(program_source(PROGRAM, kernels, ["rows", "entries", "results"], {}))
-
-    def run(buffers: dict[str, FloatArray], numbers: tuple[int, ...]) -> None:
-        native.bind(*(buffers[name] for name in native.arrays)).long(*numbers)
-
-    return run

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +12,13 @@ from numpy.typing import NDArray
 from graspfx.errors import GraspFXError
 from graspfx.loop.recording.growth.smoother import ORDER, roughness
 
+if TYPE_CHECKING:
+    from graspfx.compile.machine import Machine
+
 FloatArray = NDArray[np.float64]
 
 MORE = 20_000  # numbers from which a program is worth loading
 FACTORS = ORDER + 1  # of a row of q D D' + I = L d L': four of L, and 1/d
-PROGRAM = """
-def run(rows, columns, first, stop):
-    factorise(factors, setting, rows)
-    sweep(signals, work, factors, setting, sums, rows, columns, first, stop)
-"""
 
 
 def factorise(factors: Any, setting: Any, rows: int) -> None:
@@ -108,6 +104,14 @@ def sweep(
                 sums[j] = sums[j] + rough * rough
 
 
+def rough(
+    signals: Any, work: Any, factors: Any, setting: Any, sums: Any, rows: int, columns: int, first: int, stop: int
+) -> None:
+    """Add up squares as `sweep` does, with factors that are computed first."""
+    factorise(factors, setting, rows)
+    sweep(signals, work, factors, setting, sums, rows, columns, first, stop)
+
+
 def rough_squares(x: FloatArray, q: float, first: int, stop: int) -> FloatArray:
     """Add up the squares of what is rough in each signal, over rows from `first` up to `stop`, (k,).
 
@@ -118,37 +122,25 @@ def rough_squares(x: FloatArray, q: float, first: int, stop: int) -> FloatArray:
         q: of the smoother's penalty (`smoother.roughness`).
         first, stop: of the rows that count.
     """
-    program = _compiled() if x.size > MORE else None
-    if program is None:
+    machine = _machine() if x.size > MORE else None
+    if machine is None:
         return np.asarray((roughness(x, q)[first:stop] ** 2).sum(axis=0))
     N, k = x.shape
     factors, work, sums = np.zeros(FACTORS * (N + 8)), np.zeros((N + 8) * k), np.zeros(k)
     factors[FACTORS - 1 : FACTORS * ORDER : FACTORS] = 1.0
     signals = np.ascontiguousarray(x).reshape(-1)
-    buffers = {"signals": signals, "work": work, "factors": factors, "setting": np.array([q]), "sums": sums}
-    program(buffers, (N, k, first, stop))
+    machine.once(signals, work, factors, np.array([q]), sums, N, k, first, stop)
     return sums
 
 
-def warm() -> None:
-    """Compile the program, where there is LLVM, unless it is in the cache."""
-    _compiled()
-
-
 @cache
-def _compiled() -> Callable[[dict[str, FloatArray], tuple[int, ...]], None] | None:
-    """Compile the program, or take it from the cache; None without LLVM."""
+def _machine() -> Machine | None:
+    """Compile the kernel, or take it from the cache; None without LLVM, or with one that does not load."""
     if find_spec("llvmlite") is None:
         return None
-    from graspfx.compile.native import compiled
-    from graspfx.compile.program import program_source
+    from graspfx.compile.machine import compiled
 
-    with suppress(GraspFXError):  # an LLVM that does not load
-        arrays = ["signals", "work", "factors", "setting", "sums"]
-        native = compiled(program_source(PROGRAM, {"factorise": factorise, "sweep": sweep}, arrays, {}))
-
-        def run(buffers: dict[str, FloatArray], numbers: tuple[int, ...]) -> None:
-            native.bind(*(buffers[name] for name in native.arrays)).long(*numbers)
-
-        return run
-    return None
+    try:
+        return compiled(rough)
+    except GraspFXError:
+        return None
