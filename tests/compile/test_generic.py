@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +88,20 @@ def test_a_library_is_compiled_once_with_a_line_of_progress(
     library.cache_clear()
     assert library(SMALL).cached and not capsys.readouterr().err
     library.cache_clear()
+
+
+def test_machine_code_that_others_may_call_outlives_its_library(folder: Path) -> None:
+    """Programs are bound to it by address: were it freed, they would run on in whatever stands there by then."""
+    library.cache_clear()
+    home = library(SMALL)
+    symbol = home.find("graspfx.loop.tick.memory.latch", ("ptr", *["i64"] * 5))
+    assert symbol is not None
+    home.load([symbol.name])
+    engine = weakref.ref(home._engines[0])
+    del home
+    library.cache_clear()
+    gc.collect()
+    assert engine() is not None
 
 
 def test_without_further_processes_this_one_compiles(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
