@@ -60,15 +60,15 @@ def measure(rows: Any, measures: Any, entries: Any, results: Any, width: int, nu
         to = int(measures[o + 8])
         first = int(measures[o + 9])
         stop = int(measures[o + 10])
-        if kind == 0:
+        if kind == LENGTHS:
             measure_lengths(rows, results, width, n, d, at, mask, to, first, stop)
-        elif kind == 1:
+        elif kind == PLACES:
             measure_places(rows, entries, results, width, n, d, at, mask, other, centre, some, to, first, stop)
-        elif kind == 2:
+        elif kind == MOMENTS:
             measure_moments(rows, entries, results, width, n, d, at, other, centre, some, to, first, stop)
-        elif kind == 4:
+        elif kind == DEPTHS:
             measure_depths(rows, results, width, n, at, mask, to, first, stop)
-        elif kind == 5:
+        elif kind == DISTANCES:
             measure_distances(rows, results, width, d, at, to, first, stop)
         else:
             measure_numbers(rows, results, width, n, at, kind, to, first, stop)
@@ -258,9 +258,9 @@ def measure_numbers(
     for row in range(first, stop):
         for i in range(n):
             number = rows[row * width + at + i]
-            if kind == 7:
+            if kind == LARGEST:
                 results[to + i] = larger(results[to + i], number)
-            elif (kind == 3 and number != 0.0) or (kind == 6 and number == 1.0):
+            elif (kind == SHARES and number != 0.0) or (kind == LAWS and number == 1.0):
                 results[to + i] = results[to + i] + 1.0
 
 
