@@ -20,6 +20,7 @@ from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.selection import chosen_layout
+from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.servo import Servo
 
 if TYPE_CHECKING:
@@ -72,13 +73,13 @@ def build(
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
         stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
-        observers = list(_observers(parts, objects, movers))
+        observers, safety = list(_observers(parts, objects, movers)), _safety(parts, objects, fields)
         layout, every = make_layout(parts), 1
         if selected:
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         yield Servo(
             scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,
-            record=record, every=every,
+            record=record, every=every, safety=safety,
         )  # fmt: skip
 
 
@@ -112,6 +113,7 @@ def make_layout(parts: Parts) -> Layout:
         observed=scene.coupling.passivity != "off",
         controlled=scene.coupling.passivity == "control",
         limits=parts.limits is not None,
+        guarded=parts.safety is not None,
         normals=soft,
         torsion_axes=soft and scene.coupling.reaction == "fingertip",
         predicted=_predicted(parts),
@@ -127,6 +129,13 @@ def _predicted(parts: Parts) -> tuple[int, ...]:
         if thing.integrator == "implicit" and thing.dynamics == "native" and scene.turns(thing)
         and any(scene.free(thing)[:d]) and not all(scene.free(thing)[:d])
     )  # fmt: skip
+
+
+def _safety(parts: Parts, objects: Sequence[GraspedPart], live: Collection[str]) -> SafetyChain | None:
+    if parts.safety is None:
+        return None
+    grasped = [(part.grasped, part.fingers) for part in objects]
+    return SafetyChain(parts.safety, grasped, len(parts.wires), parts.scene.period, live=live)
 
 
 def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> Iterator[Observer]:

@@ -38,6 +38,7 @@ REASONS = {
         "it is a word that decides what is computed"
     ),
     ("coupling.passivity",): "whether energy is booked decides what is recorded",
+    ("safety", "finger.*.safety"): "limits hold for a whole run",
     ("object", "obstacle", "world"): "it decides what bodies are made and how they move",
     ("finger", "device", "hand"): "it decides what is connected, or how contacts are laid out",
 }

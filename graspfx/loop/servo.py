@@ -21,8 +21,9 @@ from graspfx.loop.plant import FusedPlant
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
-from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
+from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
 from graspfx.loop.tick.programs import Engine, Generic, Interpreted
 from graspfx.loop.tick.script import Port, Tick
@@ -46,6 +47,7 @@ class Servo:
         engine: "auto", "generic", "compiled" or "interpreted".
         record: whether ticks are recorded; else `run` takes no recorder.
         every: ticks from one recorded row to the next.
+        safety: the chain between law and devices, if the scene has one.
     """
 
     def __init__(
@@ -61,11 +63,13 @@ class Servo:
         *,
         record: bool = True,
         every: int = 1,
+        safety: SafetyChain | None = None,
     ) -> None:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
         self.period, self.layout, self.every = period, layout, every
         self.stations, self.objects, self.movers, self.plants = stations, objects, movers, plants
         self.observers = observers  # one for each object, or none at all
+        self.safety = safety
         self.fault: RunFault | None = None
         self._nowhere = np.empty((0, layout.width))
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
@@ -97,8 +101,9 @@ class Servo:
     def parts(self) -> Parts:
         """All that runs."""
         return Parts(
-            self.period, self.layout, self.stations, self.objects, self.movers, self.plants, self.observers, self.every
-        )
+            self.period, self.layout, self.stations, self.objects, self.movers, self.plants, self.observers, self.every,
+            self.safety,
+        )  # fmt: skip
 
     @property
     def script(self) -> Tick:
@@ -250,13 +255,14 @@ class Servo:
     def _read(self, k: int, port: Port) -> None:
         port.memory[0] = 0.0
         try:
-            position, velocity, _ = self.stations[port.station].device.read()
+            position, velocity, time = self.stations[port.station].device.read()
         except DeviceError as error:
             self._tell(k, str(error))
             return
         if port.limit is not None and not self._take_limits(k, port):
             return
         port.position[...], port.velocity[...] = position, velocity
+        port.note(time)
         port.memory[0] = 1.0
 
     def _take_limits(self, k: int, port: Port) -> bool:
@@ -330,6 +336,8 @@ class Servo:
         kind, index, code = servo.kind, servo.index, servo.code
         if kind == FOREIGN:
             return self._foreign_faults[code]
+        if kind == SAFETY and self.safety is not None:
+            return self.safety.fault_text(code, self.layout.fingers, [self._device(each) for each in self.stations])
         if kind == STATION:
             return self.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
         if kind == OBJECT_:
@@ -340,6 +348,10 @@ class Servo:
 
     def _objects(self, mover: int) -> str:
         return ", ".join(self.objects[number].name for number in self.movers[mover].objects)
+
+    def _device(self, station: DeviceWiring) -> str:
+        fingers = ", ".join(self.layout.fingers[f] for f in station.fingers if f >= 0)
+        return f"the device of {fingers}"
 
     def _fingers(self, index: int) -> str:
         return ", ".join(self.layout.fingers[f] for f in self.plants[index].fingers)

@@ -82,7 +82,7 @@ class Observer:
     @property
     def structure(self) -> Index:
         """Entries of `buffer` that never change and select the computation."""
-        fixed = ["count", "components", "control", "foreign", "split"]
+        fixed = ["count", "components", "control", "foreign", "guarded", "split"]
         if not self._ledger.drag:
             fixed.append("drag")
         split = [start_of(ModeSplit, name) + self._ledger.split.offset for name in ("fingers", "width", "shifts")]

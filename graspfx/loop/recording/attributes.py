@@ -24,13 +24,15 @@ NAMES = (
     "omitted",
 )  # of a layout's fields that are tuples
 
+GUARDED = "guarded"  # of a layout's fields: written where it is true, so that other recordings are as they were
+
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
     """Describe a recording before its first row."""
     attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
     for key, value in asdict(header).items():
         attributes[key] = value if isinstance(value, str | float) else _json(value)
-    attributes["layout"] = _json(asdict(layout))
+    attributes["layout"] = _json({key: value for key, value in asdict(layout).items() if key != GUARDED or value})
     return attributes
 
 

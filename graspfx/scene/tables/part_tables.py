@@ -26,6 +26,7 @@ from graspfx.scene.tables.fields import (
     as_float,
 )
 from graspfx.scene.tables.hands import HandOrName
+from graspfx.scene.tables.safety_table import FingerSafety
 from graspfx.scene.tables.shapes import Shape
 
 
@@ -220,3 +221,4 @@ class Finger(Table):
         description="a compliant fingertip: f_n = k depth^1.5 [N] along the normal, the depth [m] adds to e_n of "
         "eq. (4); for unilateral contacts",
     )
+    safety: FingerSafety | None = Field(default=None, description="limits of its own, in a scene with [safety]")
