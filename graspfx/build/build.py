@@ -155,4 +155,5 @@ def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[Bo
             control=scene.coupling.passivity == "control",
             friction=friction[part.fingers],
             mass=mass[part.fingers],
+            guarded=parts.safety is not None,
         )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.records import entries_of, size_for
-from graspfx.coupling.entries import has_problems
+from graspfx.coupling.entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.safety.pace import CAUSES, DECAY, QUICK, STALE
@@ -78,7 +78,7 @@ class SafetyChain:
         pace.devices, pace.hold, pace.trust = devices, float(limits.hold), 1.0
         pace.ramp, pace.fading = limits.soft_start / period, min(period / DECAY, 1.0)
         self.buffers = [self._buffer(each, fingers, period, live) for each, fingers in grasped]
-        first = SafetyState(self.buffers[0]).scale.offset if self.buffers else 0
+        first = SafetyState(np.zeros(size_for(SafetyState, count=0))).scale.offset
         self.where = {"scale": np.array(entries_of(Scale, "soft", "trust", "squeeze", "outer", at=first), np.intp)}
 
     def _buffer(self, grasped: GraspedObject, fingers: Index, period: float, live: Collection[str]) -> FloatArray:
@@ -144,10 +144,9 @@ def least_stiffness(grasped: GraspedObject) -> float:
     return float(above.min(initial=math.inf)) if len(above) else 0.0
 
 
-def goal_entries(names: Collection[str]) -> list[int]:
-    """List the entries of an object's memory that hold the gains of these names on their way."""
-    first = SafetyState(np.zeros(size_for(SafetyState, count=0))).goal.offset
-    return [k for name in GAINS if name in names for k in entries_of(Goal, name, at=first)]
+def goal_entries() -> list[int]:
+    """List the entries of an object's memory that hold the gains on their way."""
+    return entries_of(Goal, *GAINS, at=SafetyState(np.zeros(size_for(SafetyState, count=0))).goal.offset)
 
 
 def changing_entry() -> list[int]:
@@ -155,6 +154,8 @@ def changing_entry() -> list[int]:
     return entries_of(SafetyState, "changing")
 
 
-def steered_fields(grasp: GraspState) -> frozenset[str]:
-    """Name the fields of a block that a chain writes itself where gains are numbers."""
-    return frozenset() if grasp.dense else frozenset({*GAINS, *CHOICES})
+def steered_entries(grasped: GraspedObject) -> list[int]:
+    """List the entries of a block that the chain writes itself on the way to other gains that are numbers."""
+    grasp = grasped.state
+    entries = entries_of(GraspState, *GAINS, *CHOICES)
+    return [*entries, compliant_entry(grasp.damping_problem)] if has_problems(grasp) else entries
