@@ -148,7 +148,7 @@ class Steering:
         yield from _caches(own, new, keys)
 
     def _of_chain(self, i: int, other: Servo) -> Iterator[Numbers]:
-        """Give the numbers to be written beside the block of object i, for its safety chain; all before the first tick."""
+        """Give the numbers for the safety chain beside the block of object i; all of them where no tick has run."""
         own, new = self.servo.safety, other.safety
         if own is None or new is None:
             return

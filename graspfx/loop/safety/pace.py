@@ -25,8 +25,9 @@ def keep_pace(pace: Pace, k: int) -> int:
     for i in range(pace.devices):
         if cause == 0 and pace.misses[i] > pace.hold:
             cause = STALE + CAUSES * i
+    half = 0.5 * pace.fading  # nearer than that to an end is there: rounding adds no sample
     if cause == 0:
-        pace.trust = min(pace.trust + pace.fading, 1.0)
+        pace.trust = pace.trust + pace.fading if pace.trust + pace.fading < 1.0 - half else 1.0
         return 0
-    pace.trust = max(pace.trust - pace.fading, 0.0)
+    pace.trust = pace.trust - pace.fading if pace.trust - pace.fading > half else 0.0
     return cause if pace.trust == 0.0 else 0
