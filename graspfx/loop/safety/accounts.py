@@ -6,7 +6,7 @@ from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.watch import book_sample, store_sample
-from graspfx.loop.safety.state import SafetyState
+from graspfx.loop.safety.safety_state import SafetyState
 from graspfx.loop.safety.tank import refill
 
 

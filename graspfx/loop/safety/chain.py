@@ -14,7 +14,7 @@ from graspfx.coupling.entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.safety.pace import CAUSES, DECAY, QUICK, STALE
-from graspfx.loop.safety.state import FingerLimits, Goal, Pace, SafetyState, Scale
+from graspfx.loop.safety.safety_state import FingerLimits, Goal, Pace, SafetyState, Scale
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

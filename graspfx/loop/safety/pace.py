@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from graspfx.compile.kernel import kernel
-from graspfx.loop.safety.state import Pace
+from graspfx.loop.safety.safety_state import Pace
 
 STALE, QUICK, NOT_FINITE = 1, 2, 3  # causes; with the number of a device or a finger: cause + CAUSES number
 CAUSES = 4

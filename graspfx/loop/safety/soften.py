@@ -11,7 +11,7 @@ import math
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.safety.pace import CAUSES, QUICK
-from graspfx.loop.safety.state import Pace, SafetyState
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.safety.tank import grow
 from graspfx.spatial import dot
 

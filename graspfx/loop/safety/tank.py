@@ -12,7 +12,7 @@ from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.ledger import total_of
-from graspfx.loop.safety.state import SafetyState
+from graspfx.loop.safety.safety_state import SafetyState
 
 SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w, by a fifth at most
 

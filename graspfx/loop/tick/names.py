@@ -15,7 +15,7 @@ from graspfx.loop.device import FusedDevice
 from graspfx.loop.parts import Parts, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.safety.state import Pace, SafetyState
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.objects.guest import GuestState

@@ -17,7 +17,7 @@ from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.observer import MET
 from graspfx.loop.parts import BodyGroup, DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
-from graspfx.loop.safety.state import Pace, SafetyState
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import CHUNK, ServoState
 from graspfx.loop.tick.script import Port, Table, Tick
 from graspfx.loop.tick.sources import sources

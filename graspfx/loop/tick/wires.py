@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.compile.records import Floats
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
-from graspfx.loop.safety.state import Pace, SafetyState
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import ServoState
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import GuestState

@@ -18,8 +18,8 @@ from graspfx.coupling.sample import conclude, couple
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.safety.chain import SafetyChain, SafetyLimits
 from graspfx.loop.safety.restrain import restrain
+from graspfx.loop.safety.safety_state import Pace
 from graspfx.loop.safety.soften import apply_gain, soften
-from graspfx.loop.safety.state import Pace
 from graspfx.objects.body import fill_body
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support.closed_paths import gain_per_loop
@@ -67,7 +67,7 @@ def sizes(rec: Recording) -> np.ndarray:
 
 def scale(rec: Recording) -> np.ndarray:
     """Shares that the chain leaves, (N, 4)."""
-    return rec.array("objects/object/scale")
+    return require(rec.objects["object"].scale)
 
 
 # The start --------------------------------------------------------------------------------------------------------
@@ -369,3 +369,17 @@ def test_a_flick_at_the_limit_makes_no_energy_without_a_brake() -> None:
     gained = 0.05 * float(rec.object_velocity[-1, 0]) ** 2
     assert gained > 1e-3
     assert gained + float(rec.device_energy[-1, 0]) < 0.5 * 1.0 * 2 * 1e-4
+
+
+def test_shares_are_exported_by_name(tmp_path: Path) -> None:
+    """In a file and back, and as columns of a table."""
+    rec = recorded(pinch(safety={"force": 0.2, "soft_start": 0.1}), "interpreted", ticks=30)
+    rec.save(tmp_path / "recording.h5")
+    again = Recording.load(tmp_path / "recording.h5")
+    np.testing.assert_array_equal(scale(again), scale(rec))
+    rec.to_csv(tmp_path / "recording.csv")
+    names = (tmp_path / "recording.csv").read_text().splitlines()[0].split(",")
+    assert [each for each in names if each.startswith("object_scale")] == [
+        f"object_scale.object.{share}" for share in ("soft", "trust", "squeeze", "outer")
+    ]
+    assert recorded(pinch(), "interpreted", ticks=5).objects["object"].scale is None

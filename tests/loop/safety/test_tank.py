@@ -10,7 +10,7 @@ import pytest
 import graspfx as gx
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.errors import InputError
-from graspfx.loop.safety.state import SafetyState
+from graspfx.loop.safety.safety_state import SafetyState
 from tests.support.optional import require
 
 INTERNAL, EXTERNAL = "coupling.internal.stiffness", "coupling.external.stiffness"
