@@ -8,11 +8,11 @@ is not counted.
 
 from __future__ import annotations
 
-from graspfx.compile.kernel import kernel
+from graspfx.compile.kernel import inline, kernel
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.ledger import total_of
-from graspfx.loop.safety.safety_state import SafetyState
+from graspfx.loop.safety.safety_state import SafetyState, Tank
 
 SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w, by a fifth at most
 
@@ -33,11 +33,10 @@ def grow(grasp: GraspState, safety: SafetyState, target: float) -> None:
         if price * gain * gain > tank.most:
             price = tank.most / (gain * gain)
         cost = (target - gain) * price
-        if cost > tank.level:
-            target = gain + (target - gain) * (tank.level / cost)
-            cost = tank.level
         if cost > 0.0:
-            tank.level -= cost
+            share = affordable(tank, cost)
+            target = gain + share * (target - gain)
+            tank.level -= share * cost
     safety.gain = target
 
 
@@ -48,9 +47,7 @@ def adjust(grasp: GraspState, safety: SafetyState) -> None:
         return
     tank, goal = safety.tank, safety.goal
     cost = price_of_change(grasp, safety)
-    share = 1.0
-    if cost > tank.level:
-        share = tank.level / cost
+    share = affordable(tank, cost)
     tank.level = min(tank.level - share * cost, tank.most)
     if share == 1.0:
         safety.changing = False
@@ -64,6 +61,12 @@ def adjust(grasp: GraspState, safety: SafetyState) -> None:
             kip + share * (goal.internal_stiffness - kip), kid + share * (goal.internal_damping - kid),
         )  # fmt: skip
     write_choices(grasp, safety)
+
+
+@inline
+def affordable(tank: Tank, cost: float) -> float:
+    """Give the share of a change that the tank pays for: all where it costs nothing, none of a level below zero."""
+    return 1.0 if cost <= tank.level or cost <= 0.0 else max(tank.level, 0.0) / cost
 
 
 @kernel

@@ -126,11 +126,17 @@ def test_a_chain_that_does_not_bite_changes_no_bit() -> None:
 
 # Engines ----------------------------------------------------------------------------------------------------------
 
+SOFT = {
+    f"finger__{i}__{key}": value
+    for i in range(3)
+    for key, value in (("model", "soft"), ("patch", 0.008), ("pad", {"kind": "hertz", "stiffness": 2e4}))
+}
 KINDS: dict[str, tuple[int, dict[str, Any]]] = {
     "line": (1, {"coupling__passivity": "control"}),
     "plane, friction": (2, {"coupling__friction": 0.5, "coupling__passivity": "observe"}),
     "plane, attached": (2, {"coupling__contact": "attached"}),
     "space, implicit": (3, {"coupling__friction": 0.6, "object__integrator": "implicit"}),
+    "space, soft pads": (3, {"coupling__friction": 0.6, "coupling__passivity": "observe"} | SOFT),
     "space, matrices": (3, {"coupling__external__stiffness": [60.0, 61.0, 62.0], "coupling__form": "symmetric"}),
 }
 TIGHT = {"force": 0.2, "rate": 6.0, "soft_start": 0.05, "workspace": [[-0.03], [0.03]]}

@@ -124,6 +124,26 @@ def test_a_tank_with_too_little_takes_a_part_of_the_change() -> None:
         assert not chain(session).changing
 
 
+@pytest.mark.parametrize(("new", "share"), [(400.0, 0.0), (20.0, 1.0)])
+def test_a_tank_below_zero_pays_for_nothing_and_takes_what_is_released(new: float, share: float) -> None:
+    """Damping that gave energy back may have drawn it: gains stay, or fall, and never move the other way."""
+    with gx.open(squeeze(safety__soft_start=0.2), live=[INTERNAL, EXTERNAL]) as session:
+        session.step(400)
+        chain(session).tank.level = -0.5
+        session.set({INTERNAL: new, EXTERNAL: new})
+        session.step()
+        assert grasp(session).internal_stiffness == 30.0 + share * (new - 30.0)
+        level = chain(session).tank.level
+        assert level == -0.5 if share == 0.0 else -0.5 < level < -0.4
+    with gx.open(squeeze(safety__soft_start=0.2)) as session:
+        session.step(150)
+        chain(session).tank.level = -0.5
+        gain = chain(session).gain
+        assert session.force.any()
+        session.step(100)
+        assert chain(session).gain == gain < 1.0
+
+
 def test_other_switches_follow_on_the_way() -> None:
     """Unequal gains of which one is paid for in part are split, and equal again at the end: as if built with them."""
     scene = squeeze(coupling__external__stiffness=200.0)
