@@ -11,7 +11,7 @@ from graspfx.errors import DeviceError, abbreviate, message
 from graspfx.loop.device import LimitedDevice, SimulatedDevice
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.entry import Entry
-from graspfx.loop.realtime.exits import Exits
+from graspfx.loop.realtime.exits import Exits, Interruption
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.readings import Readings
 from graspfx.loop.tick.script import Port
@@ -171,7 +171,13 @@ class DeviceExchange:
             self.exits.inside = False
 
     def write(self) -> str:
-        """Hand the devices their forces, up to the first that does not take them; return what is wrong."""
+        """Hand the devices their forces, up to the first that does not take them; return what is wrong.
+
+        Raises:
+            Interruption: a signal has come, maybe while a driver let no exception pass: no force comes after it.
+        """
+        if self.exits.numbers:
+            raise Interruption(self.exits.cause)
         self.exits.inside = True
         try:
             return next((text for each in self.ports if (text := each.write())), "")

@@ -27,6 +27,7 @@ from graspfx.loop.tick.engine import engine_for
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
 from graspfx.loop.tick.programs import Engine, Generic, Interpreted
+from graspfx.loop.tick.rehearsal import rehearse
 from graspfx.loop.tick.script import Tick
 from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
@@ -114,8 +115,8 @@ class Servo:
         return self._tick
 
     def prepare(self) -> DeviceExchange:
-        """Make ready for the first tick all that takes time, before hardware is opened; give the devices in Python."""
-        self._ready().write_to(np.empty((1, self.layout.width)))
+        """Make ready all that takes time, before hardware is opened; give the devices in Python."""
+        rehearse(self._ready(), self._tick, self.layout.width)
         return self._devices
 
     def run(
