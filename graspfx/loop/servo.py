@@ -142,10 +142,10 @@ class Servo:
                 into a block that the program has folded in, on which a switch of the block depends, or by which the
                 recording divides forces; hardware without a pacer.
         """
-        if (recorder is not None) is not self._record:
-            raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
         if pacer is None:
             require_simulations(self.hardware)
+        if (recorder is not None) is not self._record:
+            raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
         engine = self._ready()
         self.watch.require()
         engine.expect(ticks)

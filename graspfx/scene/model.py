@@ -21,6 +21,7 @@ from graspfx.scene.source import Source
 from graspfx.scene.table_memory import current_memory
 from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.scene_table import SceneTable
+from graspfx.scene.to_table import to_table
 
 if TYPE_CHECKING:
     from graspfx.analysis.linearisation import Linearisation
@@ -89,11 +90,12 @@ class Scene(Carded, SceneTable):
         return self._source
 
     def to_dict(self) -> dict[str, Any]:
-        """Write the scene as nested tables that `Scene(**table)` takes, without defaults."""
-        if self._written is not None:
-            return deepcopy(self._written)
-        table: dict[str, Any] = self.model_dump(mode="json", exclude_unset=True)
-        return table
+        """Write the scene as nested tables that `Scene(**table)` takes, without defaults.
+
+        Raises:
+            InputError: an object in it that cannot be written as data.
+        """
+        return to_table(self) if self._written is None else deepcopy(self._written)
 
     def require_reach(self) -> None:
         """Require what only shows when simulated devices are placed, as a run does.

@@ -51,15 +51,20 @@ class Fake:
         position: of its fingers, (k, d) [m].
         evil: a name of `EVIL`, done from a tick on; nothing for a device that does all as it should.
         at: that tick.
+        workspace: corners of where it works, (2, d) [m].
+        board: of no use.
 
     Attributes:
         log: "open", "stop", "close", or forces, each with the count of readings so far.
     """
 
-    def __init__(self, position: Any, evil: str = "", at: int = 10, limit: float = LIMIT) -> None:
+    def __init__(
+        self, position: Any, evil: str = "", at: int = 10, workspace: Any = None, board: object = None
+    ) -> None:  # fmt: skip
         self.x = np.array(position, dtype=float)
         k, d = self.x.shape
-        self.features = Features(fingers=k, dimensions=d, peak_force=limit)
+        box = None if workspace is None else (np.array(workspace[0]), np.array(workspace[1]))
+        self.features = Features(fingers=k, dimensions=d, peak_force=LIMIT, workspace=box)
         self.velocity = np.zeros((k, d))
         self.reads, self.log = 0, list[tuple[int, Any]]()
         self.period, self.at, self.evil = 0.0, at, EVIL[evil] if evil else Evil()
