@@ -82,6 +82,8 @@ def run(
         note = f"a number after the scene is taken for its duration: write run(scene, duration={overrides})"
         warnings.warn(note, FutureWarning, stacklevel=2)
         overrides, duration = None, overrides
+    if not isinstance(real_time, bool):
+        raise InputError("real_time", real_time, "True for the wall's clock, or False for the scene's own")
     if stop is not None and not callable(stop):
         raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
     if out is not None:

@@ -147,8 +147,8 @@ class VelocityEstimator:
     |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2: the noise, and the delay of the window's middle, n T / 2. A window helps
     while h / T exceeds A T, a fast loop or a coarse sensor; else the plain difference (window 1) is as good.
 
-    Of samples that come when they will, `update` is told the times: each interval is the true one, and a time that has not
-    moved on leaves the velocity as it is.
+    Of samples that come when they will, `update` is told the times: each interval is the true one, and a time that has
+    not moved on leaves the velocity as it is.
 
     The first position gives zero. A position that is not finite gives velocities that are not finite until
     two finite ones have followed.
@@ -232,6 +232,8 @@ class VelocityEstimator:
     def _update_at(self, position: ArrayLike, time: float) -> FloatArray:
         if not self._time <= time < np.inf:
             raise InputError("time", time, f"a finite time, {self._time:.9g} s or later")
+        if self._time == -np.inf:
+            self._memory[...] = 0.0  # positions without a time lead nowhere
         if time > self._time:
             self._time = time
             self._position[...] = position

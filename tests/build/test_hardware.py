@@ -13,9 +13,10 @@ import pytest
 import graspfx as gx
 from graspfx.build import hardware, pace
 from graspfx.build.build import build
-from graspfx.errors import DeviceError, InputError
+from graspfx.errors import DeviceError, InputError, RecordingError
 from graspfx.loop import servo as servos
 from graspfx.loop.realtime import settling
+from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
 from graspfx.loop.servo import Servo
 from graspfx.loop.tick import engine as engines
@@ -40,7 +41,7 @@ def clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def cart(file: Path, x: float = -0.03, **changes: Any) -> gx.Scene:
-    """A cart on a rail, held by a fake at x and a simulated finger."""
+    """Put a cart on a rail, held by a fake at x and a simulated finger."""
     finger = {"start": [-0.03], "device": {"name": str(file), "position": [[x]]}}
     return gx.Scene(**{**CART, "finger": [finger, PARTNER]}).replace(changes)
 
@@ -98,7 +99,7 @@ def test_a_rehearsal_leaves_no_trace(tmp_path: Path) -> None:
 
 
 def test_contact_is_met_where_the_finger_is(tmp_path: Path) -> None:
-    """The scene has it start outside, it stands inside: force grows from nothing, and from 0.5 s on all of it counts."""
+    """The scene has it start outside, it stands inside: force grows from nothing, after 0.5 s all of it counts."""
     file = driver(tmp_path)
     rec = gx.run(cart(file, -0.021, **ramp()), real_time=True)
     force = rec.displayed_force[:, 0, 0]
@@ -150,7 +151,7 @@ MOVING = {
 def test_hardware_that_does_not_settle_is_refused(says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(EVIL, "unsettled", Evil(read=MOVING[says]))
     file = driver(tmp_path)
-    scene = cart(file, **{"finger.0.device.evil": "unsettled", "finger.0.device.at": -SETTLING})
+    scene = cart(file, -0.03, **{"finger.0.device.evil": "unsettled", "finger.0.device.at": -SETTLING})
     if "workspace" in says:
         scene = scene.replace({"finger.0.device.workspace": [[0.0], [0.1]]})
     with pytest.raises(DeviceError, match=rf"the device of finger0 \(Fake\) (is )?{says}"):
@@ -163,7 +164,7 @@ def test_hardware_that_does_not_settle_is_refused(says: str, tmp_path: Path, mon
 def test_a_finger_that_leaves_before_the_run_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is moved by a centimetre while the recording is opened."""
     monkeypatch.setitem(EVIL, "leaves", Evil(read=lambda fake, p, v, t: (p - 0.01, v, t)))
-    scene = cart(driver(tmp_path), **{"finger.0.device.evil": "leaves", "finger.0.device.at": -1})
+    scene = cart(driver(tmp_path), -0.03, **{"finger.0.device.evil": "leaves", "finger.0.device.at": -1})
     with pytest.raises(DeviceError, match=r"was moved by 10\.0 mm before the run began"):
         gx.run(scene, real_time=True)
 
@@ -250,7 +251,7 @@ def test_simulations_in_real_time_are_the_same_to_the_bit() -> None:
 
 
 def test_signals_have_their_handlers_only_while_hardware_is_open(tmp_path: Path) -> None:
-    """Those of before are there again afterwards; in another thread they are left alone; simulations leave them alone."""
+    """Those of before are there again afterwards; another thread and simulations leave them alone."""
     numbers = [signal.SIGINT, signal.SIGTERM]
     before = [signal.getsignal(number) for number in numbers]
     seen: list[list[Any]] = []
@@ -291,10 +292,32 @@ def test_an_object_that_is_no_data_is_named(tmp_path: Path) -> None:
     """A board made in Python cannot be written into a recording: before anything is opened the key is told."""
     file = driver(tmp_path)
     with pytest.raises(InputError, match=r"finger\.0\.device\.board: .*expected numbers, texts.*a driver of your own"):
-        gx.run(cart(file, **{"finger.0.device.board": object()}), real_time=True)
+        gx.run(cart(file, -0.03, **{"finger.0.device.board": object()}), real_time=True)
     assert not any(fake.log for fake in fakes(file))
 
 
 def test_settling_takes_a_fifth_of_a_second() -> None:
     assert settling.DURATION == 0.2
-    assert SETTLING == round(settling.DURATION / CART["period"]) + 1  # and a look before the run
+    assert round(settling.DURATION / CART["period"]) + 1 == SETTLING  # and a look before the run
+
+
+def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error of the disk ends the run; by then every device had been stopped."""
+    file, stops = driver(tmp_path), list[int]()
+
+    def write(self: sink.FileSink, *arguments: Any) -> None:
+        raise RecordingError("no space left on the disk")
+
+    whole = sink.FileSink.close
+
+    def close(self: sink.FileSink, outcome: Any) -> None:
+        stops.append(fakes(file)[-1].index("stop"))
+        whole(self, outcome)
+
+    monkeypatch.setattr(recorders, "SECOND", 0.0)
+    monkeypatch.setattr(sink.FileSink, "write", write)
+    monkeypatch.setattr(sink.FileSink, "close", close)
+    with pytest.raises(RecordingError, match="no space left"):
+        gx.run(cart(file, -0.0245), real_time=True, out=tmp_path / "out")
+    assert stops
+    assert not any(np.any(what) for _, what in fakes(file)[-1].log[stops[0] :] if isinstance(what, np.ndarray))

@@ -1,4 +1,4 @@
-"""Hardware that is none: devices that a test reads back, of which one does something evil; and a clock without a wall."""
+"""Hardware that is none: devices that a test reads back, of which one does evil; and a clock without a wall."""
 
 from __future__ import annotations
 
