@@ -9,10 +9,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import PrivateAttr
+from pydantic_core import PydanticSerializationError
 
 from graspfx import plugins
 from graspfx.card import Card, Carded
 from graspfx.errors import Fault, InputError, SceneError
+from graspfx.scene.data import not_data
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
@@ -21,7 +23,6 @@ from graspfx.scene.source import Source
 from graspfx.scene.table_memory import current_memory
 from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.scene_table import SceneTable
-from graspfx.scene.to_table import to_table
 
 if TYPE_CHECKING:
     from graspfx.analysis.linearisation import Linearisation
@@ -48,19 +49,25 @@ class Scene(Carded, SceneTable):
         memory = current_memory()
         checked = memory.recall(table, origin) if memory is not None else None
         if checked is not None:
-            private = {"_source": origin, "_stock": None, "_written": checked.written}
-            self.__setstate__({
-                "__dict__": checked.fields, "__pydantic_fields_set__": checked.names, "__pydantic_extra__": None,
-                "__pydantic_private__": private,
-            })  # fmt: skip
+            self._take(checked.fields, checked.names, origin, None, checked.written)
             return
         faults, stock = plugins.upward("Scene.faults")(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
-        super().__init__(**table)
-        self._source, self._stock = origin, stock
+        valid = SceneTable(**table)  # by the validator that found no fault: a scene's own would be the same, made anew
+        self._take(vars(valid), valid.model_fields_set, origin, stock, None)
         if memory is not None:
             memory.keep(table, origin, self)
+
+    def _take(
+        self, fields: dict[str, Any], names: set[str], source: Source, stock: Any, written: dict[str, Any] | None
+    ) -> None:
+        """Take fields that are valid, and the names of those that were set."""
+        private = {"_source": source, "_stock": stock, "_written": written}
+        self.__setstate__({
+            "__dict__": fields, "__pydantic_fields_set__": names, "__pydantic_extra__": None,
+            "__pydantic_private__": private,
+        })  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
         """Compare as descriptions, wherever they came from."""
@@ -95,7 +102,14 @@ class Scene(Carded, SceneTable):
         Raises:
             InputError: an object in it that cannot be written as data.
         """
-        return to_table(self) if self._written is None else deepcopy(self._written)
+        if self._written is not None:
+            return deepcopy(self._written)
+        serializer = SceneTable.__pydantic_serializer__
+        try:
+            table: dict[str, Any] = serializer.to_python(self, mode="json", exclude_unset=True)
+        except PydanticSerializationError as error:
+            raise not_data(serializer.to_python(self, exclude_unset=True)) from error
+        return table
 
     def require_reach(self) -> None:
         """Require what only shows when simulated devices are placed, as a run does.

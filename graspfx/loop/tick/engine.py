@@ -155,6 +155,11 @@ def engine_for(kind: str, tick: Tick, *, at_once: bool = False) -> Engine:
         KernelError: a kernel of others with a fault.
     """
     kernels = foreign_kernels(tick.script.kernels)
+    if not kernels:
+        return _engine_of(kind, tick, at_once)
     functions = check(kernels.values())
-    engine = lasting_engine(tick) if at_once and kind == "auto" else ENGINES[kind](tick)
-    return FirstTicks(engine, CheckedScript(tick, kernels, functions)) if kernels else engine
+    return FirstTicks(_engine_of(kind, tick, at_once), CheckedScript(tick, kernels, functions))
+
+
+def _engine_of(kind: str, tick: Tick, at_once: bool) -> Engine:
+    return lasting_engine(tick) if at_once and kind == "auto" else ENGINES[kind](tick)

@@ -1,11 +1,10 @@
-"""A scene as data: what cannot be written into a recording is named by its key."""
+"""Scenes as data: an object that cannot be written into a recording is named by its key."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pydantic import BaseModel
 from pydantic_core import PydanticSerializationError, to_jsonable_python
 
 from graspfx.errors import InputError
@@ -14,22 +13,18 @@ EXPECTED = "numbers, texts, lists and tables: a recording has its whole scene as
 DO = "make it in a driver of your own, a Python file whose `connect` takes settings (docs/how-to/real-board.md)"
 
 
-def to_table(scene: BaseModel) -> dict[str, Any]:
-    """Write a scene as nested tables, without defaults.
+def not_data(table: Any) -> InputError:
+    """Make the error of a scene's table with an object that cannot be written as data."""
+    return next((InputError(key, value, EXPECTED, DO) for key, value in _leaves(table, "") if not _is_data(value)),
+                InputError("scene", table, EXPECTED, DO))  # fmt: skip
 
-    Raises:
-        InputError: an object in it that is no data, by its key.
-    """
+
+def _is_data(value: object) -> bool:
     try:
-        table: dict[str, Any] = scene.model_dump(mode="json", exclude_unset=True)
-    except PydanticSerializationError as error:
-        for key, value in _leaves(scene.model_dump(exclude_unset=True), ""):
-            try:
-                to_jsonable_python(value)
-            except PydanticSerializationError:
-                raise InputError(key, value, EXPECTED, DO) from error
-        raise InputError("scene", scene, EXPECTED, DO) from error
-    return table
+        to_jsonable_python(value)
+    except PydanticSerializationError:
+        return False
+    return True
 
 
 def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
