@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.fading import set_fade
-from graspfx.build.guards import guards_of
 from graspfx.build.live import live_fields
 from graspfx.build.movers import make_movers
 from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts, resolve
+from graspfx.build.scene_guards import guards_of
 from graspfx.build.wiring import outside_faults, placing_faults
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from graspfx.build.build import meet
 from graspfx.errors import InputError
 from graspfx.loop.device_exchange import DeviceExchange
-from graspfx.loop.realtime.entry import Entry
+from graspfx.loop.realtime.device_life import opened
 from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
-from graspfx.loop.realtime.opening import opened
+from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.pacing import Clock, Pacer
-from graspfx.loop.realtime.settling import Rest, look_again, settle
+from graspfx.loop.realtime.standstill import Rest, look_again, settle
 
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts

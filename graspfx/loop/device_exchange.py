@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from graspfx.errors import DeviceError, abbreviate, message
 from graspfx.loop.device import LimitedDevice, SimulatedDevice
 from graspfx.loop.parts import DeviceWiring
-from graspfx.loop.realtime.entry import Entry
 from graspfx.loop.realtime.exits import Exits, Interruption
+from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.readings import Readings
 from graspfx.loop.tick.script import Port
@@ -76,7 +76,7 @@ class DevicePort:
             self.device.__enter__()
             self.device.open(period)
         except Exception as error:  # noqa: BLE001 - a driver may raise anything, and each is a fault in words
-            return self._said("cannot be opened", error)
+            return self._failure("cannot be opened", error)
         self.is_gone = False
         return ""
 
@@ -86,7 +86,7 @@ class DevicePort:
             if self._ask is not None:
                 self._ask()
         except Exception as error:  # noqa: BLE001 - as in `open`
-            return self._said("cannot be asked", error)
+            return self._failure("cannot be asked", error)
         return ""
 
     def read(self, periods: int) -> str:
@@ -101,7 +101,7 @@ class DevicePort:
                 assert isinstance(self.device, LimitedDevice)
                 text = _take_limit(port.limit, self.device.largest_force)
         except Exception as error:  # noqa: BLE001 - as in `open`
-            return self._said("cannot be read", error)
+            return self._failure("cannot be read", error)
         if text:
             self.is_gone = True
             return f"{self.name} {text}; {ZERO}"
@@ -116,7 +116,7 @@ class DevicePort:
         try:
             self.device.write(self.port.command)
         except Exception as error:  # noqa: BLE001 - as in `open`
-            return self._said("cannot be written", error)
+            return self._failure("cannot be written", error)
         return ""
 
     def stop(self) -> str:
@@ -124,7 +124,7 @@ class DevicePort:
         try:
             self.device.stop()
         except Exception as error:  # noqa: BLE001 - one that is gone cannot be stopped, and the others must be
-            return self._said("cannot be stopped, and may keep its force: switch it off", error)
+            return self._failure("cannot be stopped, and may keep its force: switch it off", error)
         return ""
 
     def close(self) -> str:
@@ -132,15 +132,15 @@ class DevicePort:
         try:
             self.device.__exit__(None, None, None)
         except Exception as error:  # noqa: BLE001 - as in `stop`
-            return self._said("cannot be closed", error)
+            return self._failure("cannot be closed", error)
         return ""
 
-    def _said(self, what: str, error: Exception) -> str:
+    def _failure(self, action: str, error: Exception) -> str:
         """Say that a call has failed; a simulation's own words for it stand alone."""
         self.is_gone = True
         if isinstance(error, DeviceError):
             return f"{self.name}: {message(error)}" if self.hardware else str(error)
-        return f"{self.name} {what}: {type(error).__name__}: {message(error)}; {ZERO}"
+        return f"{self.name} {action}: {type(error).__name__}: {message(error)}; {ZERO}"
 
 
 class DeviceExchange:
@@ -187,9 +187,9 @@ class DeviceExchange:
     def stop(self) -> list[str]:
         """Set the force of every device to zero, those first that still answer; list which of these do not."""
         sound = [each for each in self.ports if not each.is_gone]
-        gone = [each for each in self.ports if each.is_gone]
+        silent = [each for each in self.ports if each.is_gone]
         texts = _all([each.stop for each in sound])
-        _all([each.stop for each in gone])
+        _all([each.stop for each in silent])
         return texts
 
     def close(self) -> list[str]:

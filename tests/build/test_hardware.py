@@ -15,7 +15,7 @@ from graspfx.build import hardware, pace
 from graspfx.build.build import build
 from graspfx.errors import DeviceError, InputError, RecordingError
 from graspfx.loop import servo as servos
-from graspfx.loop.realtime import settling
+from graspfx.loop.realtime import standstill
 from graspfx.loop.recording import recorder as recorders
 from graspfx.loop.recording import sink
 from graspfx.loop.servo import Servo
@@ -297,8 +297,8 @@ def test_an_object_that_is_no_data_is_named(tmp_path: Path) -> None:
 
 
 def test_settling_takes_a_fifth_of_a_second() -> None:
-    assert settling.DURATION == 0.2
-    assert round(settling.DURATION / CART["period"]) + 1 == SETTLING  # and a look before the run
+    assert standstill.DURATION == 0.2
+    assert round(standstill.DURATION / CART["period"]) + 1 == SETTLING  # and a look before the run
 
 
 def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,7 +123,7 @@ Reader = Callable[[Fake, FloatArray, FloatArray, float], Any]
 
 @dataclass(frozen=True)
 class Evil:
-    """What a fake does that no device should.
+    """Deeds of a fake that no device should do.
 
     Attributes:
         read, write, stop: instead of what it should return, or besides.

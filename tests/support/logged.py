@@ -142,7 +142,7 @@ class LoggedRun:
 
     @property
     def log(self) -> list[Entry]:
-        """What has been logged so far."""
+        """Lines of the log so far."""
         file = self.folder / "log"
         lines = file.read_text().splitlines(keepends=True) if file.exists() else []
         words = [line.split() for line in lines if line.endswith("\n")]
