@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,9 +74,9 @@ class Hardware:
             self._servo.rest(recorder)
 
     @property
-    def cause(self) -> str:
-        """The signal that ended the run; empty if none did."""
-        return self._exits.cause
+    def outcome(self) -> dict[str, Any]:
+        """Entries of the run's `Outcome`: the signal that ended it, and readings without a new sample."""
+        return {"cause": self._exits.cause, "repeats": self._devices.repeats}
 
     def _stops(self, stop: Callable[[], bool] | None) -> Callable[[], bool]:
         numbers = self._exits.numbers

@@ -43,7 +43,7 @@ class Pace:
     def outcome(self) -> dict[str, Any]:
         """Entries of the run's `Outcome`."""
         skipped = {} if self._pacer is None else {"skipped": self._pacer.skipped}
-        return skipped if self._hardware is None else skipped | {"cause": self._hardware.cause}
+        return skipped if self._hardware is None else skipped | self._hardware.outcome
 
 
 def pace_of(stack: ExitStack, servo: Servo, parts: Parts, *, real_time: bool, clock: Clock | None = None) -> Pace:

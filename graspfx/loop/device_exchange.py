@@ -49,6 +49,7 @@ class DevicePort:
     Attributes:
         name: in messages.
         channels: the finger that each channel is, -1 for none.
+        workspace: lower and upper corner [m], None where the device tells none.
         entry: of fingers that were inside an object; None without.
         is_gone: whether a call of it has failed: it is not read again.
     """
@@ -60,6 +61,7 @@ class DevicePort:
         self.channels: list[int] = station.fingers.tolist()
         self.hardware = is_hardware(self.device)
         self.readings = Readings(port.position.shape, period, guards if self.hardware else None)
+        self.workspace = self.device.features.workspace
         self.entry: Entry | None = None
         self.is_gone = False
         ask = getattr(self.device, "ask", None)
@@ -160,6 +162,11 @@ class DeviceExchange:
         part = DeviceExchange(each for each in self.ports if each.hardware)
         part.exits = self.exits
         return part
+
+    @property
+    def repeats(self) -> int:
+        """Readings so far that brought no new sample."""
+        return sum(each.readings.repeats for each in self.ports)
 
     def read(self, periods: int = 1) -> list[str]:
         """Read every device that is not gone, all of them asked before the first is read; list what is wrong."""

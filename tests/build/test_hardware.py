@@ -321,3 +321,20 @@ def test_a_full_disk_ends_in_zero_force_first(tmp_path: Path, monkeypatch: pytes
         gx.run(cart(file, -0.0245), real_time=True, out=tmp_path / "out")
     assert stops
     assert not any(np.any(what) for _, what in fakes(file)[-1].log[stops[0] :] if isinstance(what, np.ndarray))
+
+
+def test_what_was_late_and_what_was_held_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every third reading brings no new sample, and one tick takes three periods: no fault, and both are recorded."""
+
+    def read(fake: Fake, p: Any, v: Any, t: float) -> Any:
+        if fake.tick == 20:
+            VirtualClock.time += 3.2 * fake.period
+        return p, v, (fake.reads - (fake.reads % 3 == 0)) * fake.period
+
+    monkeypatch.setitem(EVIL, "late", Evil(read=read))
+    scene = cart(driver(tmp_path), -0.0245, **{"finger.0.device.evil": "late", "finger.0.device.at": 0})
+    rec = gx.run(scene, duration=0.3, real_time=True, out=tmp_path / "out")
+    assert not rec.faults
+    assert (rec.outcome.skipped, rec.outcome.repeats) == (2, 20)
+    assert len(rec) == 60
+    assert np.array_equal(rec.time, np.arange(60) * 0.005)

@@ -115,10 +115,9 @@ def _late(device: DevicePort, fresh: float) -> str:
 
 
 def _outside(device: DevicePort) -> str:
-    workspace = device.device.features.workspace
-    if workspace is None:
+    if device.workspace is None:
         return ""
-    lower, upper = workspace
+    lower, upper = device.workspace
     position = device.readings.position
     if ((lower <= position) & (position <= upper)).all():
         return ""

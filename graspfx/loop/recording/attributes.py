@@ -50,6 +50,7 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
         **({"changes": changes_text(outcome.changes)} if outcome.changes else {}),
         **({"cause": outcome.cause} if outcome.cause else {}),
         **({"skipped": int(outcome.skipped)} if outcome.skipped else {}),
+        **({"repeats": int(outcome.repeats)} if outcome.repeats else {}),
     }
 
 
@@ -121,6 +122,7 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
         changes=tuple(changes_of(attributes.get("changes", "[]"))),
         cause=_text(attributes.get("cause", "")),
         skipped=int(attributes.get("skipped", 0)),
+        repeats=int(attributes.get("repeats", 0)),
     )
 
 

@@ -99,6 +99,7 @@ class Outcome:
     changes: tuple[KeyChange, ...] = ()  # of keys, and SPLIT, in mid-run; the header's tables are those of the start
     cause: str = ""  # of the end of a run that broke off: a signal's name, or an exception; empty if not known
     skipped: int = 0  # periods that a run on the wall's clock left out
+    repeats: int = 0  # readings of hardware that brought no new sample
 
 
 def now() -> str:
