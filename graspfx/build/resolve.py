@@ -22,6 +22,8 @@ from graspfx.build.safety_limits import safety_limits
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
 from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.device_exchange import device_name
+from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.safety.chain import SafetyLimits
 from graspfx.objects.surroundings import Obstacle
 
@@ -98,6 +100,16 @@ class Parts:
     def simulated(self) -> bool:
         """Whether every device is a simulation."""
         return all(isinstance(wire.device, SimulatedDevice) for wire in self.wires)
+
+    @property
+    def hardware(self) -> list[str]:
+        """The devices that are no simulations, by name."""
+        names = self.scene.finger_names
+        return [
+            device_name(DeviceWiring(wire.device, wire.fingers), names)
+            for wire in self.wires
+            if not isinstance(wire.device, SimulatedDevice)
+        ]
 
     @property
     def mesh_notes(self) -> list[str]:

@@ -99,7 +99,7 @@ class Steering:
             if not reach(key):  # it would be recorded, and change nothing
                 raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
-        with build(scene, hardware=False, engine="interpreted", live=self.keys) as other:
+        with build(scene, engine="interpreted", live=self.keys) as other:
             entries: list[Numbers] = []
             parts: list[tuple[Steerable, Any]] = []
             for i, (own, new) in enumerate(zip(self.servo.objects, other.objects, strict=True)):

@@ -35,7 +35,7 @@ class Worn:
     def open(self, period): self.period = period
     def read(self):
         self.reads += 1
-        position = 0.001 if self.reads <= 10 else nan
+        position = 0.001 if self.reads <= 51 else nan
         return np.array([[position]]), np.zeros((1, 1)), self.reads * self.period
     def write(self, forces): pass
     def stop(self): pass
@@ -198,17 +198,24 @@ def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -
 
 
 def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.CaptureFixture[str]) -> None:
-    """A device whose reading becomes NaN after 10 samples: zero force from there on, and a fault that is said."""
+    """A device whose reading becomes NaN after 10 samples: zero force from there on, and a fault that is said.
+
+    It is hardware: without the wall's clock it is refused before anything is written.
+    """
     Path("worn.py").write_text(WORN)
     lines = (ROOT / "scenes" / "reference-1dof.toml").read_text().splitlines()
     without_hands = (line for line in lines if not line.startswith("hand"))
     scene = ['device = { name = "worn.py" }' if line.startswith("device") else line for line in without_hands]
     Path("worn.toml").write_text("\n".join(scene))
-    assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure"]) == 3
+    assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure"]) == 2
+    assert "this scene has hardware; its clock is the wall's" in capsys.readouterr().err
+    assert not Path("out").exists()
+    assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure", "--real-time"]) == 3
     assert "tick 10" in capsys.readouterr().err
     recording = graspfx.Recording.load(Path("out/worn/recording.h5"))
     assert recording.time.size == 20
-    assert (recording.finger_force[:10] != 0.0).any()
+    assert not recording.finger_force[0].any()
+    assert (recording.finger_force[1:10] != 0.0).all()
     assert (recording.finger_force[10:] == 0.0).all()
 
 

@@ -144,6 +144,10 @@ class Coupling(Table):
         default=0.0,
         description="over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once",
     )
+    enter: Literal["refuse", "ramp"] = Field(
+        default="refuse",
+        description="a finger of hardware that is inside its object when a run begins: refused, or let in gradually",
+    )
     blend: PairOrOff = Field(
         default=(0.00025, 0.001),
         description="rms arms between which a rotation joins the external space [m]; 'off': as soon as it has an arm, "
