@@ -37,7 +37,7 @@ def pinch(file: Path, evil: str = "", **safety: Any) -> gx.Scene:
 
 
 def test_what_is_written_grows_from_nothing_within_rate_and_force(tmp_path: Path) -> None:
-    """At most 2 N/s and 0.2 N, from zero in the first tick; what is written is what the recording says."""
+    """No more than 2 N/s and 0.2 N, from zero in the first tick; what is written is what the recording says."""
     file = driver(tmp_path)
     rec = gx.run(pinch(file, force=0.2, rate=2.0), real_time=True)
     assert not rec.faults
