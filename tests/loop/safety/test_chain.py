@@ -233,7 +233,8 @@ def test_late_readings_are_let_pass_then_forces_decay_to_a_fault(tmp_path: Path,
     np.testing.assert_allclose(trust[120:132], [1, 1, 1, *np.linspace(0.9, 0.1, 9)], rtol=1e-12)
     [fault] = rec.faults
     assert fault.tick == 132
-    assert fault.message == "no new reading of the device of finger0 in more than 3 samples; all forces are zero"
+    assert fault.message.startswith("no new reading of the device of finger0")
+    assert fault.message.endswith("in more than 3 samples; all forces are zero")
     assert not rec.displayed_force[132:].any()
     assert sizes(rec)[131].any()
 
