@@ -75,7 +75,7 @@ def scale(rec: Recording) -> np.ndarray:
 
 @pytest.mark.parametrize("inside", [-0.0005, 0.002, 0.008])
 def test_the_first_force_is_zero_and_grows_no_quicker_than_the_rate(inside: float) -> None:
-    """At any start, in the object or before it: nothing in tick 0, then at most 5 N/s from what was displayed."""
+    """Wherever it starts, in the object or before it: nothing in tick 0, then at most 5 N/s from what was displayed."""
     scene = pinch(safety={"rate": 5.0, "soft_start": 0.1, "force": 1.0})
     starts = {
         f"finger.{i}.start": ((0.025 - inside) / 0.0255 * np.array(finger.start)).tolist()
@@ -264,7 +264,7 @@ def test_a_reading_far_off_displays_no_more_than_the_limits(tmp_path: Path) -> N
 
 
 def test_too_quick_a_finger_decays_and_is_a_fault() -> None:
-    """At 0.05 m/s the waving finger's 0.06 m/s is too much; a tenth less force a sample, then none, and who it was."""
+    """Beyond 0.05 m/s the waving finger's 0.06 m/s is too much: a tenth less force a sample, then none."""
     rec = recorded(pinch(safety={"speed": 0.05, "soft_start": 0.0}), "interpreted", ticks=300)
     [fault] = rec.faults
     quick = np.linalg.norm(rec.finger_velocity, axis=2)

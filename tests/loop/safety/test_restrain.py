@@ -203,7 +203,7 @@ def offsets(memory: np.ndarray, piece: np.ndarray) -> np.ndarray:
     ],
 )
 def test_growth_in_closed_form(f: tuple[float, float], last: tuple[float, float], share: float) -> None:
-    """At 0.5 N a sample: where a ray leaves what is at most 0.5 from the segment between the last force and zero."""
+    """A ray leaves what is at most 0.5 N, a sample's growth, from the segment between the last force and zero."""
     assert growth_share(Vector(*f, 0.0), Vector(*last, 0.0), 0.5) == pytest.approx(share, rel=1e-14)
 
 

@@ -164,7 +164,7 @@ def test_other_switches_follow_on_the_way() -> None:
 
 
 def test_damping_fills_the_tank_where_a_ledger_books_it() -> None:
-    """What damping takes, by the ledger, is what the tank gains until it is full."""
+    """The tank gains, until it is full, as much as damping takes by the ledger."""
     with gx.open(
         squeeze(coupling__external__damping=0.5, coupling__internal__damping=0.5, coupling__passivity="observe"),
         live=[INTERNAL],
