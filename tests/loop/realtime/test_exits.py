@@ -102,3 +102,30 @@ def test_what_a_driver_raises_ends_in_zero_force_first(how: str, code: int, says
     assert rec.outcome.complete is not bool(says)
     if not says:
         assert "the device of finger0 (Logged) cannot be read: OSError: unplugged" in rec.faults[0].message
+
+
+@pytest.mark.parametrize(("pause", "is_fault"), [(0.07, False), (0.5, True)])
+def test_a_process_that_was_stopped_is_late(pause: float, is_fault: bool, tmp_path: Path) -> None:
+    """Three periods away is counted; after 25 the finger feels no force from the first tick on.
+
+    Others use the processors too, and may make any run late: the least of some tries counts.
+    """
+    faults = []
+    for i in range(TRIES):
+        folder = tmp_path / str(i)
+        folder.mkdir()
+        with LoggedRun(folder, slow=0.0) as run:
+            run.press()
+            run.signal(signal.SIGSTOP, pause=pause)
+            run.signal(signal.SIGCONT, pause=0.2)
+            sent = run.signal(INT)
+            run.end()
+            rec = Recording.load(run.out)
+            assert rec.outcome.skipped >= 2
+            faults.append(len(rec.faults))
+            if is_fault:
+                assert "periods of 0.02 s in a row were left out, 5 at most" in rec.faults[0].message
+                assert not any(each.size > 0.0 for each in run.log if each.time > sent - 0.2)
+        if faults[-1] == is_fault:
+            break
+    assert min(faults) == is_fault
