@@ -63,7 +63,8 @@ def connect(*, file, how=""):
 '''
 
 PROGRAM = """
-import os, sys, time
+import os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores for what it starts beside itself
 import graspfx.loop.recording.sink as sinks
 from graspfx.__main__ import main
 
