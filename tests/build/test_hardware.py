@@ -162,10 +162,10 @@ def test_hardware_that_does_not_settle_is_refused(says: str, tmp_path: Path, mon
 
 
 def test_a_finger_that_leaves_before_the_run_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is moved by a centimetre while the recording is opened."""
-    monkeypatch.setitem(EVIL, "leaves", Evil(read=lambda fake, p, v, t: (p - 0.01, v, t)))
+    """It is moved by 2 mm while the recording is opened."""
+    monkeypatch.setitem(EVIL, "leaves", Evil(read=lambda fake, p, v, t: (p - 0.002, v, t)))
     scene = cart(driver(tmp_path), -0.03, **{"finger.0.device.evil": "leaves", "finger.0.device.at": -1})
-    with pytest.raises(DeviceError, match=r"was moved by 10\.0 mm before the run began"):
+    with pytest.raises(DeviceError, match=r"was moved by 2\.0 mm before the run began"):
         gx.run(scene, real_time=True)
 
 
