@@ -78,26 +78,35 @@ def test_a_signal_breaks_off_a_driver_that_hangs(how: str, tmp_path: Path) -> No
     assert min(times) < SOON, times
 
 
+def run_in_time(folder: Path, how: str, duration: str) -> tuple[LoggedRun, int, Recording]:
+    """Run to the end, again where the machine was away for 100 ms; give the run, its exit code and the recording."""
+    for i in range(TRIES):
+        place = folder / str(i)
+        place.mkdir()
+        with LoggedRun(place, how, options=["--duration", duration]) as run:
+            code, messages = run.end()
+        if "left out" not in messages:
+            break
+    return run, code, Recording.load(run.out)
+
+
 def test_a_slow_disk_makes_no_tick_wait(tmp_path: Path) -> None:
     """Rows wait in memory while the disk is busy: 3 s of ticks with blocks of 1.5 s each, and none of them is lost."""
-    with LoggedRun(tmp_path, options=["--duration", "3"]) as run:
-        code, messages = run.end()
-        times = [each.time for each in run.log if each.what == "force"]
-        assert max(b - a for a, b in pairwise(times)) < 0.5 * SLOW
-        require_order(run)
-    rec = Recording.load(run.out)
-    assert len(rec) == 150, messages
-    assert code == 0, messages
+    run, code, rec = run_in_time(tmp_path, "", "3")
+    times = [each.time for each in run.log if each.what == "force"]
+    assert max(b - a for a, b in pairwise(times)) < 0.5 * SLOW
+    require_order(run)
+    assert code == 0
+    assert len(rec) == 150
     assert rec.outcome.complete
 
 
 @pytest.mark.parametrize(("how", "code", "says"), [("exits", 7, "SystemExit: 7"), ("raises", 3, "")])
 def test_what_a_driver_raises_ends_in_zero_force_first(how: str, code: int, says: str, tmp_path: Path) -> None:
     """A program that ends itself rests first; an exception is a fault, after which the run goes on without force."""
-    with LoggedRun(tmp_path, how, options=["--duration", "1.5"]) as run:
-        assert run.end()[0] == code
-        require_order(run)
-    rec = Recording.load(run.out)
+    run, exit_code, rec = run_in_time(tmp_path, how, "1.5")
+    assert exit_code == code
+    require_order(run)
     assert rec.outcome.cause == says
     assert rec.outcome.complete is not bool(says)
     if not says:
