@@ -18,6 +18,7 @@ from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
 from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.pacing import Clock, Pacer
 from graspfx.loop.realtime.standstill import Rest, look_again, settle
+from graspfx.progress import waiting
 
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts
@@ -125,7 +126,8 @@ def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
         InputError: a finger that is inside its object.
         KeyboardInterrupt: a signal came before the run, or within it, where its own handler let the process go on.
     """
-    devices = servo.prepare()
+    with waiting("preparing ticks"):
+        devices = servo.prepare()
     with signals_end() as exits:
         devices.exits = exits
         hardware = devices.hardware

@@ -162,10 +162,10 @@ def test_hardware_that_does_not_settle_is_refused(says: str, tmp_path: Path, mon
 
 
 def test_a_finger_that_leaves_before_the_run_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is moved by a centimetre while the recording is opened."""
-    monkeypatch.setitem(EVIL, "leaves", Evil(read=lambda fake, p, v, t: (p - 0.01, v, t)))
+    """It is moved by 2 mm while the recording is opened."""
+    monkeypatch.setitem(EVIL, "leaves", Evil(read=lambda fake, p, v, t: (p - 0.002, v, t)))
     scene = cart(driver(tmp_path), -0.03, **{"finger.0.device.evil": "leaves", "finger.0.device.at": -1})
-    with pytest.raises(DeviceError, match=r"was moved by 10\.0 mm before the run began"):
+    with pytest.raises(DeviceError, match=r"was moved by 2\.0 mm before the run began"):
         gx.run(scene, real_time=True)
 
 
@@ -338,3 +338,52 @@ def test_what_was_late_and_what_was_held_is_counted(tmp_path: Path, monkeypatch:
     assert (rec.outcome.skipped, rec.outcome.repeats) == (2, 20)
     assert len(rec) == 60
     assert np.array_equal(rec.time, np.arange(60) * 0.005)
+
+
+def test_the_round_trip_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reading of 0.4 ms and a writing of 0.3 ms, on the clock of the run."""
+
+    def read(fake: Fake, p: Any, v: Any, t: float) -> Any:
+        VirtualClock.time += 0.4e-3
+        return p, v, t
+
+    def write(fake: Fake, forces: Any) -> None:
+        VirtualClock.time += 0.3e-3
+
+    monkeypatch.setitem(EVIL, "slow", Evil(read=read, write=write))
+    scene = cart(driver(tmp_path), -0.03, **{"finger.0.device.evil": "slow", "finger.0.device.at": -SETTLING})
+    rec = gx.run(scene, duration=0.05, real_time=True, out=tmp_path / "out")
+    assert rec.header.round_trip == pytest.approx(0.7e-3, rel=1e-6)
+    assert rec.header.settled == {"finger0": {"position": [-0.03], "offset": [0.0]}}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
+def test_all_are_stopped_and_closed_whatever_one_raises(
+    error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first device's reading, stop and end all ask the program to end: the other one rests, too."""
+    file = driver(tmp_path)
+    two = {"start": [0.0245], "device": {"name": str(file), "position": [[0.0245]]}}
+    scene = cart(file, -0.0245).replace({"finger.1": two})
+
+    def leave(self: Fake) -> None:
+        if self.x[0, 0] < 0.0 and self.reads > SETTLING + 10:
+            raise error
+
+    for name in ("read", "stop", "close"):
+        whole = getattr(Fake, name)
+
+        def call(self: Fake, whole: Any = whole) -> Any:
+            result = whole(self)
+            leave(self)
+            return result
+
+        monkeypatch.setattr(Fake, name, call)
+    with pytest.raises(error):
+        gx.run(scene, real_time=True, out=tmp_path / "out")
+    for fake in fakes(file)[-2:]:
+        assert [what for _, what in fake.log if isinstance(what, str)] == ["open", "stop", "stop", "close"]
+        assert any(force.any() for _, force in fake.forces)
+    rec = gx.Recording.load(tmp_path / "out")
+    assert rec.outcome.cause == error.__name__
+    assert not rec.outcome.complete

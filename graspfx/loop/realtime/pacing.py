@@ -64,14 +64,16 @@ class Pacer:
             self.deadline = clock.now()
             return 0
         self.deadline += self.period
-        late = clock.now() - self.deadline
+        is_early = False
+        while (left := self.deadline - clock.now()) > 0.0 and not (stop is not None and stop()):
+            is_early = True
+            clock.sleep(min(left, SLICE))
+        late = -left  # a sleep may have been as long as the machine was away
         skipped = math.floor(late / self.period) if late >= self.period else 0
         self.deadline += skipped * self.period
         self.skipped += skipped
-        self.row = self.row + skipped if late > 0.0 else 0
-        while (left := self.deadline - clock.now()) > 0.0 and not (stop is not None and stop()):
-            clock.sleep(min(left, SLICE))
-        self.latest = max(self.latest, clock.now() - self.deadline)
+        self.row = 0 if is_early and not skipped else self.row + skipped
+        self.latest = max(self.latest, late - skipped * self.period)
         return skipped
 
 

@@ -20,7 +20,7 @@ DURATION = 0.2  # [s], and
 LEAST = 20  # readings
 FRESH = 0.95  # part of the readings that bring a new sample
 STILL = 0.1  # the fastest that a finger at rest is [m/s]
-DRIFT = 0.005  # the farthest that one goes while a recording is opened [m]
+DRIFT = 0.001  # the farthest that one goes while a recording is opened [m]
 DO = "hold the device still within its workspace, and start again"
 
 

@@ -51,6 +51,20 @@ def test_a_late_tick_leaves_out_whole_periods() -> None:
     assert (pacer.row, pacer.skipped) == (0, 4)
 
 
+def test_a_sleep_that_was_too_long_is_late() -> None:
+    """The machine was away for 50 ms while a tick waited: that very tick leaves out the periods that have passed."""
+    clock = Clock()
+    pacer = Pacer(T, clock)
+    pacer.wait()
+    clock.oversleeps = 50.5e-3
+    assert pacer.wait() == 50
+    assert pacer.row == 50
+    clock.oversleeps = 0.0
+    assert pacer.wait() == 0
+    assert clock.time == pytest.approx(100.052)
+    assert pacer.row == 0
+
+
 def test_a_wait_ends_where_the_run_is_stopped() -> None:
     """A sleep of a second is cut: the run that is stopped in it ends within 5 ms."""
     clock = Clock()
