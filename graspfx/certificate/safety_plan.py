@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from graspfx.build.resolve import Parts
 from graspfx.loop.safety.chain import SafetyLimits
-from graspfx.loop.safety.pace import DECAY
+from graspfx.loop.safety.trust import DECAY
 
 Row = tuple[str, bool, str]
 FloatArray = NDArray[np.float64]

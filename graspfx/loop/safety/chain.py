@@ -13,8 +13,8 @@ from graspfx.compile.records import entries_of, size_for
 from graspfx.coupling.entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.loop.safety.pace import CAUSES, DECAY, QUICK, STALE
 from graspfx.loop.safety.safety_state import FingerLimits, Goal, Pace, SafetyState, Scale
+from graspfx.loop.safety.trust import CAUSES, DECAY, QUICK, STALE
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -12,8 +12,8 @@ import math
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.react import react
-from graspfx.loop.safety.pace import NOT_FINITE
 from graspfx.loop.safety.safety_state import FingerLimits, Pace, SafetyState
+from graspfx.loop.safety.trust import NOT_FINITE
 from graspfx.spatial import NOTHING, ZERO, Vector, dot, total
 
 BAND = 0.005  # before a wall of the workspace, over which the outward part of a force goes to zero [m]

@@ -10,9 +10,9 @@ import math
 
 from graspfx.compile.kernel import kernel
 from graspfx.coupling.grasp_state import GraspState
-from graspfx.loop.safety.pace import CAUSES, QUICK
 from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.safety.tank import grow
+from graspfx.loop.safety.trust import CAUSES, QUICK
 from graspfx.spatial import dot
 
 

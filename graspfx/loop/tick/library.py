@@ -11,7 +11,7 @@ TICK = (
     "graspfx.loop.energy.watch.watch",
     "graspfx.loop.safety.accounts.close_books",
     "graspfx.loop.safety.accounts.open_books",
-    "graspfx.loop.safety.pace.keep_pace",
+    "graspfx.loop.safety.trust.keep_pace",
     "graspfx.loop.safety.restrain.restrain",
     "graspfx.loop.safety.soften.apply_gain",
     "graspfx.loop.safety.soften.soften",

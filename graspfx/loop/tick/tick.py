@@ -16,10 +16,10 @@ from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.loop.energy.watch import watch
 from graspfx.loop.safety.accounts import close_books, open_books
-from graspfx.loop.safety.pace import keep_pace
 from graspfx.loop.safety.restrain import restrain
 from graspfx.loop.safety.soften import apply_gain, soften
 from graspfx.loop.safety.tank import adjust
+from graspfx.loop.safety.trust import keep_pace
 from graspfx.loop.tick.memory import MOVER, OBJECT_, PLANT, SAFETY, STATION, latch
 from graspfx.loop.tick.wires import (
     BodyWires,

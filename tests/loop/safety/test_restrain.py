@@ -13,10 +13,10 @@ from graspfx.coupling.grasped import GraspedObject
 from graspfx.coupling.react import react
 from graspfx.coupling.scaling import scale
 from graspfx.loop.safety.chain import SafetyChain, SafetyLimits
-from graspfx.loop.safety.pace import NOT_FINITE
 from graspfx.loop.safety.restrain import BAND, growth_share, restrain
 from graspfx.loop.safety.safety_state import FingerLimits, SafetyState
 from graspfx.loop.safety.soften import apply_gain, soften
+from graspfx.loop.safety.trust import NOT_FINITE
 from graspfx.spatial import Vector
 from tests.support.pushed_grasps import KINDS, depth, push, random_grasp, wrench_rows
 

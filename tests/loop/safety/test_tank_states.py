@@ -15,10 +15,10 @@ from graspfx.coupling.limit import limit
 from graspfx.coupling.rules import Rules
 from graspfx.coupling.sample import conclude, couple
 from graspfx.loop.safety.chain import GAINS, SafetyChain, SafetyLimits
-from graspfx.loop.safety.pace import keep_pace
 from graspfx.loop.safety.safety_state import SafetyState
 from graspfx.loop.safety.soften import apply_gain, soften
 from graspfx.loop.safety.tank import adjust
+from graspfx.loop.safety.trust import keep_pace
 from graspfx.objects.body import fill_body
 from graspfx.surfaces.closed_form.shape import Box
 from tests.support.grasps import law

@@ -1,4 +1,4 @@
-"""The pace of the safety chain: a soft start, and forces that decay where readings stop or a finger is too quick."""
+"""The trust in a run: a soft start, and forces that decay where readings stop or a finger is too quick."""
 
 from __future__ import annotations
 
