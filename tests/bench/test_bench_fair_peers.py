@@ -125,8 +125,9 @@ def test_a_batch_is_timed_as_a_whole_call_and_gives_the_bits_of_single_runs() ->
     rng = np.random.default_rng(2)
     values = {key: rng.uniform(*batches.RANGES[key], 18) for key in (batches.STIFFNESS, batches.VISCOSITY)}
     random = batches.BatchProblem(gx.load("reference-1dof"), values, ticks=60)
-    whole, arrays = batches.whole_call(random, values), batches.by_numpy(random)
-    assert (whole.once, whole.calls, arrays.calls) == (True, 18, 18)
+    (first, whole), arrays = batches.whole_calls(random, values), batches.by_numpy(random)
+    assert (first.once, whole.once) == (True, False)
+    assert (first.calls, whole.calls, arrays.calls) == (18, 18, 18)
     whole.call()
     case = Case("batches", "random", "relative", [whole, arrays], batches.BOUND)
     assert check(case, whole).error == 0.0
