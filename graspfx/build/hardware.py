@@ -15,6 +15,7 @@ from graspfx.errors import InputError
 from graspfx.loop.device_exchange import DeviceExchange
 from graspfx.loop.realtime.device_life import opened
 from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
+from graspfx.loop.realtime.frozen_memory import frozen_memory
 from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.pacing import Clock, Pacer
 from graspfx.loop.realtime.standstill import Rest, look_again, settle
@@ -128,7 +129,7 @@ def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
     """
     with waiting("preparing ticks"):
         devices = servo.prepare()
-    with signals_end() as exits:
+    with frozen_memory(), signals_end() as exits:
         devices.exits = exits
         hardware = devices.hardware
         with opened(hardware, servo.period):

@@ -20,7 +20,9 @@ import pytest
 import graspfx
 import graspfx.errors
 from graspfx.__main__ import main
+from graspfx.build import pace
 from graspfx.commands.arguments import override
+from tests.support.hardware import VirtualClock
 
 ROOT = Path(__file__).parents[2]
 
@@ -197,11 +199,14 @@ def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -
     assert settle.startswith("note: at a period of 5 ms finger0 does not settle under kip = 9000 N/m")
 
 
-def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A device whose reading becomes NaN after 10 samples: zero force from there on, and a fault that is said.
 
     It is hardware: without the wall's clock it is refused before anything is written.
     """
+    monkeypatch.setattr(pace, "WallClock", VirtualClock)
     Path("worn.py").write_text(WORN)
     lines = (ROOT / "scenes" / "reference-1dof.toml").read_text().splitlines()
     without_hands = (line for line in lines if not line.startswith("hand"))

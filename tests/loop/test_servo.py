@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build import pace
 from graspfx.errors import SceneError
+from tests.support.hardware import VirtualClock
 from tests.support.optional import require
 
 LINE: dict[str, Any] = {
@@ -21,6 +23,12 @@ LINE: dict[str, Any] = {
     "coupling": {"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
 }
 POINT = {"name": "simulated", "mass": 0.15, "damping": 0.2}
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no time pass: hardware is never late on a machine that is."""
+    monkeypatch.setattr(pace, "WallClock", VirtualClock)
 
 
 def finger(start: float, **changes: Any) -> dict[str, Any]:
