@@ -138,6 +138,16 @@ def slips(name: str, other: str) -> int:
     return row[-1]
 
 
+def message(error: BaseException, limit: int = 500) -> str:
+    """Write an exception's message on one line, in letters that every file takes; others' code may raise anything."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:  # noqa: BLE001 - an exception may fail to be written too
+        return "no message"
+    text = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
 def abbreviate(value: object, limit: int = 60) -> str:
     """Abbreviate a value for an error message: arrays by their shape, anything long cut short."""
     shape = getattr(value, "shape", None)

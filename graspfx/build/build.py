@@ -14,12 +14,14 @@ from graspfx.build.live import live_fields
 from graspfx.build.movers import make_movers
 from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts, resolve
+from graspfx.build.scene_guards import guards_of
 from graspfx.build.wiring import outside_faults, placing_faults
 from graspfx.loop.device import SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.selection import chosen_layout
+from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.servo import Servo
 
 if TYPE_CHECKING:
@@ -35,19 +37,18 @@ def build(
     engine: str = "",
     record: bool = True,
     selected: bool = False,
-    hardware: bool = True,
     live: Collection[str] = (),
 ) -> Iterator[Servo]:
-    """Build a servo ready to tick; devices and bodies are closed at the end, whatever happens.
+    """Build a servo ready to tick; simulated devices and bodies are closed at the end, whatever happens.
 
-    The first build of a scene has the devices that its checks connected; a later one connects others.
+    Hardware is not opened: a run does so once all that it needs is there (`graspfx.build.hardware`). The first build of
+    a scene has the devices that its checks connected; a later one connects others.
 
     Args:
         scene: what to build.
         engine: instead of the scene's own.
         record: whether its ticks are recorded.
         selected: whether they write the columns and ticks alone that the scene's `record` asks for; else all.
-        hardware: whether devices that are no simulations are opened too; else it is not to tick, only to be looked at.
         live: keys that may change in mid-run (`graspfx.build.live`): no program folds in what they reach.
 
     Raises:
@@ -68,31 +69,41 @@ def build(
         inward = meet(parts, objects, movers)
         plants = list(make_plants(parts, wired, inward, live=live))
         for wire in wired:
-            if hardware or isinstance(wire.device, SimulatedDevice):
+            if isinstance(wire.device, SimulatedDevice):
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
         stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
-        observers = list(_observers(parts, objects, movers))
+        observers, safety = list(_observers(parts, objects, movers)), _safety(parts, objects, fields)
         layout, every = make_layout(parts), 1
         if selected:
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         yield Servo(
             scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,
-            record=record, every=every,
+            record=record, every=every, guards=guards_of(scene), safety=safety,
         )  # fmt: skip
 
 
-def meet(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> FloatArray:
-    """Let the fingers meet their objects where they start; the unit normals into the objects there, (n, d)."""
+def meet(
+    parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup], start: FloatArray | None = None
+) -> FloatArray:
+    """Let the fingers meet their objects where they start; the unit normals into the objects there, (n, d).
+
+    Args:
+        parts: of the scene.
+        objects: to be met.
+        movers: their bodies.
+        start: where the fingers are, (n, d) [m]; where the scene has them start if not given.
+    """
+    start = parts.start if start is None else start
     for mover in movers:
         if any(objects[i].grasped.implicit for i in mover.objects):
             mover.body.free_motion(parts.scene.period)
     for part in objects:
-        part.grasped.meet(parts.start[part.fingers])
-    inward = np.zeros_like(parts.start)
+        part.grasped.meet(start[part.fingers])
+    inward = np.zeros_like(start)
     for part in objects:
         inward[part.fingers] = part.grasped.inward()
-    set_fade(parts, objects, inward)
+    set_fade(parts, objects, inward, start)
     return inward
 
 
@@ -112,6 +123,7 @@ def make_layout(parts: Parts) -> Layout:
         observed=scene.coupling.passivity != "off",
         controlled=scene.coupling.passivity == "control",
         limits=parts.limits is not None,
+        guarded=parts.safety is not None,
         normals=soft,
         torsion_axes=soft and scene.coupling.reaction == "fingertip",
         predicted=_predicted(parts),
@@ -127,6 +139,13 @@ def _predicted(parts: Parts) -> tuple[int, ...]:
         if thing.integrator == "implicit" and thing.dynamics == "native" and scene.turns(thing)
         and any(scene.free(thing)[:d]) and not all(scene.free(thing)[:d])
     )  # fmt: skip
+
+
+def _safety(parts: Parts, objects: Sequence[GraspedPart], live: Collection[str]) -> SafetyChain | None:
+    if parts.safety is None:
+        return None
+    grasped = [(part.grasped, part.fingers) for part in objects]
+    return SafetyChain(parts.safety, grasped, len(parts.wires), parts.scene.period, live=live)
 
 
 def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[BodyGroup]) -> Iterator[Observer]:
@@ -146,4 +165,5 @@ def _observers(parts: Parts, objects: Sequence[GraspedPart], movers: Sequence[Bo
             control=scene.coupling.passivity == "control",
             friction=friction[part.fingers],
             mass=mass[part.fingers],
+            guarded=parts.safety is not None,
         )

@@ -231,8 +231,12 @@ PAIRS = tuple(
 
 def plain_keys(scene: Scene, parts: Parts, values: Mapping[str, Sequence[Any]]) -> list[str]:
     """Choose the keys whose values columns can take, of those of a batch."""
-    if scene.coupling.passivity != "off" or any(each.integrator == "implicit" for each in scene.object):
-        return []  # a ledger, and a motion that is predicted, are made of these numbers too
+    if (
+        scene.safety is not None
+        or scene.coupling.passivity != "off"
+        or any(each.integrator == "implicit" for each in scene.object)
+    ):
+        return []  # a safety chain, a ledger, and a motion that is predicted, are made of these numbers too
     try:
         own = {key: _own(scene, key) for key in values}
     except GraspFXError:

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray) -> None:
+def set_fade(parts: Parts, objects: Sequence[GraspedPart], inward: FloatArray, start: FloatArray) -> None:
     """Let an automatic fade begin where the squeeze of the hands asks for it: fingers have met their objects.
 
     h1 = 1/2 |1/kep - 1/kip| sum |f|, |f| the most with which a hand squeezes, and 2 mm at least; h2 = h1 + 8 mm.
     """
-    rules, start = parts.scene.coupling, parts.start
+    rules = parts.scene.coupling
     if rules.fade != "auto" or rules.absent == "follow" or rules.contact == "attached":
         return
     compliance = [release_compliance(each.grasped.law, len(each.fingers), start.shape[1]) for each in objects]

@@ -25,5 +25,5 @@ def grasps(parts: Parts) -> list[GraspedPart]:
         inward[fingers] = grasped.inward()
         grasped.finger_position[:] = start[fingers]
         objects.append(GraspedPart(part.name, grasped, fingers))
-    set_fade(parts, objects, inward)
+    set_fade(parts, objects, inward, parts.start)
     return objects

@@ -37,7 +37,9 @@ REASONS = {
     ("coupling.contact", "coupling.form", "coupling.axes", "coupling.reaction", "coupling.absent", "coupling.metric"): (
         "it is a word that decides what is computed"
     ),
+    ("coupling.enter",): "it says how the run begins",
     ("coupling.passivity",): "whether energy is booked decides what is recorded",
+    ("safety", "finger.*.safety"): "limits hold for a whole run",
     ("object", "obstacle", "world"): "it decides what bodies are made and how they move",
     ("finger", "device", "hand"): "it decides what is connected, or how contacts are laid out",
 }

@@ -24,7 +24,7 @@ def refill(servo: Servo, parts: Parts) -> None:
         parts: of the other scene.
 
     Raises:
-        InputError: another period, a ledger, or a part that is more than a block: build the scene then.
+        InputError: another period, a ledger, a safety chain, or a part that is more than a block: build the scene then.
         SceneError, DeviceError: as of `build`.
     """
     _require_blocks(servo, parts)
@@ -51,7 +51,7 @@ def _copy(new: object, old: object) -> None:
 def _require_blocks(servo: Servo, parts: Parts) -> None:
     """Require that every part is a block and its kernels, and that no block holds what is not filled here."""
     others = [
-        *(name for name, each in (("a ledger", servo.observers),) if each),
+        *(name for name, each in (("a ledger", servo.observers), ("a safety chain", servo.safety)) if each),
         *("a device" for station in servo.stations if fused(station.device) is None),
         *("a plant" for wiring in servo.plants if fused_plant(wiring.plant) is None),
         *("a hand" for wiring in servo.plants if not isinstance(wiring.hand, FusedHand)),

@@ -18,9 +18,13 @@ from graspfx.build.holdings import holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.object_parts import ObjectPart, make_objects
 from graspfx.build.placement import start_of
+from graspfx.build.safety_limits import safety_limits
 from graspfx.build.stock import Stock
 from graspfx.build.wiring import Finding, Wire, placing_faults, wires, wires_anew
 from graspfx.loop.device import SimulatedDevice
+from graspfx.loop.device_exchange import device_name
+from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.safety.chain import SafetyLimits
 from graspfx.objects.surroundings import Obstacle
 
 if TYPE_CHECKING:
@@ -81,13 +85,31 @@ class Parts:
 
     @cached_property
     def limits(self) -> FloatArray | None:
-        """The largest force of each finger's device [N], infinite where it tells none; None if all do."""
-        return force_limits(len(self.scene.finger), self.wires)
+        """The largest force of each finger [N], its device's or its safety's, infinite without; None if all are."""
+        limits = force_limits(len(self.scene.finger), self.wires)
+        if self.safety is None:
+            return limits
+        return self.safety.force if limits is None else np.minimum(limits, self.safety.force)
+
+    @cached_property
+    def safety(self) -> SafetyLimits | None:
+        """The limits of the safety chain; None for a scene without one."""
+        return safety_limits(self.scene, self.wires)
 
     @cached_property
     def simulated(self) -> bool:
         """Whether every device is a simulation."""
         return all(isinstance(wire.device, SimulatedDevice) for wire in self.wires)
+
+    @property
+    def hardware(self) -> list[str]:
+        """The devices that are no simulations, by name."""
+        names = self.scene.finger_names
+        return [
+            device_name(DeviceWiring(wire.device, wire.fingers), names)
+            for wire in self.wires
+            if not isinstance(wire.device, SimulatedDevice)
+        ]
 
     @property
     def mesh_notes(self) -> list[str]:

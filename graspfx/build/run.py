@@ -9,6 +9,7 @@ import shutil
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
@@ -16,11 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 from graspfx import log, plugins
 from graspfx.build.build import build, make_layout
+from graspfx.build.pace import pace_of
 from graspfx.build.resolve import Parts, resolve
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.parts import GraspedPart
+from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.recording.header import Header, machine, now, versions
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
@@ -45,7 +48,11 @@ def run(
     stop: Callable[[], bool] | None = None,
     real_time: bool = False,
 ) -> Recording:
-    """Simulate a scene on its own clock (time = tick x period); two runs are bit-identical.
+    """Run a scene: simulated on its own clock (time = tick x period), two runs bit-identical; or in real time.
+
+    A scene with hardware runs in real time only. Its fingers are held still for a fifth of a second before it starts,
+    and whatever ends it, zero force comes first, files are closed after that, and the hardware last. In the main thread
+    SIGINT, SIGTERM and SIGHUP end it in this order, and are passed on when it is over.
 
     Args:
         scene: a name on the shelf, the path of a .toml or .py file, or a Scene.
@@ -57,14 +64,15 @@ def run(
         overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
         stop: asked again and again, before every tick or, where ticks run compiled, before 64 of them; the first True
             ends the run there, and what was recorded is marked as incomplete.
-        real_time: False. A run keeps the scene's own clock; none keeps that of the world yet.
+        real_time: whether each tick waits for its time on the wall's clock; a tick that comes too late leaves out whole
+            periods. What a simulation computes is the same.
 
     Raises:
         InputError: a duration that is not a positive time, or more ticks than there is room for; an `out` that is no
-            path, a `stop` that cannot be called, or `real_time`.
+            path, a `stop` that cannot be called; hardware without `real_time`, or with a finger inside its object.
         UnknownNameError, PluginError: of a scene that is loaded.
         SceneError: a scene with faults; a finger that starts out of its device's reach.
-        DeviceError: a device that does not open.
+        DeviceError: a device that does not open, or is not at rest before the run.
         RecordingError: `out` has a recording already, another run is writing there, or it cannot be written; where
             rows were written already, the error says where they are.
     """
@@ -74,16 +82,16 @@ def run(
         note = f"a number after the scene is taken for its duration: write run(scene, duration={overrides})"
         warnings.warn(note, FutureWarning, stacklevel=2)
         overrides, duration = None, overrides
-    if real_time:
-        raise InputError(
-            "real_time", real_time, "False", "no run keeps the world's clock yet: each ticks as fast as it can"
-        )
+    if not isinstance(real_time, bool):
+        raise InputError("real_time", real_time, "True for the wall's clock, or False for the scene's own")
     if stop is not None and not callable(stop):
         raise InputError("stop", stop, "a function without arguments that says whether to stop, or None")
     if out is not None:
         to_path("out", out, "the path of a folder")
     scene_ = scene if isinstance(scene, Readable) and not overrides else _loaded(scene, overrides)
     parts = resolve(scene_)
+    if not real_time:
+        require_simulations(parts.hardware)
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     warn_of_axes(parts)
     layout = chosen_layout(make_layout(parts), scene_.record.columns)
@@ -98,25 +106,34 @@ def run(
         _require_disk(recording_path(out, "out"), ticks, copies * (size + more / every))
     if out is not None and not overwrite:
         require_vacancy_of(recording_path(out, "out") / NAME)
-    with build(scene_, selected=True) as servo:
+    file = None
+    with ExitStack() as stack:
+        servo = stack.enter_context(build(scene_, selected=True))
         header = header_of(parts, servo.objects)
-        sinks: list[Sink] = []
         if out is not None:
             from graspfx.loop.recording.sink import FileSink
 
-            file, packed = make_folder(out) / NAME, scene_.record.compression
+            file = make_folder(out) / NAME
+        pace = pace_of(stack, servo, parts, real_time=real_time)
+        header = pace.header(header)
+        sinks: list[Sink] = []
+        if file is not None:
+            packed = scene_.record.compression
             sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
-        with Recorder(servo.layout, header, sinks, keep=out is None, ticks=ticks) as recorder:
+        with Recorder(
+            servo.layout, header, sinks, keep=out is None, ticks=ticks, real_time=real_time
+        ) as recorder:  # fmt: skip
             began = perf_counter()
             with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: servo.ticks):
-                servo.run(ticks, recorder, stop)
+                pace.run(ticks, recorder, stop)
             took, complete = perf_counter() - began, servo.ticks == ticks
             keep_lowerings()  # of kernels that were called
             recording = recorder.finish(
-                took if complete else None, complete=complete, engine=servo.engine.name, **servo.coupling
-            )
-    finished = recording if out is None else Recording.load(file)
-    if out is not None:
+                took if complete else None, complete=complete, engine=servo.engine.name, **pace.outcome,
+                **servo.coupling,
+            )  # fmt: skip
+    finished = recording if file is None else Recording.load(file)
+    if file is not None:
         log.info("wrote %s", file)
     how = finished.outcome
     log.info("%d ticks in %.3g s, %s; faults: %d", finished.ticks, took, how.engine, len(how.faults))

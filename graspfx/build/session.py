@@ -24,6 +24,7 @@ from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
+from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.recording.by_name import by_name
 from graspfx.loop.recording.header import SPLIT, RunFault
 from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
@@ -65,7 +66,8 @@ def open(
         overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
 
     Raises:
-        InputError, UnknownNameError: no scene; a live key that cannot change in mid-run; an `out` that is no path.
+        InputError, UnknownNameError: no scene; a live key that cannot change in mid-run; an `out` that is no path;
+            hardware, which needs the wall's clock.
         SceneError: with every fault of the scene at once.
         DeviceError: a device that does not open.
         RecordingError: `out` has a recording already, another run is writing there, or it cannot be written.
@@ -115,6 +117,7 @@ class Session(Carded):
             to_path("out", out, "the path of a folder")
         keys = [numbered(scene, key) for key in keys_of(live)]
         parts = resolve(scene)
+        require_simulations(parts.hardware)
         warn_of_axes(parts)
         if out is not None and not overwrite:
             require_vacancy_of(recording_path(out, "out") / NAME)

@@ -19,6 +19,7 @@ from graspfx.coupling.entries import compliant_entry, has_problems, matrix_entri
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.errors import InputError
 from graspfx.loop.plant import FusedHand
+from graspfx.loop.safety.chain import changing_entry, goal_entries, steered_entries
 from graspfx.loop.update import Steerable, Update
 from graspfx.objects.body import NativeBody
 from graspfx.objects.body_state import BodyState
@@ -68,6 +69,8 @@ class Steering:
         servo, coupling = self.servo, self.scene.coupling
         if plain in (*BODY, *DEVICE) and coupling.passivity != "off":
             return "the ledger of coupling.passivity books each sample with the numbers that it began with"
+        if plain in GAINS and servo.safety is not None and any(part.grasped.matrices for part in servo.objects):
+            return "the tank of [safety], which pays for stiffer gains, has no account of matrices"
         if plain in BODY and not all(isinstance(mover.body, NativeBody) for mover in servo.movers):
             return "other software moves an object, and has its own copy of the number"
         if plain in DEVICE and coupling.metric == "mass":
@@ -96,12 +99,13 @@ class Steering:
             if not reach(key):  # it would be recorded, and change nothing
                 raise InputError(key, value, "a key that reaches a number of the run", "write numbers for names")
         keys = [general(key) for key in values]
-        with build(scene, hardware=False, engine="interpreted", live=self.keys) as other:
+        with build(scene, engine="interpreted", live=self.keys) as other:
             entries: list[Numbers] = []
             parts: list[tuple[Steerable, Any]] = []
-            for own, new in zip(self.servo.objects, other.objects, strict=True):
+            for i, (own, new) in enumerate(zip(self.servo.objects, other.objects, strict=True)):
                 _require_structure(own.grasped, new.grasped, values)
                 entries += self._entries(own.grasped, new.grasped, keys)
+                entries += self._of_chain(i, other)
                 parts.append((own.grasped, new.grasped))
             if any(key in INERTIA for key in keys):
                 bodies = [
@@ -138,8 +142,23 @@ class Steering:
             yield own.block, np.arange(own.block.size), new.block.copy()
             return
         places = _places(own, keys)
+        if self.servo.safety is not None and any(key in GAINS for key in keys):  # whose tank pays for them
+            places = np.setdiff1d(places, steered_entries(own))
         yield own.block, places, new.block[places]
         yield from _caches(own, new, keys)
+
+    def _of_chain(self, i: int, other: Servo) -> Iterator[Numbers]:
+        """Give the numbers for the safety chain beside the block of object i; all of them where no tick has run."""
+        own, new = self.servo.safety, other.safety
+        if own is None or new is None:
+            return
+        entries = np.arange(own.buffers[i].size)
+        if self.servo.ticks > 0:
+            entries = np.array([*goal_entries(), *changing_entry()], dtype=np.intp)
+        numbers = new.buffers[i][entries]
+        if self.servo.ticks > 0:
+            numbers[-1] = 1.0
+        yield own.buffers[i], entries, numbers
 
     def require_live(self, key: str, value: Any) -> None:
         """Require that a key, with numbers for names, is live.

@@ -53,7 +53,7 @@ def warm(name: str, overrides: Mapping[str, Any], preset: str | None = None) -> 
     try:
         for kernel in OF_RECORDINGS:
             compiled(kernel)
-        with build(load(name, overrides, preset=preset), hardware=False) as servo:
+        with build(load(name, overrides, preset=preset)) as servo:
             programs = Compiled(servo.script).programs.values()
     except GraspFXError as error:
         return Warmed(name, CANNOT, perf_counter() - began, why=" ".join(str(error).split()))

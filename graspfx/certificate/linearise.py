@@ -161,7 +161,7 @@ def _share(parts: Parts, index: int, where: str, recording: Recording | None) ->
     grip = Grip(grasped, np.array(scene.free(part.table)))
     inward = np.zeros_like(start)
     inward[fingers] = grasped.inward()
-    set_fade(parts, [GraspedPart(part.name, grasped, fingers)], inward)
+    set_fade(parts, [GraspedPart(part.name, grasped, fingers)], inward, start)
     initial = grip.changing.copy()
     place, ground, standing = Place("start", None, np.full(grip.n, np.nan)), None, None
     if where == "recorded":

@@ -12,6 +12,7 @@ from graspfx.build.holdings import descriptions, holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.resolve import Parts, resolve
 from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
+from graspfx.certificate.safety_plan import safety_rows
 from graspfx.coupling import block as at
 from graspfx.scene.model import Scene
 from graspfx.scene.tables.hands import Moving
@@ -49,6 +50,8 @@ KERNELS = {
     "damping by depth": "damping_share",
     "energy": "watch",
     "limit": "limit",
+    "safety": "restrain",
+    "soft start": "soften",
 }
 NATIVE = {"predict": "predict", "turn": "orient", "meet": "step_on_planes"}  # of objects that are no others' to move
 
@@ -81,6 +84,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield from _limits(parts)
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
+    yield from safety_rows(parts)
     yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
     for thing in scene.object:
         yield _of_object(scene, thing, "move"), True, _body(scene, thing)
@@ -302,6 +306,10 @@ def _limits(parts: Parts) -> Iterator[Row]:
     """Say the limits that devices tell, how forces are brought within them, and devices that may have a hidden one."""
     scene, wired = parts.scene, parts.wires
     limits, hidden = limit_text(scene, wired), hidden_text(scene, wired)
+    if parts.safety is not None:
+        low, high = float(parts.safety.force.min()), float(parts.safety.force.max())
+        own = f"{low:.4g} N" if low == high else f"{low:.4g} to {high:.4g} N"
+        limits = f"{limits}; {own} by [safety]" if limits else f"{own} by [safety]"
     if limits:
         ways = {limits_inside(scene, thing) for thing in scene.object}
         way = "inside the projection, on cones cut at the limit" if True in ways else ""

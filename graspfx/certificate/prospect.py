@@ -58,7 +58,7 @@ def prospect(scene: Scene) -> Prospect:
     Raises:
         GraspFXError: it cannot be built, or a part of it is not what it says.
     """
-    with build(scene, hardware=False, engine="interpreted") as servo:
+    with build(scene, engine="interpreted") as servo:
         tick = servo.script
         llvm = find_spec("llvmlite") is not None
         return Prospect(

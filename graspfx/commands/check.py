@@ -57,5 +57,5 @@ def _tick(scene: Scene) -> list[str]:
     from graspfx.build.build import build
     from graspfx.loop.tick.tick_listing import listing
 
-    with build(scene, hardware=False) as servo:
+    with build(scene) as servo:
         return listing(servo.parts)

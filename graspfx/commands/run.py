@@ -35,7 +35,10 @@ EXAMPLE = """  graspfx run paper-waving --set coupling.internal.stiffness=50 --o
 
 def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser)
-    parser.add_argument("--duration", metavar="S", type=float, help="seconds to simulate instead of the scene's own")
+    parser.add_argument("--duration", metavar="S", type=float, help="seconds to run instead of the scene's own")
+    parser.add_argument(
+        "--real-time", action="store_true", help="keep to the wall's clock, as a scene with hardware has to"
+    )
     add_destination(parser, "DIR", "folder of recording.h5 and figure.png (out/SCENE, or out/SCENE-2, ...)")
     parser.add_argument("--no-figure", action="store_true", help="draw nothing")
     add_style(parser)
@@ -79,7 +82,10 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
         _log_plan(scene)
     picture = folder / picture_name(PICTURE, options)
     with interruptible() as stop:
-        recording = run(scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop)
+        recording = run(
+            scene, duration=options.duration, out=folder, overwrite=options.overwrite, stop=stop,
+            real_time=options.real_time,
+        )  # fmt: skip
     if not recording.outcome.complete:
         simulated, duration = recording.end, options.duration or scene.duration
         print(f"interrupted after {simulated:g} of {duration:g} s; {folder / NAME} holds them", file=sys.stderr)

@@ -22,7 +22,7 @@ Index = NDArray[np.intp]
 CHOICES = (
     "count", "dimensions", "coordinates", "width", "unknowns", "components", "matrix_entries",
     "equal", "dense", "damped", "singular", "attached", "stick", "fade", "at_contact", "implicit", "shape", "mixed",
-    "friction", "rays", "observed", "problem", "damping_problem", "gradual", "limited",
+    "friction", "rays", "observed", "problem", "damping_problem", "gradual", "limited", "guarded",
     "stiffness_rule", "damping_rule", "axes_of_gains", "kep", "ked", "kip", "kid", "padded", "padded_count",
     "recoils", "recoil_entries",
 )  # fmt: skip

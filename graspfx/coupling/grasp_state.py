@@ -134,6 +134,9 @@ class GraspState(Record):
     in_band: float  # samples with such a rotation
     release: float  # 1/2 |Kep^-1 - Kip^-1| of matrices [m/N]
     limited: bool  # some device has a largest force
+    guarded: bool  # forces pass a safety chain
+    squeeze: float  # lambda and alpha of `scaling` in this sample, where there is a chain
+    outer: float
     gradual: bool  # damping grows with depth (`depth`)
     damping_depth: float  # over which it grows [m]
     stiffest: Vector  # of gains that are matrices: the largest eigenvalues of kip, ked and kid

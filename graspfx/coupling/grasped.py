@@ -229,6 +229,19 @@ class GraspedObject:
         self.state.attached = attached
         self.touching[:] = touching
 
+    def depths(self, position: FloatArray) -> FloatArray:
+        """Give how far fingers at (n, d) are deeper than where they have met the surface, world axes, (n, d) [m].
+
+        A finger outside has none; one whose contact is attached has its way from there, wherever it is.
+        """
+        if not self._shaped:  # attached to its centre, which `meet` leaves alone
+            self.finger_position[:] = position
+            approach(self._grasp)
+        away: FloatArray = position - self.contact_position
+        if not self.state.attached:
+            away[self.array(FingerState.gap) >= 0.0] = 0.0
+        return away
+
     def sample(self) -> int:
         """Compute forces and wrench from the motion of fingers and object (free motion, if implicit)."""
         return sample(self._grasp)

@@ -47,6 +47,9 @@ def scale(grasp: GraspState, elastic: bool) -> None:
         squeeze = most_squeeze(grasp, best)
     load = overload(grasp, squeeze)
     alpha = 1.0 / load if load > 1.0 else 1.0
+    if grasp.guarded:
+        grasp.squeeze *= squeeze
+        grasp.outer *= alpha
     for finger in grasp.fingers:
         finger.local = alpha * (finger.carried + squeeze * (finger.local - finger.carried))
     if elastic:

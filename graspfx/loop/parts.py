@@ -14,6 +14,7 @@ from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.plant import Hand, Plant, unaltered
 from graspfx.loop.recording.layout import Layout
+from graspfx.loop.safety.chain import SafetyChain
 from graspfx.objects.guest import Guest
 
 Index = NDArray[np.intp]
@@ -66,6 +67,7 @@ class Parts:
     plants: Sequence[PlantWiring]
     observers: Sequence[Observer]
     every: int = 1  # ticks from one recorded row to the next
+    safety: SafetyChain | None = None
 
 
 def guest_of(body: object) -> Guest | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -12,20 +11,25 @@ from numpy.typing import NDArray
 from graspfx import log
 from graspfx.compile.records import start_of
 from graspfx.coupling.grasped import fault_text
-from graspfx.errors import DeviceError, GraspFXError, InputError
-from graspfx.loop.device import Device, LimitedDevice
+from graspfx.errors import GraspFXError, InputError
+from graspfx.loop.device_exchange import DeviceExchange, DevicePort, device_name, is_hardware
 from graspfx.loop.energy.observer import Observer
 from graspfx.loop.guest_rounds import GuestRounds
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
+from graspfx.loop.realtime.guards import GUARDS, Guards
+from graspfx.loop.realtime.pacing import Pacer, late_text
+from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
-from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, STATION, ServoState, latch
+from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
 from graspfx.loop.tick.programs import Engine, Generic, Interpreted
-from graspfx.loop.tick.script import Port, Tick
+from graspfx.loop.tick.rehearsal import rehearse
+from graspfx.loop.tick.script import Tick
 from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
 
@@ -46,6 +50,8 @@ class Servo:
         engine: "auto", "generic", "compiled" or "interpreted".
         record: whether ticks are recorded; else `run` takes no recorder.
         every: ticks from one recorded row to the next.
+        safety: the chain between law and devices, if the scene has one.
+        guards: of devices that are no simulations.
     """
 
     def __init__(
@@ -61,11 +67,14 @@ class Servo:
         *,
         record: bool = True,
         every: int = 1,
+        safety: SafetyChain | None = None,
+        guards: Guards = GUARDS,
     ) -> None:
         self.ticks = 0  # time is ticks x period, never a reading of the wall: two runs are bit-identical
-        self.period, self.layout, self.every = period, layout, every
+        self.period, self.layout, self.every, self.guards = period, layout, every, guards
         self.stations, self.objects, self.movers, self.plants = stations, objects, movers, plants
         self.observers = observers  # one for each object, or none at all
+        self.safety = safety
         self.fault: RunFault | None = None
         self._nowhere = np.empty((0, layout.width))
         self.row = np.zeros(layout.width)  # of the last tick that was recorded
@@ -73,6 +82,9 @@ class Servo:
         self._engine: Engine | None = None  # made at the first tick
         self.watch = Watch(objects)  # of numbers that only `write` changes
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
+        self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
+        self._stop_faults: list[str] = []  # of devices that could not be stopped, not recorded yet
+        self._periods = 1  # of the wall's clock since the last tick
 
     @property
     def coupling(self) -> dict[str, Any]:
@@ -97,8 +109,9 @@ class Servo:
     def parts(self) -> Parts:
         """All that runs."""
         return Parts(
-            self.period, self.layout, self.stations, self.objects, self.movers, self.plants, self.observers, self.every
-        )
+            self.period, self.layout, self.stations, self.objects, self.movers, self.plants, self.observers, self.every,
+            self.safety,
+        )  # fmt: skip
 
     @property
     def script(self) -> Tick:
@@ -106,23 +119,45 @@ class Servo:
         self._ready()
         return self._tick
 
-    def run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None = None) -> None:
+    def prepare(self) -> DeviceExchange:
+        """Make ready all that takes time, before hardware is opened; give the devices in Python."""
+        rehearse(self._ready(), self._tick, self.layout.width)
+        return self._devices
+
+    def run(
+        self,
+        ticks: int,
+        recorder: Recorder | None,
+        stop: Callable[[], bool] | None = None,
+        pacer: Pacer | None = None,
+    ) -> None:
         """Run that many ticks, each recorded; fewer if `stop` says so.
 
         It is asked before each call of the engine: before every tick as it stands, or where parts are no kernels, and
         before every 64 that are compiled.
 
+        Args:
+            ticks: to run.
+            recorder: of what happens.
+            stop: tells whether to stop.
+            pacer: that each tick waits for, on the wall's clock; without one ticks follow one another at once.
+
         Raises:
             InputError: no recorder for a servo that records, or one for a servo that does not; a number was written
                 into a block that the program has folded in, on which a switch of the block depends, or by which the
-                recording divides forces.
+                recording divides forces; hardware without a pacer.
         """
+        if pacer is None:
+            require_simulations(self.hardware)
         if (recorder is not None) is not self._record:
             raise InputError("recorder", recorder, "a Recorder, or None for a servo that was made with record=False")
         engine = self._ready()
         self.watch.require()
         engine.expect(ticks)
-        self._run(ticks, recorder, stop)
+        if pacer is None:
+            self._run(ticks, recorder, stop)
+        else:
+            self._run_paced(ticks, recorder, stop, pacer)
         self._settle()
         self._notice(recorder)
         for part in self.objects:
@@ -165,7 +200,11 @@ class Servo:
             # "auto" watches from the first tick on: when it takes a program is no matter of what is computed
             if self._kind not in (Interpreted.name, Generic.name):
                 self.watch.fold(self.parts, self._tick)
-            self._engine = engine_for(self._kind, self._tick)
+            self._devices = DeviceExchange(
+                DevicePort(port, self.stations[port.station], self.layout.fingers, self.period, self.guards)
+                for port in self._tick.ports
+            )
+            self._engine = engine_for(self._kind, self._tick, at_once=bool(self.hardware))
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
@@ -179,7 +218,7 @@ class Servo:
             count = min(left, last - self.ticks, CHUNK if stop is None else 1 if apart else engine.patience)
             if apart:
                 for r in range(row, row + count):
-                    self._one(engine, recorder, r)
+                    self._one(engine, recorder, r, self._periods)
             elif tick.guests:
                 self._with_guests(engine, recorder, row, count)
             else:
@@ -188,6 +227,20 @@ class Servo:
             if recorder is not None:
                 self.row = recorder.row
                 recorder.drain()
+
+    def _run_paced(
+        self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None, pacer: Pacer
+    ) -> None:  # fmt: skip
+        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault."""
+        last = self.ticks + ticks
+        while self.ticks < last:
+            self._periods = 1 + pacer.wait(stop)
+            if self.hardware and pacer.row > self.guards.late:
+                self._tell(self.ticks, late_text(pacer, self.guards))
+            before = self.ticks
+            self._run(1, recorder, stop)
+            if self.ticks == before:
+                return
 
     def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
         """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
@@ -216,19 +269,18 @@ class Servo:
                 latch(self._own, self.ticks - 1, MOVER, i, code)
                 self._own.stuck_bodies[i] = 1.0
 
-    def _one(self, engine: Engine, recorder: Recorder | None, row: int) -> None:
-        """Run one tick with parts that are no kernels."""
+    def _one(self, engine: Engine, recorder: Recorder | None, row: int, periods: int = 1) -> None:
+        """Run one tick with parts that are no kernels, so many periods after the one before."""
         tick, k = self._tick, self.ticks
         self._look_ahead(1)
         for i in tick.bodies:
             if any(self.objects[o].grasped.implicit for o in self.movers[i].objects):
                 self.movers[i].body.free_motion(self.period)
         if tick.ports:
-            for port in tick.ports:
-                self._read(k, port)
+            for text in self._devices.read(periods):
+                self._tell(k, text)
             engine.begin(k)
-            for port in tick.ports:
-                self._display(k, port)
+            self._display(k)
             engine.end(k, row)
         else:
             engine.run(k, 1, row)
@@ -247,40 +299,19 @@ class Servo:
 
     # What is no kernel --------------------------------------------------------------------------------------------
 
-    def _read(self, k: int, port: Port) -> None:
-        port.memory[0] = 0.0
-        try:
-            position, velocity, _ = self.stations[port.station].device.read()
-        except DeviceError as error:
-            self._tell(k, str(error))
-            return
-        if port.limit is not None and not self._take_limits(k, port):
-            return
-        port.position[...], port.velocity[...] = position, velocity
-        port.memory[0] = 1.0
-
-    def _take_limits(self, k: int, port: Port) -> bool:
-        """Read the largest forces that a device has where it stands; a number that is none is a fault."""
-        device = self.stations[port.station].device
-        assert isinstance(device, LimitedDevice)
-        assert port.limit is not None
-        port.limit[...] = device.largest_force
-        if (port.limit > 0.0).all():
-            return True
-        text = ", ".join(f"{force:g}" for force in port.limit)
-        self._tell(k, f"a device's largest force is {text} N; expected above zero: all forces are zero")
-        return False
-
-    def _display(self, k: int, port: Port) -> None:
-        device: Device = self.stations[port.station].device
-        try:
-            device.write(port.command)
-        except DeviceError as error:
-            self._tell(k, str(error))
+    def _display(self, k: int) -> None:
+        """Hand the devices their forces; none is written to once there is a fault, and all are stopped."""
+        if not self._own.faulted and (text := self._devices.write()):
+            self._tell(k, text)
         if self._own.faulted:
-            for each in self._tick.ports:
-                with suppress(DeviceError):  # one that is gone cannot be stopped, and the others must be
-                    self.stations[each.station].device.stop()
+            self._stop_faults += self._devices.stop()
+
+    def rest(self, recorder: Recorder | None = None) -> None:
+        """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
+        try:
+            self._stop_faults += self._devices.stop()
+        finally:
+            self._notice(recorder)
 
     def _step(self, k: int, i: int) -> None:
         """Step a body to the end of the sample; one that cannot go on stays where it is."""
@@ -315,14 +346,20 @@ class Servo:
     # Faults -------------------------------------------------------------------------------------------------------
 
     def _tell(self, k: int, message: str) -> None:
-        self._foreign_faults.append(message)
-        latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
+        if not self._own.faulted:
+            self._foreign_faults.append(message)
+            latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
     def _notice(self, recorder: Recorder | None) -> None:
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:
                 recorder.fault(*self.fault)
+        while self._stop_faults:
+            fault = RunFault(self.ticks, self._stop_faults.pop(0))
+            self.fault = self.fault or fault
+            if recorder is not None:
+                recorder.fault(*fault)
 
     def why(self, own: FloatArray) -> str:
         """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
@@ -330,6 +367,9 @@ class Servo:
         kind, index, code = servo.kind, servo.index, servo.code
         if kind == FOREIGN:
             return self._foreign_faults[code]
+        if kind == SAFETY and self.safety is not None:
+            devices = [device_name(each, self.layout.fingers) for each in self.stations]
+            return self.safety.fault_text(code, self.layout.fingers, devices)
         if kind == STATION:
             return self.stations[index].device.fault_text(code)  # type: ignore[attr-defined,no-any-return]
         if kind == OBJECT_:

@@ -90,6 +90,49 @@ def estimate(state: VelocityEstimate, x: float) -> float:
     return slope / state.period
 
 
+@kernel
+def estimate_between(state: VelocityEstimate, times: Floats, x: float, time: float) -> float:
+    """Take the next position x of a component, sampled at a time, and give its velocity.
+
+    v_k = (x_k - x_(k-n)) / (t_k - t_(k-n)): as `estimate`, with the time in the place of the count of samples. A slope
+    is in [(x_k - x_(k-i) - h) / (t_k - t_(k-i)), (x_k - x_(k-i) + h) / (t_k - t_(k-i))] for each i < j. `times` is a
+    ring like that of the positions.
+    """
+    length = state.length
+    positions = state.positions
+    head = state.head + 1
+    if head > length:
+        head = 0
+    positions[head], times[head] = x, time
+    state.head = head
+    filled = state.filled
+    if filled <= length:
+        state.filled = filled + 1
+    else:
+        filled = length
+    state.used = 0
+    h = state.noise * (1.0 + SLACK)
+    place = head
+    low = high = slope = 0.0
+    for i in range(1, filled + 1):
+        place -= 1
+        if place < 0:
+            place = length
+        step = x - positions[place]
+        interval = time - times[place]
+        s = step / interval
+        if i > 1 and not (low <= s <= high):
+            break
+        slope = s
+        state.used = i
+        below, above = (step - h) / interval, (step + h) / interval
+        if i == 1 or below > low:
+            low = below
+        if i == 1 or above < high:
+            high = above
+    return slope
+
+
 class VelocityEstimator:
     """First-order adaptive windowing, end fit, each component by itself.
 
@@ -103,6 +146,9 @@ class VelocityEstimator:
     For a sensor whose error is at most h and a motion whose acceleration is at most A,
     |v_k - v(t_k)| <= 2 h / (n T) + A n T / 2: the noise, and the delay of the window's middle, n T / 2. A window helps
     while h / T exceeds A T, a fast loop or a coarse sensor; else the plain difference (window 1) is as good.
+
+    Of samples that come when they will, `update` is told the times: each interval is the true one, and a time that has
+    not moved on leaves the velocity as it is.
 
     The first position gives zero. A position that is not finite gives velocities that are not finite until
     two finite ones have followed.
@@ -142,6 +188,8 @@ class VelocityEstimator:
         states.array(VelocityEstimate.period)[:] = period
         states.array(VelocityEstimate.noise)[:] = noise
         states.array(VelocityEstimate.length)[:] = self._length
+        self._times: FloatArray = np.zeros((self._count, self._length + 1))
+        self._time = -np.inf  # of the last sample that had one [s]
         self._used = states.array(VelocityEstimate.used)
         self._memory = self._state.reshape(self._count, self._size)[:, start_of(VelocityEstimate, "filled") :]
         # Plain floats from a view cost half of what array items do.
@@ -158,14 +206,39 @@ class VelocityEstimator:
         """Forget every position; then take this one as the first, if it is given."""
         self._memory[...] = 0.0
         self._velocity[...] = 0.0
+        self._time = -np.inf
         if position is not None:
             self.update(position)
 
-    def update(self, position: ArrayLike) -> FloatArray:
-        """Update the velocity by the next position; the array belongs to the estimator and is overwritten."""
+    def update(self, position: ArrayLike, time: float | None = None) -> FloatArray:
+        """Update the velocity by the next position; the array belongs to the estimator and is overwritten.
+
+        Args:
+            position: in the estimator's shape.
+            time: at which it was taken [s]; a period after the last one if not given. All are given one, or none.
+
+        Raises:
+            InputError: a time before the last one's, or one that is not finite.
+        """
+        if time is not None:
+            return self._update_at(position, time)
         self._position[...] = position
         S, x, v = self._entries, self._x, self._v
         component = source_function(estimate)  # without a view for each
         for j in range(self._count):
             v[j] = component(S, j * self._size, x[j])
+        return self._velocity
+
+    def _update_at(self, position: ArrayLike, time: float) -> FloatArray:
+        if not self._time <= time < np.inf:
+            raise InputError("time", time, f"a finite time, {self._time:.9g} s or later")
+        if self._time == -np.inf:
+            self._memory[...] = 0.0  # positions without a time lead nowhere
+        if time > self._time:
+            self._time = time
+            self._position[...] = position
+            S, x, v = self._entries, self._x, self._v
+            component = source_function(estimate_between)
+            for j in range(self._count):
+                v[j] = component(S, j * self._size, self._times[j].data, 0, x[j], time)
         return self._velocity

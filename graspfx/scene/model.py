@@ -9,10 +9,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import PrivateAttr
+from pydantic_core import PydanticSerializationError
 
 from graspfx import plugins
 from graspfx.card import Card, Carded
 from graspfx.errors import Fault, InputError, SceneError
+from graspfx.scene.data import not_data
 from graspfx.scene.keys import Key, as_faults, parts_of
 from graspfx.scene.lines import KeyLines
 from graspfx.scene.overrides import by_key, is_within, overridden, replacing
@@ -95,10 +97,18 @@ class Scene(Carded, SceneTable):
         return self._source
 
     def to_dict(self) -> dict[str, Any]:
-        """Write the scene as nested tables that `Scene(**table)` takes, without defaults."""
+        """Write the scene as nested tables that `Scene(**table)` takes, without defaults.
+
+        Raises:
+            InputError: an object in it that cannot be written as data.
+        """
         if self._written is not None:
             return deepcopy(self._written)
-        table: dict[str, Any] = SceneTable.__pydantic_serializer__.to_python(self, mode="json", exclude_unset=True)
+        serializer = SceneTable.__pydantic_serializer__
+        try:
+            table: dict[str, Any] = serializer.to_python(self, mode="json", exclude_unset=True)
+        except PydanticSerializationError as error:
+            raise not_data(serializer.to_python(self, exclude_unset=True)) from error
         return table
 
     def require_reach(self) -> None:

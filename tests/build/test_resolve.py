@@ -14,10 +14,11 @@ import pytest
 import graspfx as gx
 from graspfx import plugins
 from graspfx.__main__ import main
-from graspfx.build import bodies, meshes
+from graspfx.build import bodies, meshes, pace
 from graspfx.build.build import build
 from graspfx.build.resolve import resolve
 from graspfx.errors import SceneError
+from tests.support.hardware import VirtualClock
 
 COUNTED = '''
 """The simulated device, and in `log` a line for each call of connect and of open."""
@@ -148,18 +149,19 @@ def test_warnings_of_a_law_are_each_run_s_own(log: Path) -> None:
     assert part.law is not part.law and part.grasped().law is not part.grasped().law
 
 
-def test_a_real_device_is_never_opened_twice(tmp_path: Path) -> None:
+def test_a_real_device_is_never_opened_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A device that may be opened once in its life, as one that holds a port: every run has another."""
+    monkeypatch.setattr(pace, "WallClock", VirtualClock)
     (tmp_path / "once.py").write_text(
         "from graspfx import plugins\n"
         "import numpy as np\n"
         "class Once:\n"
         "    def __init__(self): self.features = plugins.load('devices', 'simulated').connect("
-        "mass=0.1, dimensions=1).features; self.opened = 0\n"
+        "mass=0.1, dimensions=1).features; self.opened, self.time = 0, 0.0\n"
         "    def open(self, period):\n"
         "        self.opened += 1\n"
         "        assert self.opened == 1\n"
-        "    def read(self): return np.zeros((1, 1)), np.zeros((1, 1)), 0.0\n"
+        "    def read(self): self.time += 0.01; return np.zeros((1, 1)), np.zeros((1, 1)), self.time\n"
         "    def write(self, forces): pass\n"
         "    def stop(self): pass\n"
         "    def close(self): pass\n"
@@ -174,7 +176,7 @@ def test_a_real_device_is_never_opened_twice(tmp_path: Path) -> None:
         finger=[finger, finger],
     )  # fmt: skip
     for _ in range(2):
-        assert not gx.run(scene).faults
+        assert not gx.run(scene, real_time=True).faults
     first, second = resolve(scene).wires
     assert first.device.opened == second.device.opened == 1  # type: ignore[attr-defined]
     assert np.isclose(first.features.mass or 0.0, 0.1) and plugins.names("devices")

@@ -20,7 +20,9 @@ import pytest
 import graspfx
 import graspfx.errors
 from graspfx.__main__ import main
+from graspfx.build import pace
 from graspfx.commands.arguments import override
+from tests.support.hardware import VirtualClock
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,7 +37,7 @@ class Worn:
     def open(self, period): self.period = period
     def read(self):
         self.reads += 1
-        position = 0.001 if self.reads <= 10 else nan
+        position = 0.001 if self.reads <= 51 else nan
         return np.array([[position]]), np.zeros((1, 1)), self.reads * self.period
     def write(self, forces): pass
     def stop(self): pass
@@ -197,18 +199,28 @@ def test_check_notes_what_may_not_be_meant(capsys: pytest.CaptureFixture[str]) -
     assert settle.startswith("note: at a period of 5 ms finger0 does not settle under kip = 9000 N/m")
 
 
-def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(capsys: pytest.CaptureFixture[str]) -> None:
-    """A device whose reading becomes NaN after 10 samples: zero force from there on, and a fault that is said."""
+def test_a_run_with_a_fault_writes_its_files_and_exits_with_3(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A device whose reading becomes NaN after 10 samples: zero force from there on, and a fault that is said.
+
+    It is hardware: without the wall's clock it is refused before anything is written.
+    """
+    monkeypatch.setattr(pace, "WallClock", VirtualClock)
     Path("worn.py").write_text(WORN)
     lines = (ROOT / "scenes" / "reference-1dof.toml").read_text().splitlines()
     without_hands = (line for line in lines if not line.startswith("hand"))
     scene = ['device = { name = "worn.py" }' if line.startswith("device") else line for line in without_hands]
     Path("worn.toml").write_text("\n".join(scene))
-    assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure"]) == 3
+    assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure"]) == 2
+    assert "this scene has hardware; its clock is the wall's" in capsys.readouterr().err
+    assert not Path("out").exists()
+    assert main(["run", "worn.toml", "--duration", "0.1", "--no-figure", "--real-time"]) == 3
     assert "tick 10" in capsys.readouterr().err
     recording = graspfx.Recording.load(Path("out/worn/recording.h5"))
     assert recording.time.size == 20
-    assert (recording.finger_force[:10] != 0.0).any()
+    assert not recording.finger_force[0].any()
+    assert (recording.finger_force[1:10] != 0.0).all()
     assert (recording.finger_force[10:] == 0.0).all()
 
 

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build import pace
 from graspfx.errors import SceneError
+from tests.support.hardware import VirtualClock
 from tests.support.optional import require
 
 LINE: dict[str, Any] = {
@@ -21,6 +23,12 @@ LINE: dict[str, Any] = {
     "coupling": {"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
 }
 POINT = {"name": "simulated", "mass": 0.15, "damping": 0.2}
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no time pass: hardware is never late on a machine that is."""
+    monkeypatch.setattr(pace, "WallClock", VirtualClock)
 
 
 def finger(start: float, **changes: Any) -> dict[str, Any]:
@@ -51,9 +59,9 @@ class Broken:
     def read(self):
         self.ticks += 1
         x = np.array([[-0.02]])
-        if self.ticks > 20 and self.how == "nan":
+        if self.ticks > 61 and self.how == "nan":
             x[:] = np.nan
-        if self.ticks > 20 and self.how == "raises":
+        if self.ticks > 61 and self.how == "raises":
             raise DeviceError("the cable is out; plug it in")
         return x, np.zeros((1, 1)), 0.005 * self.ticks
     def write(self, forces): self.written.append(forces.copy())
@@ -69,15 +77,22 @@ def connect(*, how):
 """
 
 
-@pytest.mark.parametrize(("how", "says"), [("nan", "finger0, finger1"), ("raises", "cable")])
+RAMP = {**LINE["coupling"], "enter": "ramp"}  # for a device that is inside the object from the first tick on
+
+
+@pytest.mark.parametrize(("how", "says"), [("nan", "finger0 (Broken) gave [[nan]] for positions"), ("raises", "cable")])
 def test_a_broken_reading_gives_zero_force_and_a_fault(tmp_path: Path, how: str, says: str) -> None:
-    """Pushed in by 5 mm until sample 20; from that very sample on nothing is displayed, nothing acts on the object."""
+    """Pushed in by 5 mm until sample 20; from that very sample on nothing is displayed, nothing acts on the object.
+
+    Forty readings settle the device, and one looks whether it is still there.
+    """
     driver = tmp_path / "broken.py"
     driver.write_text(DRIVER)
     broken = {"start": [-0.02], "device": {"name": str(driver), "how": how}}
-    rec = gx.run(scene(broken, finger(0.025)), duration=0.3)
+    rec = gx.run(scene(broken, finger(0.025), coupling=RAMP), duration=0.3, real_time=True)
     assert len(rec.time) == 60
-    assert (rec.finger_force[:20, 0] > 0.0).all()
+    assert not rec.finger_force[0].any()
+    assert (rec.finger_force[1:20, 0] > 0.0).all()
     assert not rec.finger_force[20:].any() and not rec.wrench[20:].any()
     [fault] = rec.faults
     assert fault.tick == 20 and says in fault.message
@@ -85,7 +100,8 @@ def test_a_broken_reading_gives_zero_force_and_a_fault(tmp_path: Path, how: str,
 
     device = plugins.load("devices", str(driver)).made[-1]
     assert all(np.isfinite(f).all() for f in device.written)
-    assert not any(f.any() for f in device.written[20:])
+    assert not any(f.any() for f in device.written[:41]) and not any(f.any() for f in device.written[60:])
+    assert all(f.any() for f in device.written[41:60])
 
 
 def test_a_finger_that_leaves_its_workspace_faults() -> None:
@@ -187,10 +203,10 @@ class Board:
     def open(self, period): pass
     def counts(self):
         self.reads += 1
-        if self.reads > 20: raise OSError("cable out")
+        if self.reads > 61: raise OSError("cable out")
         return 21720, 6680
     def torque(self, first, second):
-        if self.reads > 20: raise OSError("cable out")
+        if self.reads > 61: raise OSError("cable out")
     def close(self): pass
 
 def connect(**settings):
@@ -203,7 +219,7 @@ def test_a_board_that_is_unplugged_latches_a_fault_and_stops_the_others(tmp_path
     driver = tmp_path / "unplugged.py"
     driver.write_text(BOARD)
     gone = {"start": [-0.025, 0.0], "device": {"name": str(driver), "base": [-0.04, -0.18]}}
-    rec = gx.run(gx.load("paper-waving", {"finger.0": gone}), duration=0.5)
+    rec = gx.run(gx.load("paper-waving", {"finger.0": gone, "coupling.enter": "ramp"}), duration=0.5, real_time=True)
     assert len(rec) == 100
     assert len(rec.faults) == 1 and "cable out" in rec.faults[0].message
     assert not rec.finger_force[rec.faults[0].tick :].any()
@@ -242,10 +258,10 @@ class Mute:
     features = Features(fingers=1, dimensions=1)
     def __init__(self): self.writes = 0
     def open(self, period): pass
-    def read(self): return np.array([[-0.02]]), np.zeros((1, 1)), 0.0
+    def read(self): return np.array([[-0.02]]), np.zeros((1, 1)), 0.005 * self.writes
     def write(self, forces):
         self.writes += 1
-        if self.writes > 10: raise DeviceError("the amplifier is off")
+        if self.writes > 50: raise DeviceError("the amplifier is off")
     def stop(self): pass
     def close(self): pass
     def __enter__(self): return self
@@ -259,7 +275,8 @@ def connect():
 def test_a_force_that_could_not_be_displayed_is_not_recorded_as_if_it_were(tmp_path: Path) -> None:
     file = tmp_path / "mute.py"
     file.write_text(MUTE)
-    rec = gx.run(scene({"start": [-0.02], "device": {"name": str(file)}}, finger(0.025)), duration=0.1)
+    mute = {"start": [-0.02], "device": {"name": str(file)}}
+    rec = gx.run(scene(mute, finger(0.025), coupling=RAMP), duration=0.1, real_time=True)
     assert rec.faults[0].tick == 10
     assert rec.finger_force[9, 0, 0] > 0.0
     assert not rec.finger_force[10:].any() and not rec.wrench[10:].any()

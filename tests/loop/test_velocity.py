@@ -144,3 +144,49 @@ def test_kernel_runs_compiled_with_the_same_result():
 def test_what_cannot_be_estimated(arguments, name):
     with pytest.raises(InputError, match=name):
         VelocityEstimator(**{"period": T, "shape": (1,), "noise": 1e-6, "window": 4, **arguments})
+
+
+def test_times_of_samples_are_the_true_intervals():
+    """Samples that come when they will, on a motion of 0.1 m/s: the bound of two sensor errors over the interval holds.
+
+    By counts of samples the error is that of the intervals, here five times as large.
+    """
+    times = np.cumsum(np.random.default_rng(5).uniform(0.5, 1.5, 400)) * T
+    v, by_count = VelocityEstimator(T, (1,), 5e-6, 12), VelocityEstimator(T, (1,), 5e-6, 12)
+    errors = []
+    for k, time in enumerate(times):
+        x = round(0.1 * time / 1e-5) * 1e-5
+        velocity = v.update([x], time)
+        assert k == 0 or abs(velocity[0] - 0.1) <= 1e-5 / (times[k] - times[k - v.window[0]]) + 1e-12
+        errors.append([abs(velocity[0] - 0.1), abs(by_count.update([x])[0] - 0.1)])
+    timed, counted = np.mean(errors[1:], axis=0)
+    assert timed < 0.2 * counted
+
+
+def test_regular_times_are_no_times():
+    x = np.cumsum(np.cumsum(np.random.default_rng(6).normal(0.0, 2e-6, (300, 2)), axis=0), axis=0)
+    x = np.rint(x / 1e-5) * 1e-5
+    by_count, by_time = VelocityEstimator(T, (2,), 5e-6, 8), VelocityEstimator(T, (2,), 5e-6, 8)
+    for k, position in enumerate(x):
+        expected = by_count.update(position)
+        np.testing.assert_allclose(by_time.update(position, k * T), expected, rtol=1e-9, atol=1e-12)
+        assert np.array_equal(by_count.window, by_time.window)
+
+
+@pytest.mark.parametrize("window", [1, 12])
+def test_a_sample_that_is_held_leaves_the_velocity(window):
+    v = VelocityEstimator(T, (1,), 5e-6, window)
+    v.update([0.0], 0.0)
+    assert v.update([1e-4], 0.001).tolist() == pytest.approx([0.1])
+    assert v.update([5.0], 0.001).tolist() == pytest.approx([0.1])
+    assert v.update([3e-4], 0.003).tolist() == pytest.approx([0.1])
+    v.reset([0.0])
+    assert v.update([0.0], 0.0).tolist() == [0.0]
+
+
+@pytest.mark.parametrize("time", [-1.0, np.nan, np.inf])
+def test_times_go_forward(time):
+    v = VelocityEstimator(T, (1,), 5e-6, 4)
+    v.update([0.0], 0.0)
+    with pytest.raises(InputError, match="time: given"):
+        v.update([0.0], time)

@@ -16,6 +16,7 @@ from graspfx.build.checks.hand_faults import own_hand_faults, shared_hand_faults
 from graspfx.build.checks.lengths import length_faults as _length
 from graspfx.build.checks.meeting import meeting_faults
 from graspfx.build.checks.recorded import record_faults
+from graspfx.build.checks.safety_faults import finger_safety_faults, safety_faults
 from graspfx.build.checks.settings import reason, setting_faults
 from graspfx.build.checks.solids import mass_faults, shape_faults
 from graspfx.build.checks.touching import (
@@ -75,6 +76,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
         yield _orientation(scene, ("obstacle", i), thing)
     yield _unique(scene, "obstacle")
     yield meeting_faults(scene, stock, faults)
+    yield safety_faults(scene)
     for i, finger in enumerate(_items(scene, "finger")):
         yield _start(scene, i, finger, stock)
         for field in NAME_KEYS:
@@ -83,6 +85,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
         yield own_coefficient(scene, ("finger", i, "friction"), finger)
         yield soft_faults(scene, i, finger)
         yield pad_faults(scene, i, finger)
+        yield finger_safety_faults(scene, i, finger)
         yield _own_device(scene, ("finger", i, "device"), finger, stock)
     for i, device in enumerate(_items(scene, "device")):
         yield setting_faults(scene, ("device", i), device, stock)

@@ -20,7 +20,8 @@ def record_faults(scene: SceneTable) -> Iterator[tuple[tuple[str | int, ...], st
         fingers=scene.finger_names,
         objects=tuple(thing.name for thing in scene.object),
         finger_objects=(0,) * len(scene.finger),
-        moments=True, slips=True, observed=True, controlled=True, limits=True, normals=True, torsion_axes=True,
+        moments=True, slips=True, observed=True, controlled=True, limits=True, guarded=True, normals=True,
+        torsion_axes=True,
         predicted=tuple(range(len(scene.object))),
     )  # fmt: skip
     for i, name in enumerate(names):

@@ -32,11 +32,13 @@ class FingerBooks(Contact):
     tip: Vector4  # the fingertip's own step [m]
     force: Vector4  # the elastic force now; then the whole one [N]
     brake: Vector4  # fb now [N]
+    withheld: Vector4  # fw now, minus what the safety chain has taken from the force after the brake [N]
     held_stretch: Vector4  # h [m]
     stretch: Vector4  # h+ [m]
     held_force: ForceByMode  # f
     held_elastic: ForceByMode  # fe
     held_brake: ForceByMode  # fb
+    held_withheld: ForceByMode  # fw
     elastic: ForceByMode  # fe now
 
 
@@ -78,6 +80,8 @@ class LedgerState(Record):
     count: int  # n
     components: int  # of the forces where gains are matrices with cones: then h = K^-1 fe; else 0
     control: bool  # modes that leak are braked (`watch`)
+    guarded: bool  # forces pass a safety chain: stiffness is gamma K, and a part may be withheld after the brake
+    gain: float  # gamma of this sample, where there is a chain
     foreign: bool  # not our integrator: the work of obstacles is the remainder
     drag: float  # least friction b_i/w_i of the devices [N s/m]
     mobility: float  # largest w_i/m_i of the devices [1/kg]

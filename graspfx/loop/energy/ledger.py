@@ -4,11 +4,11 @@ Between two samples the held forces f = fe + fd + fb (springs, damping, brake) m
 against the object in its axes. With the displacement h that the springs hold, fe = K h, and a_j fe's part in mode j,
 
     stored      V_j = 1/2 a_j'h
-    damped      fd_j'd
+    damped      fd_j'd                     of a safety chain's fw_j, taken from the force after the brake, without it
     braked      fb_j'd
     slipped     a_j'(d - h+ + h)           taken by contacts that slide, slip or let go, or lies beyond a limit
     reshaped    1/2 (a_j'h+ - a_j+'h)      taken where the split, a weight or a skew stiffness changes what is stored
-    leaked      1/2 (a_j+ - a_j)'(h+ - h)  made by holding the force: 1/2 Dh'K Dh where nothing changes
+    leaked      1/2 (a_j+ - a_j)'(h+ - h)  made by holding the force: 1/2 Dh'K Dh where nothing changes; less fw_j'd
 
 so that f_j'd = V_j+ - V_j + damped + braked + slipped + reshaped - leaked: an identity, whatever the law did. The
 fingers' work is the wrench's and f'd, the wrench's that of `graspfx.objects.energy`. All is summed by itself; the gap
@@ -110,20 +110,32 @@ def load(grasp: GraspState, ledger: LedgerState) -> None:
     forces = ledger.fingers.part(FingerBooks.force)
     split_force(split, ledger.fingers, forces, ledger.fingers.part(FingerBooks.elastic))
     kep, kip = grasp.external_stiffness, grasp.internal_stiffness
-    if ledger.components > 0:
-        if stretch_by_matrix(grasp, ledger):
+    open_ended = ledger.guarded and not ledger.gain > 0.0  # gamma K is zero, and has no inverse
+    if not open_ended:
+        if ledger.components > 0:
+            if stretch_by_matrix(grasp, ledger):
+                soften_stretch(ledger)
+                if grasp.padded:
+                    add_pads(grasp, ledger, True)
+                return
+        elif kep > 0.0 and kip > 0.0:
+            stretch(split, ledger.fingers, kep, kip)
+            soften_stretch(ledger)
             if grasp.padded:
                 add_pads(grasp, ledger, True)
             return
-    elif kep > 0.0 and kip > 0.0:
-        stretch(split, ledger.fingers, kep, kip)
-        if grasp.padded:
-            add_pads(grasp, ledger, True)
-        return
     for i, finger in enumerate(ledger.fingers):  # without cones, and where a K without an inverse leaves it open
         finger.stretch = grasp.fingers[i].displacement
     if grasp.padded:
         add_pads(grasp, ledger, False)
+
+
+@kernel
+def soften_stretch(ledger: LedgerState) -> None:
+    """Compute h = (gamma K)^-1 fe from K^-1 fe where a safety chain scales the stiffness."""
+    if ledger.guarded and ledger.gain != 1.0:
+        for finger in ledger.fingers:
+            finger.stretch = (1.0 / ledger.gain) * finger.stretch
 
 
 @kernel
@@ -132,6 +144,8 @@ def add_pads(grasp: GraspState, ledger: LedgerState, adds: bool) -> None:
     ledger.curved = ZERO
     for i, finger in enumerate(ledger.fingers):
         k, push = grasp.fingers[i].pad, dot(finger.normal, finger.force.vector)
+        if ledger.guarded:
+            k *= ledger.gain
         if k > 0.0 and push > 0.0:
             depth = (push / k) ** (2.0 / 3.0)
             for j in range(3):
@@ -226,6 +240,10 @@ def book_springs(ledger: LedgerState) -> None:
                 f, fe = finger.held_force.parts[j].force[a], finger.held_elastic.parts[j].force[a]
                 fb, new = finger.held_brake.parts[j].force[a], finger.elastic.parts[j].force[a]
                 work += f * d
+                if ledger.guarded:
+                    fw = finger.held_withheld.parts[j].force[a]
+                    damped -= fw * d
+                    leaked -= fw * d
                 damped += (f - fe - fb) * d
                 braked += fb * d
                 slipped += fe * (d - (now - h))
@@ -262,6 +280,8 @@ def hold(grasp: GraspState, ledger: LedgerState) -> None:
             finger.held_elastic.parts[j].force = elastic
             finger.held_force.parts[j].force = elastic
             finger.held_brake.parts[j].force = NOTHING
+            if ledger.guarded:
+                finger.held_withheld.parts[j].force = NOTHING
         where = now.contact_world if grasp.at_contact else now.position
         finger.place, finger.push, finger.arm = now.position, now.force, where - x
         finger.twist = now.patch * (R @ now.twist_axis)
@@ -270,6 +290,8 @@ def hold(grasp: GraspState, ledger: LedgerState) -> None:
         split_force(split, fingers, fingers.part(FingerBooks.force), fingers.part(FingerBooks.held_force))
     if braked:
         split_force(split, fingers, fingers.part(FingerBooks.brake), fingers.part(FingerBooks.held_brake))
+    if ledger.guarded:
+        split_force(split, fingers, fingers.part(FingerBooks.withheld), fingers.part(FingerBooks.held_withheld))
     if grasp.padded:
         ledger.held_curved = ledger.curved
     keep(grasp.body, ledger.start)

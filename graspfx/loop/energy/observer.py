@@ -35,6 +35,7 @@ class Observer:
         control: whether the forces of modes that leak are damped.
         friction: of each finger's device, (n,) [N s/m]; zero where it is not known.
         mass: of each finger's device, (n,) [kg]; infinite where it is not known.
+        guarded: whether the forces pass a safety chain.
 
     Attributes:
         buffer: beside the object's block; `watch` works on the two.
@@ -54,6 +55,7 @@ class Observer:
         control: bool,
         friction: FloatArray,
         mass: FloatArray,
+        guarded: bool = False,
     ) -> None:
         self._T = period
         n, block = grasped.fingers, GraspState(grasped.block.data)
@@ -72,7 +74,7 @@ class Observer:
         share = block.fingers.array(FingerState.share)
         native = isinstance(body, NativeBody)
         ledger.drag, ledger.mobility = min(friction / share, default=0.0), max(share / mass, default=0.0)
-        ledger.foreign, ledger.control = not native, control
+        ledger.foreign, ledger.control, ledger.guarded = not native, control, guarded
         self.met: FloatArray | None = getattr(body, "contact_wrench", None) if native else None
         first = start_of(LedgerState, "report")
         self.where = {
@@ -82,7 +84,7 @@ class Observer:
     @property
     def structure(self) -> Index:
         """Entries of `buffer` that never change and select the computation."""
-        fixed = ["count", "components", "control", "foreign", "split"]
+        fixed = ["count", "components", "control", "foreign", "guarded", "split"]
         if not self._ledger.drag:
             fixed.append("drag")
         split = [start_of(ModeSplit, name) + self._ledger.split.offset for name in ("fingers", "width", "shifts")]

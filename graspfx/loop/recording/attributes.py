@@ -23,14 +23,19 @@ NAMES = (
     "absent",
     "omitted",
 )  # of a layout's fields that are tuples
+OF_HARDWARE = ("settled", "round_trip")  # fields of a header that stand in recordings of hardware only
+
+GUARDED = "guarded"  # of a layout's fields: written where it is true, so that other recordings are as they were
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
     """Describe a recording before its first row."""
     attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
     for key, value in asdict(header).items():
+        if key in OF_HARDWARE and not value:
+            continue
         attributes[key] = value if isinstance(value, str | float) else _json(value)
-    attributes["layout"] = _json(asdict(layout))
+    attributes["layout"] = _json({key: value for key, value in asdict(layout).items() if key != GUARDED or value})
     return attributes
 
 
@@ -45,6 +50,9 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
         "blended": int(outcome.blended),
         **({"ticks": int(outcome.ticks)} if outcome.ticks else {}),
         **({"changes": changes_text(outcome.changes)} if outcome.changes else {}),
+        **({"cause": outcome.cause} if outcome.cause else {}),
+        **({"skipped": int(outcome.skipped)} if outcome.skipped else {}),
+        **({"repeats": int(outcome.repeats)} if outcome.repeats else {}),
     }
 
 
@@ -89,10 +97,11 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 def header_of(attributes: Mapping[str, Any]) -> Header:
     """Read the header; a field that came later than the recording has its default."""
     fields = {key: attributes[key] for key in Header.__dataclass_fields__ if key in attributes}
-    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split"):
+    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split", "settled"):
         fields[key] = json.loads(fields.get(key, "{}"))
     fields["period"] = float(fields["period"])
     fields["every"] = int(fields.get("every", 1))
+    fields["round_trip"] = float(fields.get("round_trip", 0.0))
     if fields["every"] < 1:
         raise ValueError(f"a row every {fields['every']} ticks")
     if not 0.0 < fields["period"] < math.inf:
@@ -103,7 +112,6 @@ def header_of(attributes: Mapping[str, Any]) -> Header:
 def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Outcome:
     """Read the outcome; what is not there came later than the recording."""
     wall_time = float(attributes["wall_time"])
-    engine = attributes.get("engine", "")
     return Outcome(
         faults=tuple(faults),
         wall_time=None if math.isnan(wall_time) else wall_time,
@@ -112,9 +120,16 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
         fade_needed=float(attributes.get("fade_needed", 0.0)),
         blended=int(attributes.get("blended", 0)),
         ticks=int(attributes.get("ticks", 0)),
-        engine=engine if isinstance(engine, str) else bytes(engine).decode(),
+        engine=_text(attributes.get("engine", "")),
         changes=tuple(changes_of(attributes.get("changes", "[]"))),
+        cause=_text(attributes.get("cause", "")),
+        skipped=int(attributes.get("skipped", 0)),
+        repeats=int(attributes.get("repeats", 0)),
     )
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else bytes(value).decode()
 
 
 def _json(value: Any) -> str:

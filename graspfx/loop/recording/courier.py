@@ -14,10 +14,13 @@ class Courier:
 
     Compiled ticks release Python's lock, so that a block is written while they fill the next one. After a fault nothing
     more is done.
+
+    Args:
+        waiting: jobs that may wait before whoever gives one waits too; 0 for as many as there are.
     """
 
-    def __init__(self) -> None:
-        self._jobs: Queue[Callable[[], None] | None] = Queue(WAITING)
+    def __init__(self, waiting: int = WAITING) -> None:
+        self._jobs: Queue[Callable[[], None] | None] = Queue(waiting)
         self._thread: Thread | None = None
         self._fault: BaseException | None = None
 

@@ -31,6 +31,9 @@ class Header:
         split: by object, what P of its grasp is made of besides the columns: a `SplitRule` as a table. Empty in a
             recording of formats 1 and 2.
         every: ticks from one row to the next; row k is of tick k `every`.
+        settled: of a run with hardware, where each of its fingers met its object, by name: `position` (d,) [m], and
+            `offset`, by which it was deeper than its contact and which fades out in the recorded positions (d,) [m].
+        round_trip: of a reading and a writing of all hardware before the run, the median [s]; 0 without hardware.
     """
 
     period: float
@@ -47,6 +50,8 @@ class Header:
     frames: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     split: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     every: int = 1
+    settled: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
+    round_trip: float = 0.0
 
     def rows_before(self, tick: int) -> int:
         """Count the rows of the ticks before one: the number of the first row from that tick on."""
@@ -92,6 +97,9 @@ class Outcome:
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
     ticks: int = 0  # that were run, where not each has a row; else as many as rows
     changes: tuple[KeyChange, ...] = ()  # of keys, and SPLIT, in mid-run; the header's tables are those of the start
+    cause: str = ""  # of the end of a run that broke off: a signal's name, or an exception; empty if not known
+    skipped: int = 0  # periods that a run on the wall's clock left out
+    repeats: int = 0  # readings of hardware that brought no new sample
 
 
 def now() -> str:

@@ -164,12 +164,12 @@ class History:
 
     @property
     def law_force(self) -> FloatArray | None:
-        """Forces of eq. (4) on the object before limits, (N, n, d) [N]; None where no device tells a largest force."""
+        """Forces of eq. (4) on the object before limits, (N, n, d) [N]; None where nothing limits them."""
         return self.optional("law_force")
 
     @cached_property
     def saturated(self) -> BoolArray | None:
-        """Whether a finger's force stands at its limit, (N, n); None where no device tells a largest force.
+        """Whether a finger's force stands at its limit, (N, n); None where nothing limits it.
 
         Others of the same object may differ from `law_force` too, for one law couples them.
         """

@@ -13,6 +13,7 @@ WIDTHS = {1: 1, 2: 3, 3: 6}  # w
 ESSENTIAL = ("finger_position", "finger_velocity", "contact_position", "finger_force", "touching", "device_energy")
 ESSENTIAL_OF_OBJECTS = ("position", "velocity", "wrench")
 DISPLAYED = "on the operator, after every limit, before output delay"
+SCALE = "left of the law's force: by the soft start, by trust in readings, of what squeezes, of a finger's whole force"
 WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
 
 
@@ -43,7 +44,8 @@ class Layout:
         simulated: whether true positions are known.
         observed: whether the energy of each grasp is booked.
         controlled: whether what leaks is damped.
-        limits: whether some device tells a largest force.
+        limits: whether some device tells a largest force, or the scene's safety.
+        guarded: whether forces pass a safety chain.
         normals: whether contacts' normals and the torsion held at them are known, of soft fingers.
         torsion_axes: whether torsion acts along another axis than the normal.
         predicted: numbers of the objects whose split needs where the implicit integrator predicts their centre.
@@ -62,6 +64,7 @@ class Layout:
     observed: bool = False
     controlled: bool = False
     limits: bool = False
+    guarded: bool = False
     normals: bool = False
     torsion_axes: bool = False
     predicted: tuple[int, ...] = ()
@@ -176,6 +179,8 @@ class Layout:
                 yield at + "law", (), "1", "that the elastic force satisfies: 0 Coulomb's, 1 the associated one"
                 yield at + "residual", (), "N", "of that law"
             yield at + "wrench", (wrench,), "N, N m", "of the fingers on the object, about its centre, in world axes"
+            if self.guarded:
+                yield at + "scale", (("share", 4),), "1", SCALE
             if self.observed:
                 yield from self._energies(at + "energy/")
 

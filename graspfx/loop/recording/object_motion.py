@@ -72,6 +72,15 @@ class ObjectMotion(Carded):
         """Residuals of that law, (N,) [N]; None without a coefficient."""
         return self._columns.optional(self._at + "residual")
 
+    @property
+    def scale(self) -> FloatArray | None:
+        """Shares of the law's forces that a safety chain left, (N, 4); None without [safety].
+
+        By the soft start; by trust in readings and speeds; lambda, of what squeezes only; and the least of a finger's
+        whole force.
+        """
+        return self._columns.optional(self._at + "scale")
+
     def _card(self) -> Card:
         from graspfx.loop.recording.recording_card import motion_card
 

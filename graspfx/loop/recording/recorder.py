@@ -11,6 +11,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.errors import message
 from graspfx.loop.recording.attributes import as_stored
 from graspfx.loop.recording.courier import Courier
 from graspfx.loop.recording.header import Header, KeyChange, Outcome, RunFault
@@ -41,6 +42,12 @@ class SinkOfChanges(Sink, Protocol):
         """Write the changes of keys since the last time, before the rows that they hold in."""
 
 
+def cause_text(error: BaseException) -> str:
+    """Say in a line which exception ended a run."""
+    text = message(error)
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 class Recorder:
     """Takes rows into blocks allocated beforehand; blocks leave for the sinks between ticks.
 
@@ -55,6 +62,7 @@ class Recorder:
         block: rows in a block; all of a run in memory whose length is known, else about 1 MB if not given.
         keep: the rows in memory too, for `finish` to make a recording of them; else only the sinks have them.
         ticks: of the whole run, if that is known.
+        real_time: whether ticks never wait for the sinks: what they cannot take yet is in memory meanwhile.
         selection: what is recorded of rows that ticks write whole, one for each; if not given, they write what is
             recorded, every `header.every` ticks.
     """
@@ -69,13 +77,15 @@ class Recorder:
         keep: bool = True,
         ticks: int | None = None,
         selection: Selection | None = None,
+        real_time: bool = False,
     ) -> None:
         self.layout, self.header, self.ticks = layout, header, 0
         self.faults: list[RunFault] = []
         self.changes: list[KeyChange] = []
         self._selection = None if selection is None or selection.is_whole else selection
         self._every = header.every if self._selection is None else 1
-        self._sinks, self._keep, self._courier = tuple(sinks), keep, Courier()
+        self._sinks, self._keep = tuple(sinks), keep
+        self._courier = Courier(0) if real_time else Courier()
         self._size = block or self._block_size(ticks)
         self._blocks: list[FloatArray] = []  # that are kept
         self._spares: list[FloatArray] = []
@@ -200,7 +210,7 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._outcome is None:
-            self.finish(complete=False)
+            self.finish(complete=False, cause="" if error is None else cause_text(error))
 
     def _turn(self) -> None:
         """Go on in another block."""

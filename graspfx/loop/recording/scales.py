@@ -16,6 +16,7 @@ SCALES = {
     "turn": ("x", "y", "z"),
     "quaternion": ("x", "y", "z", "w"),
     "mode": ("internal", "translation", "rotation"),
+    "share": ("soft", "trust", "squeeze", "outer"),
 }
 
 

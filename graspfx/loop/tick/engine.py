@@ -134,8 +134,20 @@ ENGINES: dict[str, Callable[[Tick], Engine]] = {
 }
 
 
-def engine_for(kind: str, tick: Tick) -> Engine:
+def lasting_engine(tick: Tick) -> Engine:
+    """Make the fastest engine that is there by now, for ticks between which nothing may be loaded or compiled."""
+    with suppress(MissingPackageError, InputError, LookupError):
+        return Compiled(tick, make=False)
+    return _first(tick)
+
+
+def engine_for(kind: str, tick: Tick, *, at_once: bool = False) -> Engine:
     """Make the engine of a name; the first ticks of a scene with kernels of others are checked.
+
+    Args:
+        kind: its name.
+        tick: that it runs.
+        at_once: whether "auto" is one engine from the first tick to the last, as hardware cannot wait for another.
 
     Raises:
         MissingPackageError: an engine that needs LLVM, without it.
@@ -144,6 +156,10 @@ def engine_for(kind: str, tick: Tick) -> Engine:
     """
     kernels = foreign_kernels(tick.script.kernels)
     if not kernels:
-        return ENGINES[kind](tick)
+        return _engine_of(kind, tick, at_once)
     functions = check(kernels.values())
-    return FirstTicks(ENGINES[kind](tick), CheckedScript(tick, kernels, functions))
+    return FirstTicks(_engine_of(kind, tick, at_once), CheckedScript(tick, kernels, functions))
+
+
+def _engine_of(kind: str, tick: Tick, at_once: bool) -> Engine:
+    return lasting_engine(tick) if at_once and kind == "auto" else ENGINES[kind](tick)

@@ -9,6 +9,13 @@ TICK = (
     "graspfx.coupling.sample.let_go",
     "graspfx.coupling.limit.limit",
     "graspfx.loop.energy.watch.watch",
+    "graspfx.loop.safety.accounts.close_books",
+    "graspfx.loop.safety.accounts.open_books",
+    "graspfx.loop.safety.trust.keep_pace",
+    "graspfx.loop.safety.restrain.restrain",
+    "graspfx.loop.safety.soften.apply_gain",
+    "graspfx.loop.safety.soften.soften",
+    "graspfx.loop.safety.tank.adjust",
     "graspfx.loop.tick.memory.latch",
 )
 BODIES = (

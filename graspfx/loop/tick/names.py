@@ -15,6 +15,7 @@ from graspfx.loop.device import FusedDevice
 from graspfx.loop.parts import Parts, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
 from graspfx.loop.recording.layout import Layout
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Script, Tick
 from graspfx.objects.guest import GuestState
@@ -96,6 +97,9 @@ def _memories(script: Script) -> dict[str, str]:
 def _declarations(parts: Parts) -> Iterator[tuple[FloatArray, type[Record]]]:
     """List memories with the records that they are."""
     yield from ((part.grasped.block, GraspState) for part in parts.objects)
+    if parts.safety is not None:
+        yield parts.safety.pace, Pace
+        yield from ((buffer, SafetyState) for buffer in parts.safety.buffers)
     owners: list[tuple[object, object]] = [(s.device, getattr(s.device, "state", None)) for s in parts.stations]
     for m in parts.plants:
         owners += [(part, getattr(part, "state", None)) for part in (m.plant, m.hand)]

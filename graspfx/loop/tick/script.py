@@ -118,6 +118,14 @@ class Port:
     command: FloatArray
     memory: FloatArray  # whether it could be read; then the three above, and the limits
     limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
+    misses: FloatArray | None = None  # samples in a row without a new reading, where a safety chain counts them, (1,)
+    time: float | None = None  # of the last reading [s]
+
+    def note(self, time: float) -> None:
+        """Note the time of a reading: one that is not new is a sample without a new reading."""
+        if self.misses is not None:
+            self.misses[0] = self.misses[0] + 1.0 if time == self.time else 0.0
+            self.time = time
 
 
 @dataclass

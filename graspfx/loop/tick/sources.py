@@ -48,5 +48,8 @@ def sources(
     for part, observer in zip(parts.objects, parts.observers, strict=False):
         for quantity in (*BY_MODE, *OF_OBJECT):
             yield from pairs(f"objects/{part.name}/energy/{quantity}", observer.buffer, observer.where[quantity])
+    if parts.safety is not None:
+        for part, buffer in zip(parts.objects, parts.safety.buffers, strict=True):
+            yield from pairs(f"objects/{part.name}/scale", buffer, parts.safety.where["scale"])
     for column, (first, count) in own.items():
         yield from pairs(column, servo, np.arange(first, first + count))

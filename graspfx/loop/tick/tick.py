@@ -15,17 +15,24 @@ from graspfx.coupling.grasp_state import GraspState
 from graspfx.coupling.limit import limit
 from graspfx.coupling.sample import conclude, couple, let_go, sample
 from graspfx.loop.energy.watch import watch
-from graspfx.loop.tick.memory import MOVER, OBJECT_, PLANT, STATION, latch
+from graspfx.loop.safety.accounts import close_books, open_books
+from graspfx.loop.safety.restrain import restrain
+from graspfx.loop.safety.soften import apply_gain, soften
+from graspfx.loop.safety.tank import adjust
+from graspfx.loop.safety.trust import keep_pace
+from graspfx.loop.tick.memory import MOVER, OBJECT_, PLANT, SAFETY, STATION, latch
 from graspfx.loop.tick.wires import (
     BodyWires,
     Channel,
     DeviceWires,
     FloatArray,
+    GraspWires,
     GuestWires,
     HandWires,
     LedgerWires,
     PlantWires,
     PortWires,
+    SafetyWires,
     TableWires,
     Target,
     Wiring,
@@ -120,9 +127,15 @@ def predict(scene: Wiring) -> None:
 @stage
 def couple_objects(scene: Wiring, k: int) -> None:
     """Couple the fingers to the objects: forces, limits on them, and the energies that a ledger watches."""
+    if scene.pace is not None and scene.faulted[0] == 0.0:
+        code = keep_pace(scene.pace, k)
+        if code != 0:
+            latch(scene.servo, k, SAFETY, 0, code)
     for grasp in scene.grasps:
         if scene.faulted[0] == 0.0:
-            if grasp.limited:  # what the object receives is what is displayed
+            if grasp.safety is not None:
+                code = couple_safely(grasp.state, grasp.safety)
+            elif grasp.limited:  # what the object receives is what is displayed
                 code = couple(grasp.state)
                 code = limit(grasp.state, code)
                 code = conclude(grasp.state, code)
@@ -132,16 +145,50 @@ def couple_objects(scene: Wiring, k: int) -> None:
                 latch(scene.servo, k, OBJECT_, grasp.index, code)
                 if code == LOST:
                     grasp.stuck[0] = 1.0
-            if grasp.ledger is not None and scene.faulted[0] == 0.0:
+            if grasp.safety is not None:
+                if scene.faulted[0] == 0.0:
+                    finish_safely(scene, grasp, grasp.safety, k)
+            elif grasp.ledger is not None and scene.faulted[0] == 0.0:
                 watch_energy(grasp.state, grasp.ledger, scene.period)
+
+
+@stage
+def couple_safely(grasp: GraspState, safety: SafetyWires) -> int:
+    """Couple fingers to an object by stiffness and damping times gamma, and limit the forces: before any brake."""
+    if safety.steered:
+        adjust(grasp, safety.state)
+    code = couple(grasp)
+    code = soften(grasp, safety.state, safety.pace, code)
+    code = limit(grasp, code)
+    apply_gain(grasp, safety.state)
+    return conclude(grasp, code)
+
+
+@stage
+def finish_safely(scene: Wiring, grasp: GraspWires, safety: SafetyWires, k: int) -> None:
+    """Brake, then restrain the forces of an object; the ledger stores what is displayed."""
+    if grasp.ledger is not None:
+        show_contact(grasp.ledger)
+        open_books(grasp.state, grasp.ledger.state, safety.state, scene.period[0])
+    code = restrain(grasp.state, safety.state, safety.pace)
+    if code != 0:
+        latch(scene.servo, k, SAFETY, 0, code)
+    elif grasp.ledger is not None:
+        close_books(grasp.state, grasp.ledger.state, safety.state)
 
 
 @stage
 def watch_energy(grasp: GraspState, ledger: LedgerWires, period: FloatArray) -> None:
     """Watch the energies of a grasp."""
+    show_contact(ledger)
+    watch(grasp, ledger.state, period[0])
+
+
+@stage
+def show_contact(ledger: LedgerWires) -> None:
+    """Show a ledger the wrench of planes on the body."""
     if ledger.met is not None and ledger.contact_wrench is not None:
         copy(ledger.met, ledger.contact_wrench)
-    watch(grasp, ledger.state, period[0])
 
 
 @stage

@@ -17,6 +17,7 @@ from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.observer import MET
 from graspfx.loop.parts import BodyGroup, DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import CHUNK, ServoState
 from graspfx.loop.tick.script import Port, Table, Tick
 from graspfx.loop.tick.sources import sources
@@ -32,6 +33,7 @@ from graspfx.loop.tick.wires import (
     LedgerWires,
     PlantWires,
     PortWires,
+    SafetyWires,
     TableWires,
     Target,
     Wiring,
@@ -64,6 +66,10 @@ class Wirer:
             self.script.memory("object", part.grasped.block, part.grasped.structure)
         for observer in parts.observers:
             self.script.memory("ledger", observer.buffer, observer.structure)
+        if parts.safety is not None:
+            self.script.memory("pace", parts.safety.pace, entries_of(Pace, "devices"))
+            for i, buffer in enumerate(parts.safety.buffers):
+                self.script.memory("safety", buffer, parts.safety.structure(i))
         for m in parts.plants:
             if isinstance(m.plant, FusedPlant):
                 m.plant.hold(m.hand, parts.period)
@@ -85,6 +91,7 @@ class Wirer:
             faulted=self.servo.array(ServoState.faulted),
             period=self.servo.array(ServoState.period),
             dimensions=self.d,
+            pace=None if self.parts.safety is None else Pace(self.parts.safety.pace),
             fingers=fingers,
             devices=devices,
             grasps=[self._grasp(i) for i in range(len(self.parts.objects))],
@@ -156,7 +163,11 @@ class Wirer:
         limited = isinstance(station.device, LimitedDevice)
         memory = np.zeros(last + (k if limited else 0))
         arrays = memory[1:last].reshape(3, k, self.d)
-        self.tick.ports.append(Port(i, arrays[0], arrays[1], arrays[2], memory, memory[last:] if limited else None))
+        chain, misses = self.parts.safety, None
+        if chain is not None:
+            misses = chain.pace[Pace(chain.pace).misses.offset + i :][:1]
+        limit = memory[last:] if limited else None
+        self.tick.ports.append(Port(i, arrays[0], arrays[1], arrays[2], memory, limit, misses))
         self.script.memory("port", memory)
         starts = 1, 1 + size, 1 + 2 * size, last if limited else None
         return PortWires(i, memory[:1], self._channels(station, fingers, memory, *starts))
@@ -200,7 +211,10 @@ class Wirer:
                 self._floor(self.parts.movers[number])
             met = None if observer.met is None else observer.buffer[MET : MET + 6]
             ledger = LedgerWires(LedgerState(observer.buffer), met, observer.met)
-        return GraspWires(i, grasped.state, grasped.limit is not None, self._stuck_body(number), ledger)
+        safety, chain = None, self.parts.safety
+        if chain is not None:
+            safety = SafetyWires(SafetyState(chain.buffers[i]), Pace(chain.pace), chain.is_steered(i))
+        return GraspWires(i, grasped.state, grasped.limit is not None, self._stuck_body(number), ledger, safety)
 
     def _stuck_body(self, i: int) -> FloatArray:
         return self.servo.array(ServoState.stuck_bodies)[i : i + 1]

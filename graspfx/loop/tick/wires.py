@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from graspfx.compile.records import Floats
 from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.energy.books import LedgerState
+from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import ServoState
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import GuestState
@@ -79,6 +80,15 @@ class LedgerWires:
 
 
 @dataclass(eq=False, repr=False)
+class SafetyWires:
+    """The safety chain of an object."""
+
+    state: SafetyState
+    pace: Pace
+    steered: bool  # a gain may change in mid-run
+
+
+@dataclass(eq=False, repr=False)
 class GraspWires:
     """An object and its coupling."""
 
@@ -87,6 +97,7 @@ class GraspWires:
     limited: bool
     stuck: FloatArray  # 1 if its body cannot go on, (1,)
     ledger: LedgerWires | None
+    safety: SafetyWires | None
 
 
 @dataclass(eq=False, repr=False)
@@ -168,6 +179,7 @@ class Wiring:
     faulted: FloatArray  # 1 after a fault, (1,)
     period: FloatArray  # T, (1,) [s]
     dimensions: int
+    pace: Pace | None  # of the safety chain, where there is one
     fingers: Sequence[FingerWires]
     devices: Sequence[DeviceWires | PortWires]
     grasps: Sequence[GraspWires]

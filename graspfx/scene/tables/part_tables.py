@@ -26,6 +26,7 @@ from graspfx.scene.tables.fields import (
     as_float,
 )
 from graspfx.scene.tables.hands import HandOrName
+from graspfx.scene.tables.safety_table import FingerSafety
 from graspfx.scene.tables.shapes import Shape
 
 
@@ -143,6 +144,10 @@ class Coupling(Table):
         default=0.0,
         description="over which a touching finger's damping grows up to its value [m]; 0: it has all of it at once",
     )
+    enter: Literal["refuse", "ramp"] = Field(
+        default="refuse",
+        description="a finger of hardware that is inside its object when a run begins: refused, or let in gradually",
+    )
     blend: PairOrOff = Field(
         default=(0.00025, 0.001),
         description="rms arms between which a rotation joins the external space [m]; 'off': as soon as it has an arm, "
@@ -220,3 +225,4 @@ class Finger(Table):
         description="a compliant fingertip: f_n = k depth^1.5 [N] along the normal, the depth [m] adds to e_n of "
         "eq. (4); for unilateral contacts",
     )
+    safety: FingerSafety | None = Field(default=None, description="limits of its own, in a scene with [safety]")

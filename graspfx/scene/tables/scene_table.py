@@ -15,6 +15,7 @@ from graspfx.scene.tables.part_tables import Coupling, Finger, Object, Obstacle,
 from graspfx.scene.tables.preset_table import Preset
 from graspfx.scene.tables.reading import Readable
 from graspfx.scene.tables.record_table import Record
+from graspfx.scene.tables.safety_table import Safety
 
 
 def _no_switch(value: Any) -> Any:
@@ -56,5 +57,8 @@ class SceneTable(Readable, Table):
     hand: tuple[AnySharedHand, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
     world: World = World()
+    safety: Safety | None = Field(
+        default=None, description="the chain between law and devices; none in a simulation without the table"
+    )
     record: Annotated[Record, BeforeValidator(_columns)] = Record()
     preset: dict[Name, Preset] = Field(default_factory=dict, description="by name")

@@ -220,7 +220,7 @@ def test_a_run_that_breaks_off_keeps_its_rows_and_faults(tmp_path: Path) -> None
         run()
     back = Recording.load(tmp_path / "r.h5")
     assert np.array_equal(back.rows, values)
-    assert back.outcome == Outcome((RunFault(14, "unplugged"),), None, False)
+    assert back.outcome == Outcome((RunFault(14, "unplugged"),), None, False, cause="RuntimeError: the loop broke")
 
 
 KILLED = """

@@ -85,7 +85,7 @@ def test_guests_move_between_two_ticks() -> None:
 
 
 def listed(scene: gx.Scene) -> list[str]:
-    with build(scene, hardware=False) as servo:
+    with build(scene) as servo:
         return listing(servo.parts)
 
 
@@ -148,7 +148,7 @@ class Reading(Record):
 
 
 def test_a_part_may_say_which_record_its_memory_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    with build(gx.load("reference-1dof"), hardware=False) as servo:
+    with build(gx.load("reference-1dof")) as servo:
         tick = write(servo.parts)
         monkeypatch.setattr(type(servo.stations[0].device), "declaration", Reading, raising=False)
         names = Names(servo.parts, tick)
@@ -163,7 +163,7 @@ def test_a_part_may_say_which_record_its_memory_is(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize("name", ["knob", "paper-waving"])
 def test_all_entries_of_our_parts_have_names(name: str) -> None:
-    with build(gx.load(name), hardware=False) as servo:
+    with build(gx.load(name)) as servo:
         tick = write(servo.parts)
         names = Names(servo.parts, tick)
         for array, memory in tick.script.arrays.items():
@@ -174,7 +174,7 @@ def test_all_entries_of_our_parts_have_names(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n, origin in plugins.names("scenes").items() if "GraspFX" in origin])
 def test_each_number_of_a_row_has_a_name_of_its_own(name: str) -> None:
-    with build(gx.load(name), hardware=False) as servo:
+    with build(gx.load(name)) as servo:
         names = columns(servo.layout)
         assert sorted(names) == list(range(servo.layout.width))
         assert len(set(names.values())) == servo.layout.width

@@ -1,0 +1,228 @@
+"""Exchange with devices in plain Python: ask, read, write, stop; whatever they raise is a sentence with a name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import DeviceError, abbreviate, message
+from graspfx.loop.device import LimitedDevice, SimulatedDevice
+from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.realtime.exits import Exits, Interruption
+from graspfx.loop.realtime.gradual_entry import Entry
+from graspfx.loop.realtime.guards import Guards
+from graspfx.loop.realtime.readings import Readings
+from graspfx.loop.tick.script import Port
+
+FloatArray = NDArray[np.float64]
+
+ZERO = "all forces are zero"
+
+
+def part_name(kind: str, part: object, names: Iterable[str]) -> str:
+    """Name a part of others' making by its fingers or objects, and its class."""
+    return f"the {kind} of {', '.join(names)} ({type(part).__qualname__})"
+
+
+def device_name(station: DeviceWiring, fingers: Sequence[str]) -> str:
+    """Name a device by the scene's fingers that are its channels, and its class."""
+    return part_name("device", station.device, (fingers[f] for f in station.fingers.tolist() if f >= 0))
+
+
+def is_hardware(device: object) -> bool:
+    """Tell whether a device is no simulation: its clock is the wall's, and a person may hold it."""
+    return not isinstance(device, SimulatedDevice)
+
+
+class DevicePort:
+    """A device in plain Python at its port: each call gives what is wrong in words, or nothing.
+
+    Args:
+        port: where it is read and written.
+        station: the device and its fingers.
+        fingers: names of the scene's fingers.
+        period: T [s].
+        guards: of hardware.
+
+    Attributes:
+        name: in messages.
+        channels: the finger that each channel is, -1 for none.
+        workspace: lower and upper corner [m], None where the device tells none.
+        entry: of fingers that were inside an object; None without.
+        is_gone: whether a call of it has failed: it is not read again.
+    """
+
+    def __init__(
+        self, port: Port, station: DeviceWiring, fingers: Sequence[str], period: float, guards: Guards
+    ) -> None:  # fmt: skip
+        self.port, self.device, self.name = port, station.device, device_name(station, fingers)
+        self.channels: list[int] = station.fingers.tolist()
+        self.hardware = is_hardware(self.device)
+        self.readings = Readings(port.position.shape, period, guards if self.hardware else None)
+        self.workspace = self.device.features.workspace
+        self.entry: Entry | None = None
+        self.is_gone = False
+        ask = getattr(self.device, "ask", None)
+        self._ask: Callable[[], object] | None = ask if callable(ask) else None
+
+    @property
+    def fingers(self) -> list[int]:
+        """Numbers of the fingers that it moves."""
+        return [finger for finger in self.channels if finger >= 0]
+
+    def open(self, period: float) -> str:
+        """Make ready for a reading and a writing every period."""
+        try:
+            self.device.__enter__()
+            self.device.open(period)
+        except Exception as error:  # noqa: BLE001 - a driver may raise anything, and each is a fault in words
+            return self._failure("cannot be opened", error)
+        self.is_gone = False
+        return ""
+
+    def ask(self) -> str:
+        """Ask for the sample that is read next."""
+        try:
+            if self._ask is not None:
+                self._ask()
+        except Exception as error:  # noqa: BLE001 - as in `open`
+            return self._failure("cannot be asked", error)
+        return ""
+
+    def read(self, periods: int) -> str:
+        """Read into the port, so many periods after the last time."""
+        port, readings = self.port, self.readings
+        port.memory[0] = 0.0
+        if self.is_gone:
+            return ""
+        try:
+            reading = self.device.read()
+            text = readings.take(reading, periods)
+            if port.limit is not None and not text:
+                assert isinstance(self.device, LimitedDevice)
+                text = _take_limit(port.limit, self.device.largest_force)
+        except Exception as error:  # noqa: BLE001 - as in `open`
+            return self._failure("cannot be read", error)
+        if text:
+            self.is_gone = True
+            return f"{self.name} {text}; {ZERO}"
+        port.position[...], port.velocity[...] = readings.position, readings.velocity
+        port.note(reading[2])
+        if self.entry is not None and not self.entry.apply(port.position, port.velocity):
+            self.entry = None
+        port.memory[0] = 1.0
+        return ""
+
+    def write(self) -> str:
+        """Display the forces at the port."""
+        try:
+            self.device.write(self.port.command)
+        except Exception as error:  # noqa: BLE001 - as in `open`
+            return self._failure("cannot be written", error)
+        return ""
+
+    def stop(self) -> str:
+        """Display zero force."""
+        try:
+            self.device.stop()
+        except Exception as error:  # noqa: BLE001 - one that is gone cannot be stopped, and the others must be
+            return self._failure("cannot be stopped, and may keep its force: switch it off", error)
+        return ""
+
+    def close(self) -> str:
+        """Let go of the hardware."""
+        try:
+            self.device.__exit__(None, None, None)
+        except Exception as error:  # noqa: BLE001 - as in `stop`
+            return self._failure("cannot be closed", error)
+        return ""
+
+    def _failure(self, action: str, error: Exception) -> str:
+        """Say that a call has failed; a simulation's own words for it stand alone."""
+        self.is_gone = True
+        if isinstance(error, DeviceError):
+            return f"{self.name}: {message(error)}" if self.hardware else str(error)
+        return f"{self.name} {action}: {type(error).__name__}: {message(error)}; {ZERO}"
+
+
+class DeviceExchange:
+    """Some devices in plain Python, in their order.
+
+    Attributes:
+        exits: told while a driver has the thread, so that a signal can take it back.
+    """
+
+    def __init__(self, ports: Iterable[DevicePort]) -> None:
+        self.ports = list(ports)
+        self.exits = Exits()
+
+    @property
+    def hardware(self) -> DeviceExchange:
+        """Those devices that are no simulations."""
+        part = DeviceExchange(each for each in self.ports if each.hardware)
+        part.exits = self.exits
+        return part
+
+    @property
+    def repeats(self) -> int:
+        """Readings so far that brought no new sample."""
+        return sum(each.readings.repeats for each in self.ports)
+
+    def read(self, periods: int = 1) -> list[str]:
+        """Read every device that is not gone, all of them asked before the first is read; list what is wrong."""
+        self.exits.inside = True
+        try:
+            faults = [text for each in self.ports if not each.is_gone and (text := each.ask())]
+            return faults + [text for each in self.ports if (text := each.read(periods))]
+        finally:
+            self.exits.inside = False
+
+    def write(self) -> str:
+        """Hand the devices their forces, up to the first that does not take them; return what is wrong.
+
+        Raises:
+            Interruption: a signal has come, maybe while a driver let no exception pass: no force comes after it.
+        """
+        if self.exits.numbers:
+            raise Interruption(self.exits.cause)
+        self.exits.inside = True
+        try:
+            return next((text for each in self.ports if (text := each.write())), "")
+        finally:
+            self.exits.inside = False
+
+    def stop(self) -> list[str]:
+        """Set the force of every device to zero, those first that still answer; list which of these do not."""
+        sound = [each for each in self.ports if not each.is_gone]
+        silent = [each for each in self.ports if each.is_gone]
+        texts = _all([each.stop for each in sound])
+        _all([each.stop for each in silent])
+        return texts
+
+    def close(self) -> list[str]:
+        """Close every device, the last one first; list which cannot be closed."""
+        return _all([each.close for each in reversed(self.ports)])
+
+
+def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
+    """Do each call, whatever another one raises; list what is wrong."""
+    texts: list[str] = []
+    for i, call in enumerate(calls):
+        try:
+            texts.append(call())
+        except BaseException:
+            _all(calls[i + 1 :])  # a program that ends goes on to end afterwards
+            raise
+    return [text for text in texts if text]
+
+
+def _take_limit(limit: FloatArray, largest: object) -> str:
+    """Take over the largest forces that a device has where it stands; return what is wrong with them."""
+    if type(largest) is not np.ndarray or largest.shape != limit.shape or largest.dtype != np.float64:
+        return f"told {abbreviate(largest)} for its largest force, expected an array {limit.shape} of float64"
+    limit[...] = largest
+    if (limit > 0.0).all():
+        return ""
+    return f"told a largest force of {', '.join(f'{force:g}' for force in limit)} N, expected above zero"

@@ -1,0 +1,40 @@
+"""Opening of hardware, and its end: every device is stopped and closed, whatever another one raises."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from graspfx.errors import DeviceError
+from graspfx.loop.device_exchange import DeviceExchange
+
+
+@contextmanager
+def opened(devices: DeviceExchange, period: float) -> Iterator[None]:
+    """Open devices one after another; in the end stop them all, then close them all.
+
+    A device that cannot be closed is told by a warning: what it displayed was zero by then.
+
+    Raises:
+        DeviceError: a device that does not open; those before it are closed.
+    """
+    begun = DeviceExchange([])
+    begun.exits = devices.exits
+    try:
+        for each in devices.ports:
+            begun.ports.append(each)
+            devices.exits.inside = True
+            try:
+                text = each.open(period)
+            finally:
+                devices.exits.inside = False
+            if text:
+                raise DeviceError(text)
+        yield
+    finally:
+        try:
+            begun.stop()
+        finally:
+            for text in begun.close():
+                warnings.warn(text, stacklevel=4)

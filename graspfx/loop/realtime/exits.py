@@ -1,0 +1,70 @@
+"""Signals that end a run with hardware: force is zero first, files are whole, and then the signal does what it does."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # those that a system has
+
+
+class Interruption(BaseException):
+    """A signal that came while a driver had the thread: the driver's call is broken off."""
+
+
+class Exits:
+    """Signals that ask a run to end, in the order in which they came.
+
+    Between the calls of drivers a signal is only noted, and the next tick is not begun; a driver that has the thread
+    may wait for long, and is broken off by an exception.
+
+    Attributes:
+        inside: whether a driver has the thread.
+    """
+
+    def __init__(self) -> None:
+        self.inside = False
+        self.numbers: list[int] = []
+
+    @property
+    def cause(self) -> str:
+        """The first signal by its name; empty as long as there is none."""
+        return signal.Signals(self.numbers[0]).name if self.numbers else ""
+
+    def ask(self, number: int, frame: FrameType | None) -> None:
+        """Note a signal, as its handler."""
+        self.numbers.append(number)
+        if self.inside:
+            raise Interruption(signal.Signals(number).name)
+
+
+@contextmanager
+def signals_end() -> Iterator[Exits]:
+    """Let signals end the block in good order, and pass them on to their own handlers when it is over.
+
+    Only in the main thread, where Python calls handlers; signals that are ignored stay so.
+
+    Raises:
+        KeyboardInterrupt: a signal broke off what stands in the block, and its own handler let the process go on.
+    """
+    exits, handlers = Exits(), {}
+    if threading.current_thread() is threading.main_thread():
+        for name in NAMES:
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) not in (signal.SIG_IGN, None):
+                handlers[number] = signal.signal(number, exits.ask)
+    interrupted = False
+    try:
+        yield exits
+    except Interruption:
+        interrupted = True
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in dict.fromkeys(exits.numbers):
+            signal.raise_signal(number)
+    if interrupted:
+        raise KeyboardInterrupt

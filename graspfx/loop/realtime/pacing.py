@@ -1,0 +1,85 @@
+"""Ticks on the wall's clock, by absolute deadlines."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from graspfx.loop.realtime.guards import Guards
+
+SLICE = 0.005  # [s]: a sleep is cut into pieces, between which a run may be stopped
+
+
+class Clock(Protocol):
+    """A clock that can be waited on."""
+
+    def now(self) -> float:
+        """Tell the time, which never runs back [s]."""
+        ...
+
+    def sleep(self, duration: float) -> None:
+        """Wait for about so long [s]."""
+        ...
+
+
+class WallClock:
+    """The clock of the machine."""
+
+    def now(self) -> float:
+        return time.perf_counter()
+
+    def sleep(self, duration: float) -> None:
+        time.sleep(duration)
+
+
+class Pacer:
+    """Waits for the deadline of each tick: t_0 + k T, whatever a tick took.
+
+    A tick that comes too late leaves out the whole periods that have passed: the next deadlines stay on the grid of the
+    first, so that no lateness adds up. `skipped` counts them; `row` counts those in a row, up to the last tick in time.
+
+    Args:
+        period: T [s].
+        clock: to wait on.
+    """
+
+    def __init__(self, period: float, clock: Clock | None = None) -> None:
+        self.period, self.clock = period, clock or WallClock()
+        self.deadline: float | None = None  # of the last tick [s]
+        self.skipped = self.row = 0
+        self.latest = 0.0  # the most that a tick began after its deadline [s]
+
+    def wait(self, stop: Callable[[], bool] | None = None) -> int:
+        """Wait for the next tick's deadline; return how many periods it leaves out.
+
+        The first tick is at once, and its time is the grid's.
+
+        Args:
+            stop: asked every few milliseconds; where it is True the wait is over.
+        """
+        clock = self.clock
+        if self.deadline is None:
+            self.deadline = clock.now()
+            return 0
+        self.deadline += self.period
+        is_early = False
+        while (left := self.deadline - clock.now()) > 0.0 and not (stop is not None and stop()):
+            is_early = True
+            clock.sleep(min(left, SLICE))
+        late = -left  # a sleep may have been as long as the machine was away
+        skipped = math.floor(late / self.period) if late >= self.period else 0
+        self.deadline += skipped * self.period
+        self.skipped += skipped
+        self.row = 0 if is_early and not skipped else self.row + skipped
+        self.latest = max(self.latest, late - skipped * self.period)
+        return skipped
+
+
+def late_text(pacer: Pacer, guards: Guards) -> str:
+    """Say that ticks came too late for hardware."""
+    return (
+        f"{pacer.row} periods of {pacer.period:g} s in a row were left out, {guards.late} at most: this machine was "
+        "too late for the hardware; all forces are zero"
+    )

@@ -1,0 +1,1 @@
+"""The safety chain between law and devices, whose result the object receives, too."""

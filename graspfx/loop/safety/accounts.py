@@ -1,0 +1,26 @@
+"""The ledger and its brake around the end of the safety chain: booked is the force that is displayed."""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import kernel
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.loop.energy.books import LedgerState
+from graspfx.loop.energy.watch import book_sample, store_sample
+from graspfx.loop.safety.safety_state import SafetyState
+from graspfx.loop.safety.tank import refill
+
+
+@kernel
+def open_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState, T: float) -> None:
+    """Book the sample that has ended, brake under control, and fill the tank."""
+    ledger.gain = safety.gain
+    book_sample(grasp, ledger, T)
+    refill(safety, ledger)
+
+
+@kernel
+def close_books(grasp: GraspState, ledger: LedgerState, safety: SafetyState) -> None:
+    """Store the forces as they are displayed, with what was withheld after the brake, and report."""
+    for i, finger in enumerate(ledger.fingers):
+        finger.withheld = safety.fingers[i].withheld
+    store_sample(grasp, ledger)

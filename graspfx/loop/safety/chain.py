@@ -1,0 +1,161 @@
+"""The safety chain of a scene: its limits, its memories, and what its faults say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.records import entries_of, size_for
+from graspfx.coupling.entries import compliant_entry, has_problems
+from graspfx.coupling.grasp_state import FingerState, GraspState
+from graspfx.coupling.grasped import GraspedObject
+from graspfx.loop.safety.safety_state import FingerLimits, Goal, Pace, SafetyState, Scale
+from graspfx.loop.safety.trust import CAUSES, DECAY, QUICK, STALE
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+GAINS = ("external_stiffness", "external_damping", "internal_stiffness", "internal_damping")
+CHOICES = ("equal", "damped", "singular", "gradual", "rays")  # that follow from them
+MOVES = ("kep_moves", "ked_moves", "kip_moves", "kid_moves")
+
+
+@dataclass(frozen=True, eq=False)
+class SafetyLimits:
+    """The limits of a scene's fingers.
+
+    Attributes:
+        force: largest force of each finger, (n,) [N].
+        rate: largest growth of a force, (n,) [N/s]; infinite where there is none, as of the others.
+        speed: largest speed, (n,) [m/s].
+        lower, upper: corners of the workspaces, (n, d) [m].
+        hold: samples in a row without a new reading that are let pass.
+        soft_start: [s].
+    """
+
+    force: FloatArray
+    rate: FloatArray
+    speed: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    hold: int
+    soft_start: float
+
+
+class SafetyChain:
+    """The memories of the chain: one of the scene, and one beside the block of each object.
+
+    Args:
+        limits: of all fingers.
+        grasped: the objects, each with the numbers of its fingers; their blocks say from here on that there is a chain.
+        devices: how many there are.
+        period: T [s].
+        live: names of fields of `GraspState` that may change in mid-run.
+
+    Attributes:
+        limits: of all fingers.
+        pace: memory of the scene.
+        buffers: of the objects.
+        where: entries of an object's memory by the names of a recording.
+    """
+
+    def __init__(
+        self,
+        limits: SafetyLimits,
+        grasped: Sequence[tuple[GraspedObject, Index]],
+        devices: int,
+        period: float,
+        *,
+        live: Collection[str] = (),
+    ) -> None:
+        self.limits = limits
+        self.pace = np.zeros(size_for(Pace, devices=devices))
+        pace = Pace(self.pace)
+        pace.devices, pace.hold, pace.trust = devices, float(limits.hold), 1.0
+        pace.ramp, pace.fading = limits.soft_start / period, min(period / DECAY, 1.0)
+        self.buffers = [self._buffer(each, fingers, period, live) for each, fingers in grasped]
+        first = SafetyState(np.zeros(size_for(SafetyState, count=0))).scale.offset
+        self.where = {"scale": np.array(entries_of(Scale, "soft", "trust", "squeeze", "outer", at=first), np.intp)}
+
+    def _buffer(self, grasped: GraspedObject, fingers: Index, period: float, live: Collection[str]) -> FloatArray:
+        buffer = np.zeros(size_for(SafetyState, count=grasped.fingers))
+        safety, grasp, limits, d = SafetyState(buffer), grasped.state, self.limits, grasped.dimensions
+        grasp.guarded = True
+        safety.count, safety.posed = grasped.fingers, has_problems(grasp)
+        safety.apart = not (grasp.friction or grasp.attached or grasp.stick or grasp.dense)
+        for name, gain in zip(MOVES, GAINS, strict=True):
+            setattr(safety, name, gain in live and not grasp.dense)
+        own = safety.fingers
+        own.array(FingerLimits.number)[:] = fingers
+        own.array(FingerLimits.force)[:] = limits.force[fingers]
+        own.array(FingerLimits.growth)[:] = limits.rate[fingers] * period
+        own.array(FingerLimits.speed)[:] = limits.speed[fingers]
+        own.array(FingerLimits.lower)[:], own.array(FingerLimits.upper)[:] = -np.inf, np.inf
+        own.array(FingerLimits.lower)[:, :d] = limits.lower[fingers]
+        own.array(FingerLimits.upper)[:, :d] = limits.upper[fingers]
+        safety.scale.squeeze = safety.scale.outer = 1.0
+        fill_tank(grasped, safety)
+        return buffer
+
+    def structure(self, i: int) -> Index:
+        """Entries of the memory of object i that never change and select the computation."""
+        return np.array(entries_of(SafetyState, "count", "posed", "apart", *MOVES), dtype=np.intp)
+
+    def is_steered(self, i: int) -> bool:
+        """Tell whether a gain of object i, a number, may change in mid-run."""
+        safety = SafetyState(self.buffers[i])
+        return any(getattr(safety, name) for name in MOVES)
+
+    def fault_text(self, code: int, fingers: Sequence[str], devices: Sequence[str]) -> str:
+        """Say what a cause of `keep_pace` means to the user."""
+        number, cause = divmod(code, CAUSES)
+        if cause == STALE:
+            return f"no new reading of {devices[number]} in more than {self.limits.hold} samples; all forces are zero"
+        if cause == QUICK:
+            most = self.limits.speed[number]
+            return f"{fingers[number]} was quicker than safety.speed, {most:g} m/s; all forces are zero"
+        return "a force, or what it is made from, is not finite; all forces are zero"
+
+
+def fill_tank(grasped: GraspedObject, safety: SafetyState) -> None:
+    """Fill the tank with sum L_i^2/(2 k), k the least stiffness above zero: what springs hold at the limits [J]."""
+    stiffness = least_stiffness(grasped)
+    forces = grasped.array(FingerState.limit)
+    forces = np.minimum(forces, safety.fingers.array(FingerLimits.force))
+    most = float((forces**2).sum()) / (2.0 * stiffness) if stiffness > 0.0 else 0.0
+    safety.tank.level = safety.tank.most = most
+    for name in GAINS:
+        setattr(safety.goal, name, getattr(grasped.state, name))
+    safety.changing = False
+
+
+def least_stiffness(grasped: GraspedObject) -> float:
+    """Give the least stiffness above zero of kep and kip in any direction [N/m]; 0 where there is none."""
+    values = []
+    for part in (grasped.law.external, grasped.law.internal):
+        gain = np.asarray(part.stiffness, dtype=float)
+        values.append(np.linalg.eigvalsh(gain).ravel() if gain.ndim > 1 else np.atleast_1d(gain))
+    every = np.concatenate(values)
+    above = every[every > 1e-12 * every.max(initial=0.0)]
+    return float(above.min(initial=math.inf)) if len(above) else 0.0
+
+
+def goal_entries() -> list[int]:
+    """List the entries of an object's memory that hold the gains on their way."""
+    return entries_of(Goal, *GAINS, at=SafetyState(np.zeros(size_for(SafetyState, count=0))).goal.offset)
+
+
+def changing_entry() -> list[int]:
+    """List the entry of an object's memory that says whether gains are on their way."""
+    return entries_of(SafetyState, "changing")
+
+
+def steered_entries(grasped: GraspedObject) -> list[int]:
+    """List the entries of a block that the chain writes itself on the way to other gains that are numbers."""
+    grasp = grasped.state
+    entries = entries_of(GraspState, *GAINS, *CHOICES)
+    return [*entries, compliant_entry(grasp.damping_problem)] if has_problems(grasp) else entries

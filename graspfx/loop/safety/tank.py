@@ -1,0 +1,163 @@
+"""The tank of energy that pays for stiffness, whose growth under load would else make energy from nothing.
+
+With the displacement w = e + s = K^-1 f that a spring's force goes with, a change dK costs dV = 1/2 w'dK w: the tank
+loses it, or as much of dK is done as it has. It gains what softer springs release and what damping takes, and holds
+sum L_i^2/(2 k) at most, what springs of the least stiffness k hold at the fingers' limits. Friction of the devices
+is not counted.
+"""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import inline, kernel
+from graspfx.coupling.grasp_state import GraspState
+from graspfx.loop.energy.books import LedgerState
+from graspfx.loop.energy.ledger import total_of
+from graspfx.loop.safety.safety_state import SafetyState, Tank
+
+SLIP = 1.25  # a contact that slides under Coulomb's law lets dV exceed 1/2 w'dK w, by a fifth at most
+
+
+@kernel
+def grow(grasp: GraspState, safety: SafetyState, target: float) -> None:
+    """Bring gamma of the stiffness gamma K to its target, or as near as the tank pays for.
+
+    f = gamma K w costs dV = 1/2 w'K w dgamma. At most 1/2 f'e/gamma stands for w'K w, since slipping only lowers it,
+    and never more than the tank holds, divided by gamma^2: forces end at the limits.
+    """
+    gain, tank = safety.gain, safety.tank
+    if target > gain:
+        price = 0.0
+        for finger in grasp.fingers:
+            for a in range(4):
+                price += 0.5 * finger.elastic[a] * finger.displacement[a]
+        if price * gain * gain > tank.most:
+            price = tank.most / (gain * gain)
+        cost = (target - gain) * price
+        if cost > 0.0:
+            share = affordable(tank, cost)
+            target = gain + share * (target - gain)
+            tank.level -= share * cost
+    safety.gain = target
+
+
+@kernel
+def adjust(grasp: GraspState, safety: SafetyState) -> None:
+    """Take as much of a change of the gains as the tank pays for."""
+    if not safety.changing:
+        return
+    tank, goal = safety.tank, safety.goal
+    cost = price_of_change(grasp, safety)
+    share = affordable(tank, cost)
+    tank.level = min(tank.level - share * cost, tank.most)
+    if share == 1.0:
+        safety.changing = False
+        write_gains(grasp, safety, goal.external_stiffness, goal.external_damping, goal.internal_stiffness,
+                    goal.internal_damping)  # fmt: skip
+    else:
+        kep, ked = grasp.external_stiffness, grasp.external_damping
+        kip, kid = grasp.internal_stiffness, grasp.internal_damping
+        write_gains(
+            grasp, safety, kep + share * (goal.external_stiffness - kep), ked + share * (goal.external_damping - ked),
+            kip + share * (goal.internal_stiffness - kip), kid + share * (goal.internal_damping - kid),
+        )  # fmt: skip
+    write_choices(grasp, safety)
+
+
+@inline
+def affordable(tank: Tank, cost: float) -> float:
+    """Give the share of a change that the tank pays for: all where it costs nothing, none of a level below zero."""
+    return 1.0 if cost <= tank.level or cost <= 0.0 else max(tank.level, 0.0) / cost
+
+
+@kernel
+def price_of_change(grasp: GraspState, safety: SafetyState) -> float:
+    """Compute dV = gamma/2 w'dK w of the whole change, at the w of the last sample [J].
+
+    By modes, w'dK w = dkip/kip^2 (f'W^-1 f - sum_k z_k^2) + sum_k dkappa_k/kappa_k^2 z_k^2 with z_k = q_k'W^-1/2 f and
+    kappa_k = kip + (kep - kip) beta_k. Where gains are equal there are no modes, and where one is zero f does not tell
+    w: then at most max(dkep, dkip) w'W w.
+    """
+    if safety.gain <= 0.0:
+        return 0.0
+    kep, kip = grasp.external_stiffness, grasp.internal_stiffness
+    dkep, dkip = safety.goal.external_stiffness - kep, safety.goal.internal_stiffness - kip
+    total = 0.0
+    if kep <= 0.0 or kip <= 0.0:
+        for finger in grasp.fingers:
+            for a in range(4):
+                total += finger.weight * finger.displacement[a] * finger.displacement[a]
+        cost = 0.5 * safety.gain * max(dkep, dkip) * total
+    else:
+        for finger in grasp.fingers:
+            if finger.weight > 0.0:
+                for a in range(4):
+                    total += finger.elastic[a] * finger.elastic[a] / finger.weight
+        if grasp.equal:
+            cost = 0.5 * max(dkep, dkip) * total / (kip * kip * safety.gain)
+        else:
+            cost = 0.5 * price_by_modes(grasp, dkep, dkip, total) / safety.gain
+    if grasp.friction:
+        cost = cost * SLIP if cost > 0.0 else cost / SLIP
+    return cost
+
+
+@kernel
+def price_by_modes(grasp: GraspState, dkep: float, dkip: float, total: float) -> float:
+    """Compute w'dK w from `total` = f'W^-1 f and the modes of the last sample."""
+    kep, kip, width = grasp.external_stiffness, grasp.internal_stiffness, grasp.width
+    price = 0.0
+    for k in range(grasp.mode_count):
+        z = 0.0
+        for i, finger in enumerate(grasp.fingers):
+            if finger.weight > 0.0:
+                w = finger.weight**-0.5
+                for a in range(width):
+                    z += w * grasp.modes[k, 1 + width * i + a] * finger.elastic[a]
+        share = grasp.modes[k, 0]
+        kappa = kip + (kep - kip) * share
+        price += (dkip + (dkep - dkip) * share) / (kappa * kappa) * z * z
+        total -= z * z
+    return price + dkip / (kip * kip) * max(total, 0.0)
+
+
+@kernel
+def write_gains(grasp: GraspState, safety: SafetyState, kep: float, ked: float, kip: float, kid: float) -> None:
+    """Write the gains that may change."""
+    if safety.kep_moves:
+        grasp.external_stiffness = kep
+    if safety.ked_moves:
+        grasp.external_damping = ked
+    if safety.kip_moves:
+        grasp.internal_stiffness = kip
+    if safety.kid_moves:
+        grasp.internal_damping = kid
+
+
+@kernel
+def write_choices(grasp: GraspState, safety: SafetyState) -> None:
+    """Write the switches that follow from the gains, as a block is filled with them (`graspfx.coupling.fill`)."""
+    kep, ked = grasp.external_stiffness, grasp.external_damping
+    kip, kid = grasp.internal_stiffness, grasp.internal_damping
+    grasp.pads_known = False
+    grasp.equal = kep == kip and ked == kid
+    if safety.posed:
+        grasp.rays = safety.apart and (grasp.implicit or not (kep == kip and ked == kid))
+    if safety.ked_moves or safety.kid_moves:
+        damped = ked != 0.0 or kid != 0.0
+        gradual = damped and grasp.damping_depth > 0.0 and not grasp.attached
+        grasp.damped = damped
+        grasp.singular = ked == 0.0 or kid == 0.0
+        grasp.gradual = gradual
+        if safety.posed:
+            grasp.damping_problem.compliant = gradual
+
+
+@kernel
+def refill(safety: SafetyState, ledger: LedgerState) -> None:
+    """Fill the tank with what damping and brake have taken since the last sample, by the ledger."""
+    spent = 0.0
+    for losses in ledger.losses:
+        spent += total_of(losses.damped) + total_of(losses.braked)
+    tank = safety.tank
+    tank.level = min(tank.level + (spent - tank.booked), tank.most)
+    tank.booked = spent

@@ -1,0 +1,33 @@
+"""The trust in a run: a soft start, and forces that decay where readings stop or a finger is too quick."""
+
+from __future__ import annotations
+
+from graspfx.compile.kernel import kernel
+from graspfx.loop.safety.safety_state import Pace
+
+STALE, QUICK, NOT_FINITE = 1, 2, 3  # causes; with the number of a device or a finger: cause + CAUSES number
+CAUSES = 4
+DECAY = 0.02  # over which forces decay [s]
+
+
+@kernel
+def keep_pace(pace: Pace, k: int) -> int:
+    """Compute the soft start's share 3 x^2 - 2 x^3, x = k/ramp, and the trust in the readings; give 0 or a cause.
+
+    The trust falls by T/DECAY a sample where a device has had no new reading for more than `hold` samples, or while
+    there is another cause, and grows as slowly once readings come again. At zero it gives the cause, a fault.
+    """
+    x = 1.0
+    if k < pace.ramp:
+        x = k / pace.ramp
+    pace.soft = x * x * (3.0 - 2.0 * x)
+    cause = pace.cause
+    for i in range(pace.devices):
+        if cause == 0 and pace.misses[i] > pace.hold:
+            cause = STALE + CAUSES * i
+    half = 0.5 * pace.fading  # nearer than that to an end is there: rounding adds no sample
+    if cause == 0:
+        pace.trust = pace.trust + pace.fading if pace.trust + pace.fading < 1.0 - half else 1.0
+        return 0
+    pace.trust = pace.trust - pace.fading if pace.trust - pace.fading > half else 0.0
+    return cause if pace.trust == 0.0 else 0

@@ -1,0 +1,90 @@
+"""The table `safety` of a scene: largest forces, how they may grow, where and how quickly fingers may move."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, PlainSerializer, PlainValidator, Tag, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from graspfx.errors import abbreviate
+from graspfx.scene.tables.fields import Count, NotNegative, Positive, Table, listed
+
+Corners = tuple[tuple[float, ...], tuple[float, ...]]
+EXPECTED = "'device', 'none', or two corners [[lower], [upper]] [m], each of the first below the second's"
+
+
+def _corners(value: Any) -> Corners:
+    """Check the two corners of a box."""
+    value = listed(value)
+    sides = list(value) if isinstance(value, list | tuple) else []
+    if len(sides) != 2 or any(not isinstance(side, list | tuple) for side in sides):
+        raise _not_a_box(value)
+    lower, upper = sides
+    numbers = [*lower, *upper]
+    if any(isinstance(x, bool) or not isinstance(x, int | float) or not math.isfinite(x) for x in numbers):
+        raise _not_a_box(value)
+    if not lower or len(lower) != len(upper) or any(a >= b for a, b in zip(lower, upper, strict=True)):
+        raise _not_a_box(value)
+    return tuple(map(float, lower)), tuple(map(float, upper))
+
+
+def _not_a_box(value: Any) -> PydanticCustomError:
+    context = {"expected": EXPECTED, "given": abbreviate(value)}
+    return PydanticCustomError("workspace", "expected {expected}; given {given}", context)
+
+
+_SIDE = {"type": "array", "items": {"type": "number"}, "minItems": 1, "maxItems": 3}
+Box = Annotated[
+    Corners,
+    PlainValidator(_corners),
+    PlainSerializer(lambda value: value),
+    WithJsonSchema({"type": "array", "items": _SIDE, "minItems": 2, "maxItems": 2}),
+]
+_by_word = Discriminator(lambda value: "<name>" if isinstance(value, str) else "<list>")
+Workspace = Annotated[Annotated[Literal["device", "none"], Tag("<name>")] | Annotated[Box, Tag("<list>")], _by_word]
+
+
+class FingerSafety(Table):
+    """Limits of one finger, in place of the scene's."""
+
+    force: Positive | None = Field(default=None, description="largest force of the finger [N]; the scene's")
+    rate: Positive | None = Field(default=None, description="largest growth of its force [N/s]; the scene's")
+    speed: Positive | None = Field(default=None, description="largest speed, beyond which all ends [m/s]; the scene's")
+    workspace: Workspace | None = Field(
+        default=None, description="box that no force pushes it out of, [[lower], [upper]] [m]; the scene's"
+    )
+
+
+class Safety(Table):
+    """The safety chain between the law and the devices; the object receives what comes out of it."""
+
+    force: Positive | None = Field(
+        default=None,
+        description="largest force of a finger [N]; 0.6 of its device's continuous force if not given, 3 N where the "
+        "device tells none",
+    )
+    rate: Positive | None = Field(
+        default=None, description="largest growth of a finger's force [N/s], towards zero unlimited; any if not given"
+    )
+    speed: Positive | None = Field(
+        default=None,
+        description="largest speed of a finger [m/s], beyond which forces decay in 20 ms and a fault follows; any if "
+        "not given",
+    )
+    hold: Count = Field(
+        default=3, description="samples in a row without a new reading, after which forces decay in 20 ms"
+    )
+    watchdog: Positive | None = Field(
+        default=None,
+        description="lateness of a loop in real time after which forces decay [s]; five periods if not given",
+    )
+    soft_start: NotNegative = Field(
+        default=0.5, description="over which stiffness and damping grow from nothing to their values [s]"
+    )
+    workspace: Workspace = Field(
+        default="device",
+        description="box that no force pushes a finger out of, [[lower], [upper]] [m]; 'device': its device's own; "
+        "'none'",
+    )

@@ -1,0 +1,204 @@
+"""A run in a process of its own, of a device that logs with times what it is told, while a slow disk takes the rows."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from shutil import rmtree
+from typing import NamedTuple
+
+from tests.support.hardware import wait_until
+
+ROOT = Path(__file__).parents[2]
+SLOW = 1.5  # that the disk takes for a block [s]
+
+DEVICE = '''
+"""A finger 4 mm inside a cart, whose device logs the time and the size of each force."""
+import os, time
+import numpy as np
+from graspfx.loop.device import Features
+
+class Logged:
+    def __init__(self, file, how):
+        self.features = Features(fingers=1, dimensions=1, peak_force=1.0)
+        self.x, self.v, self.how, self.reads = np.full((1, 1), -0.021), np.zeros((1, 1)), how, 0
+        self.log = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    def note(self, what, size=0.0):
+        os.write(self.log, f"{time.monotonic()} {what} {size}\\n".encode())
+    def open(self, period):
+        self.note("open")
+    def read(self):
+        self.reads += 1
+        if self.reads == 60 and self.how == "hangs":
+            self.note("hang")
+            time.sleep(20.0)
+        if self.reads == 60 and self.how == "swallows":
+            self.note("hang")
+            try:
+                time.sleep(20.0)
+            except BaseException:
+                pass
+        if self.reads == 60 and self.how == "exits":
+            raise SystemExit(7)
+        if self.reads == 60 and self.how == "raises":
+            self.note("raise")
+            raise OSError("unplugged")
+        return self.x, self.v, time.monotonic()
+    def write(self, forces):
+        self.note("force", abs(forces[0, 0]))
+    def stop(self):
+        self.note("stop")
+    def close(self):
+        self.note("close")
+    def __enter__(self):
+        return self
+    def __exit__(self, *exc):
+        self.close()
+
+def connect(*, file, how=""):
+    return Logged(file, how)
+'''
+
+PROGRAM = """
+import os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell ignores for what it starts beside itself
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and this one under `nohup`
+import graspfx.loop.recording.sink as sinks
+from graspfx.__main__ import main
+
+folder, slow = sys.argv[1], float(sys.argv[2])
+log = os.open(os.path.join(folder, "log"), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+
+class Slow(sinks.FileSink):
+    def write(self, *arguments):
+        time.sleep(slow)
+        super().write(*arguments)
+    def close(self, outcome):
+        os.write(log, f"{time.monotonic()} files 0\\n".encode())
+        time.sleep(slow)
+        super().close(outcome)
+        os.write(log, f"{time.monotonic()} whole 0\\n".encode())
+
+sinks.FileSink = Slow
+sys.exit(main(["run", os.path.join(folder, "cart.toml"), "--real-time", "--no-figure", *sys.argv[3:]]))
+"""
+
+SCENE = """
+dimensions = 1
+period = 0.02
+duration = 60.0
+engine = "interpreted"
+
+[object]
+mass = 0.1
+viscosity = 0.8
+shape = {{ kind = "box", size = [0.05] }}
+
+[coupling]
+external = {{ stiffness = 30.0 }}
+internal = {{ stiffness = 70.0 }}
+absent = "follow"
+enter = "ramp"
+
+[[finger]]
+device = {{ name = "logged.py", file = {file!r}, how = {how!r} }}
+start = [-0.025]
+
+[[finger]]
+device = {{ name = "simulated", mass = 0.15, damping = 0.2 }}
+hand = {{ stiffness = 60.0, damping = 0.5 }}
+start = [0.025]
+"""
+
+
+class Entry(NamedTuple):
+    """A line of the log."""
+
+    time: float
+    what: str
+    size: float
+
+
+class LoggedRun:
+    """A run in a process of its own.
+
+    Args:
+        folder: for its files.
+        how: its device behaves; nothing for a sound one.
+        slow: that its disk takes for a block [s].
+        options: of `graspfx run`.
+    """
+
+    def __init__(self, folder: Path, how: str = "", slow: float = SLOW, options: Sequence[str] = ()) -> None:
+        self.folder, self.out = folder, folder / "out"
+        (folder / "logged.py").write_text(DEVICE)
+        (folder / "cart.toml").write_text(SCENE.format(file=str(folder / "log"), how=how))
+        self._words = [sys.executable, "-c", PROGRAM, str(folder), str(slow), "--out", str(self.out), *options]
+        self._start()
+
+    def _start(self) -> None:
+        self.process = subprocess.Popen(
+            self._words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+
+    @property
+    def log(self) -> list[Entry]:
+        """Lines of the log so far."""
+        file = self.folder / "log"
+        lines = file.read_text().splitlines(keepends=True) if file.exists() else []
+        words = [line.split() for line in lines if line.endswith("\n")]
+        return [Entry(float(time), what, float(size)) for time, what, size in words]
+
+    def press(self, size: float = 0.03) -> None:
+        """Wait until its finger feels a force [N]; on a machine that was away for 100 ms before that, begin again."""
+        for _ in range(4):
+            wait_until(lambda: any(each.size > size or each.what == "stop" for each in self.log) or self._has_ended)
+            assert not self._has_ended, self.process.communicate()
+            if any(each.size > size for each in self.log):
+                return
+            self.process.kill()
+            self.process.communicate()
+            (self.folder / "log").unlink()
+            rmtree(self.out)
+            self._start()
+        raise AssertionError("this machine is too late for a period of 20 ms")
+
+    @property
+    def _has_ended(self) -> bool:
+        return self.process.poll() is not None
+
+    def await_entry(self, what: str) -> None:
+        """Wait until it logs something."""
+        wait_until(lambda: any(each.what == what for each in self.log))
+
+    def signal(self, *numbers: int, pause: float = 0.005) -> float:
+        """Send it signals; return when the first was sent."""
+        sent = time.monotonic()
+        for number in numbers:
+            self.process.send_signal(number)
+            time.sleep(pause)
+        return sent
+
+    def end(self) -> tuple[int, str]:
+        """Wait for its end; give its exit code and its messages."""
+        _, messages = self.process.communicate(timeout=120)
+        return self.process.returncode, messages
+
+    def time_to_zero(self, since: float) -> float:
+        """Measure how long the last force is there after a time [s]; all that comes after it is zero."""
+        after = [each for each in self.log if each.time >= since and each.what in ("force", "stop")]
+        last = max((i for i, each in enumerate(after) if each.size > 0.0), default=-1)
+        return after[last + 1].time - since
+
+    def __enter__(self) -> LoggedRun:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate()
