@@ -24,11 +24,13 @@ from graspfx.compile.records import (
 from graspfx.errors import DeviceError, GraspFXError, InputError, MissingPackageError
 from graspfx.exponential import expm1
 from graspfx.loop.device import (
+    AskedDevice,
     Device,
     DevicePorts,
     Features,
     FusedDevice,
     LimitedDevice,
+    QuenchableDriver,
     SimulatedDevice,
     former_settings,
 )
@@ -52,6 +54,9 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "InputError",
     "MissingPackageError",
     "GraspFXError",
+    # devices that are asked for an answer, and drivers that take the force from hardware whose program has died
+    "AskedDevice",
+    "QuenchableDriver",
     # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names
     "SimulatedDevice",
     "LimitedDevice",
