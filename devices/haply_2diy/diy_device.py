@@ -17,7 +17,8 @@ from graspfx.protocols import DeviceError, Features, InputError, VelocityEstimat
 
 FloatArray = NDArray[np.float64]
 
-FASTEST = 40.0  # of a link: an angle that would ask for more is a bit that was changed on the way [rad/s]
+FASTEST = 30.0  # of a link, 2 m/s of its tip: an angle that asks for more is a bit changed on the way [rad/s]
+LONGEST = 5.0  # samples for which a link is believed to have turned so
 SILENCE = 20  # readings without an answer, one after another, until the board counts as gone
 BLOCKED = 1.0  # a board that waits for the rest of a frame waits so long [s]
 
@@ -51,6 +52,7 @@ class Haply2Diy:
         self._position, self._velocity, self._largest = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1)
         self._estimator: VelocityEstimator | None = None  # while the device is open
         self._torque = (0.0, 0.0)
+        self._answering = False  # whether a frame is not answered yet
         self._turn(*self._angles_at_home)
 
     @property
@@ -92,7 +94,9 @@ class Haply2Diy:
 
     def ask(self) -> None:
         self._opened()
-        self.port.flush()  # the answer to the last `write`, or what is left of a line that failed
+        if self._answering:
+            self._bytes(time.perf_counter() + 0.5 * self.timeout)  # the answer to the last `write`
+        self.port.flush()  # and whatever a line that failed has left
         self._send()
         self._waiting, self._asked_at = True, time.perf_counter()
 
@@ -150,6 +154,7 @@ class Haply2Diy:
 
     def _send(self) -> None:
         self.port.send(torque_frame(self.device, *self._torque))
+        self._answering = True
 
     def _abandon(self) -> None:
         """Write zero torque, and again: a board that waits for the rest of a frame takes the first for it."""
@@ -173,18 +178,20 @@ class Haply2Diy:
 
     def _answer(self, deadline: float) -> tuple[float, float] | None:
         """Wait for an answer, and read its angles [rad]; None for one that is late, cut or none of this device's."""
-        data = b""
-        while len(data) < ANGLES.size:
-            part = self.port.receive(deadline)
-            if not part:
-                break
-            data += part
-        angles = angles_in(data, self.device)
+        angles = angles_in(self._bytes(deadline), self.device)
+        self._answering = False
         return None if angles is None else (math.radians(angles[0]), math.radians(angles[1]))
+
+    def _bytes(self, deadline: float) -> bytes:
+        """Wait for as many bytes as an answer has, or for the deadline."""
+        data = b""
+        while len(data) < ANGLES.size and (part := self.port.receive(deadline)):
+            data += part
+        return data
 
     def _can_be(self, angles: tuple[float, float], since: float) -> bool:
         """Tell whether links can have turned so far since the last sample."""
-        most = FASTEST * max(since, self._period) + 4.0 * math.tau / self.counts
+        most = FASTEST * min(max(since, self._period), LONGEST * self._period) + 4.0 * math.tau / self.counts
         return all(abs(new - old) <= most for new, old in zip(angles, self._angles, strict=True))
 
     def _follow(self, first: float, second: float, samples: int) -> None:

@@ -40,6 +40,7 @@ class DiyWire(SerialWire):
     """
 
     limit = CLAMP
+    checksum = False
 
     def __init__(self, *, links: tuple[float, float] = (0.07, 0.09), distance: float = 0.038, seed: int = 0) -> None:
         self.links, self.distance = links, distance

@@ -104,6 +104,10 @@ class ForceDimensionWire(Wire):
 
     def _change(self) -> None:
         """Have all functions of the first device return what the failure makes of them."""
+        if self.failure == "unplugged":  # no power, and nobody's
+            device = self.devices[0]
+            device.owner = device.enabled = 0
+            device.force0 = device.force1 = device.force2 = 0.0
         lost, silent = self.failure == "unplugged", self.failure in ("late", "drop", "blocked")
         for name in NUMBERS:
             self.answer(name, ERROR if lost else NO_NEW_DATA if silent and name == "dhdGetPosition" else 0)

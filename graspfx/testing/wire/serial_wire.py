@@ -88,13 +88,15 @@ class SerialWire(Wire):
         self._late.clear()
 
     def _serve(self) -> None:
+        data = b""
         while not self._closed.is_set():
-            data = self._heard()
+            data += self._heard()
             with self._lock:
                 if data and self._damage.kind != "blocked":
                     for answer in self.receive(data):
                         now = time.monotonic()
                         self._late += [(now + delay, part) for delay, part in self._damage.apply(answer) if part]
+                    data = b""
                 now = time.monotonic()
                 while self._late and self._late[0][0] <= now:
                     self._put(self._late.pop(0)[1])

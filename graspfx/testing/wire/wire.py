@@ -32,10 +32,14 @@ class Wire(ABC):
     Attributes:
         kinds: the failures that this hardware can have.
         limit: the largest torque of each motor [N m], or of a library the largest force [N].
+        checksum: whether a changed bit is seen by who receives it.
+        slowness: seconds in which a second of the hardware's own clock goes by.
     """
 
     kinds: frozenset[Failure] = frozenset(FAILURES)
     limit: float
+    checksum = True
+    slowness = 1.0
 
     def __init__(self) -> None:
         self.failure: Failure | None = None
