@@ -16,12 +16,11 @@ import math
 import time
 from collections.abc import Sequence
 
-from graspfx.devices._serial_port import SerialPort
 from graspfx.devices._settings import number, pair, port_name, whole
 from graspfx.devices.haply_2diy.diy_device import BLOCKED, Haply2Diy
 from graspfx.devices.haply_2diy.diy_frames import ANGLES, angles_in, torque_frame
 from graspfx.devices.haply_2diy.five_bar import FiveBar
-from graspfx.protocols import LARGEST, SMALLEST, WINDOW, DeviceError, InputError
+from graspfx.protocols import LARGEST, SMALLEST, WINDOW, DeviceError, InputError, SerialPort
 
 __all__ = ["Haply2Diy", "connect", "quench"]
 

@@ -10,10 +10,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.devices._serial_port import SerialPort
 from graspfx.devices.haply_2diy.diy_frames import ANGLES, angles_in, setup_frame, torque_frame
 from graspfx.devices.haply_2diy.five_bar import FiveBar
-from graspfx.protocols import DeviceError, Features, InputError, VelocityEstimator
+from graspfx.protocols import DeviceError, Features, InputError, SerialPort, VelocityEstimator
 
 FloatArray = NDArray[np.float64]
 
@@ -110,7 +109,7 @@ class Haply2Diy:
         now = self._asked_at - self._began
         if angles is None or not self._can_be(angles, now - self._time):
             self._silent += 1
-            if self._silent > SILENCE:
+            if self._silent > SILENCE and now - self._time > SILENCE * self._period:
                 self._abandon()
                 raise DeviceError(f"the board at {self.port.path} gave no answer to {self._silent} readings in a row")
             return self._position, self._velocity, self._time

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from graspfx.devices._serial_port import SerialPort
 from graspfx.devices._settings import number, port_name
 from graspfx.devices.rig.controller import Controller
 from graspfx.devices.rig.rig_device import LONGEST, Half, Rig
 from graspfx.devices.two_link import TwoLink
 from graspfx.devices.two_link import connect as two_link
-from graspfx.protocols import SMALLEST, InputError
+from graspfx.protocols import SMALLEST, InputError, SerialPort
 
 __all__ = ["Rig", "connect", "quench"]
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TypeVar
 
-from graspfx.devices._serial_port import SerialPort
 from graspfx.devices.rig.rig_frames import (
     AXES,
     FAULTS,
@@ -21,7 +20,7 @@ from graspfx.devices.rig.rig_frames import (
     state_in,
     unframed,
 )
-from graspfx.protocols import DeviceError
+from graspfx.protocols import DeviceError, SerialPort
 
 T = TypeVar("T")
 

@@ -11,11 +11,10 @@ import time
 import numpy as np
 import pytest
 
-from graspfx.devices._serial_port import SerialPort
 from graspfx.devices.haply_2diy.diy_frames import angles_in, setup_frame, torque_frame
 from graspfx.devices.haply_2diy.five_bar import FiveBar
 from graspfx.errors import DeviceError, InputError
-from graspfx.protocols import QuenchableDriver
+from graspfx.protocols import QuenchableDriver, SerialPort
 from graspfx.testing import driver
 from graspfx.testing.wire import DiyWire
 
@@ -70,9 +69,8 @@ def test_positions_and_forces_are_those_of_the_handle() -> None:
         device.write(force)
         device.read()  # answered: the board has acted
         assert np.allclose(wire.force, force, atol=1e-6)
-        wire.place(np.array([164.0, 15.0]))
-        device.read()
-        for _ in range(20):
+        wire.place(np.array([166.0, 13.0]))
+        for _ in range(40):  # longer than the window of the velocity
             position, velocity, _ = device.read()
         assert np.allclose(position, wire.position, atol=1e-7) and not velocity.any()
         device.write(1e3 * force)
@@ -103,7 +101,7 @@ def test_a_frame_leaves_in_one_piece() -> None:
         port.open()
         port.send(torque_frame(5, 0.1, 0.1))
         port.send(setup_frame(5, (168.0, 12.0), 4880))
-    assert sizes == [10, 26] and len(os.read(master, 100)) == 36
+    assert sizes == [10, 26]
     port.close()
     os.close(master)
     os.close(slave)

@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graspfx.devices._serial_port import SerialPort
 from graspfx.devices.rig import rig_frames
 from graspfx.devices.rig.controller import Controller
 from graspfx.devices.rig.rig_frames import FAULTS, Kind, Mode, framed, run_frame, short_frame, state_in, unframed
 from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
-from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, SpringHand
+from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, SerialPort, SpringHand
 from graspfx.testing import driver
 from graspfx.testing.wire import RigWire
 from graspfx.testing.wire.c_compiler import STRICT, compiler

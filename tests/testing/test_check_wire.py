@@ -14,6 +14,7 @@ from graspfx.devices.force_dimension.delta import Delta
 from graspfx.devices.haply_2diy.diy_device import Haply2Diy
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.device import Features
+from graspfx.protocols import SerialPort
 from graspfx.testing import ConformanceError, check_device, driver
 from graspfx.testing.promise import Promises
 from graspfx.testing.wire import FAILURES, DiyWire, ForceDimensionWire, RigWire, SerialWire, fake_library
@@ -326,9 +327,8 @@ class Echo(SerialWire):
 
 
 def test_a_wire_of_ones_own() -> None:
-    serial_port = driver("haply-2diy").SerialPort
     with Echo() as wire:
-        port = serial_port(wire.port)
+        port = SerialPort(wire.port)
         port.open()
         port.send(b"hello")
         assert port.receive(time.perf_counter() + 2.0) == b"hello"

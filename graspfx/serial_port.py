@@ -8,7 +8,7 @@ import select
 import time
 from contextlib import suppress
 
-from graspfx.protocols import DeviceError
+from graspfx.errors import DeviceError
 
 MOST = 4096  # bytes at a time
 MOST_SELECTED = 1024  # descriptors that `select` counts
