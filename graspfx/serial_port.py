@@ -33,6 +33,8 @@ class SerialPort:
         return self._descriptor >= 0
 
     def open(self) -> None:
+        """Take the port, afresh if this object has it already."""
+        self.close()
         try:
             import fcntl
             import termios

@@ -33,6 +33,8 @@ class WireBench:
         self.forces: FloatArray = np.full(self.shape, self.size / math.sqrt(self.shape[1]))
 
     def open(self) -> None:
+        """Open the device, afresh, with the fingers at home."""
+        self.device.close()
         self.wire.home()
         self.device.open(self.period)
 
