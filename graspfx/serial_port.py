@@ -21,10 +21,11 @@ class SerialPort:
 
     Args:
         path: of the port, such as /dev/ttyACM0 or a link in /dev/serial/by-id.
+        baud: bits a second; None leaves it, for boards whose USB is their own and takes no notice.
     """
 
-    def __init__(self, path: str) -> None:
-        self.path = path
+    def __init__(self, path: str, baud: int | None = None) -> None:
+        self.path, self.baud = path, baud
         self._descriptor = -1
         self._poll: select.poll | None = None
 
@@ -54,10 +55,17 @@ class SerialPort:
         try:
             fcntl.ioctl(descriptor, termios.TIOCEXCL)
             tty.setraw(descriptor)
+            if self.baud is not None:
+                settings = termios.tcgetattr(descriptor)
+                settings[4] = settings[5] = getattr(termios, f"B{self.baud}")
+                termios.tcsetattr(descriptor, termios.TCSANOW, settings)
             termios.tcflush(descriptor, termios.TCIFLUSH)  # not what a program before had to say, such as zero
         except (OSError, termios.error) as error:
             os.close(descriptor)
             raise DeviceError(f"{self.path} is no serial port: {error}") from error
+        except AttributeError as error:
+            os.close(descriptor)
+            raise DeviceError(f"{self.path}: this system knows no rate of {self.baud} bits a second") from error
         self._descriptor, self._poll = descriptor, select.poll()
         self._poll.register(descriptor, select.POLLIN)
 

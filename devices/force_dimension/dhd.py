@@ -17,6 +17,7 @@ NO_NEW_DATA = 1  # of a reading: the time guard says that the last sample stands
 STATUS = 17  # entries of dhdGetStatus
 FORCE, OFF_CAUSE = 5, 14
 OFF = {
+    0: "it says no cause: its force may not have been switched on, or its encoders not initialised",
     1: "the button on the device",
     2: "the velocity was above the device's safety threshold",
     3: "the device's watchdog: no force came in time",

@@ -41,7 +41,8 @@ class Controller:
 
     def __init__(self, port: SerialPort, timeout: float) -> None:
         self.port, self.timeout = port, timeout
-        self._number = 0  # of the last message
+        self._number = 0  # of the last RUN: it alone counts, or commands would look old after many questions
+        self._question = 0  # number of the last POLL
         self._buffer = b""
         self._deadline: float | None = None  # of the answer that is on its way
         self._armed = False
@@ -77,9 +78,9 @@ class Controller:
 
     def ask(self) -> None:
         """Send POLL."""
-        self._number += 1
+        self._question += 1
         self._deadline = time.perf_counter() + self.timeout
-        self.port.send(short_frame(Kind.POLL, self._number))
+        self.port.send(short_frame(Kind.POLL, self._question))
 
     def answer(self) -> State | None:
         """Wait for the STATE that answers the last `ask`, or ask first; None if it does not come in time.
@@ -94,7 +95,7 @@ class Controller:
             state = state_in(message)
             if state is not None and state.mode not in (Mode.ARMED, Mode.RUNNING):
                 raise DeviceError(f"the controller at {self.port.path} is at rest; {self._fault(state)}")
-            if state is not None and state.number == self._number & 0xFFFF:  # an older one answers what was given up
+            if state is not None and state.number == self._question & 0xFFFF:  # an older one answers what was given up
                 return state
         return None
 
@@ -115,8 +116,7 @@ class Controller:
             self._armed = False
             with suppress(DeviceError):
                 self.run(STILL)
-                self._number += 1
-                self.port.send(short_frame(Kind.STOP, self._number))
+                self.port.send(short_frame(Kind.STOP))
                 next((each for each in self._messages(time.perf_counter() + GOODBYE) if state_in(each)), None)
         self.port.close()
         self._buffer, self._deadline = b"", None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import select
 import signal
 import sys
 import time
@@ -37,6 +38,7 @@ SECONDS = "the time is that of the reading, in seconds"
 ALONE = "the device loses its force when nobody writes any more"
 
 MOTION = 2.0  # for a finger to come where it is put [s]
+LONGEST = 20.0  # for another process to open the device [s]
 TICKS = 40  # of a failure
 NEAR = 1e-3  # that a finger at rest may be read away from where it is while its wire fails [m]
 SHARE = 0.03  # of a force that may be missing, by rounding and the finger's own motion
@@ -277,7 +279,7 @@ def _killed(bench: WireBench, promise: Promise) -> float | None:
             os._exit(1)
     os.close(theirs)
     try:
-        answer = os.read(ours, 100).decode()
+        answer = os.read(ours, 100).decode() if select.select([ours], [], [], LONGEST)[0] else ""
         promise.holds(answer, "it does not open and write in another process")
         promise.holds(bench.becomes(lambda: not bench.is_quiet(), within=PATIENCE), "no force on the wire")
     finally:

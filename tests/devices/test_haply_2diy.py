@@ -218,6 +218,20 @@ def test_a_port_is_closed_to_programs_without_the_lock() -> None:
     assert states == [True, False]
 
 
+def test_the_rate_of_a_port_is_set() -> None:
+    termios = pytest.importorskip("termios")
+    master, slave = pty.openpty()
+    for baud in (9600, 115200):
+        port = SerialPort(os.ttyname(slave), baud)
+        port.open()
+        assert termios.tcgetattr(slave)[4:6] == [getattr(termios, f"B{baud}")] * 2
+        port.close()
+    with pytest.raises(DeviceError, match="no rate of 12345 bits"):
+        SerialPort(os.ttyname(slave), 12345).open()
+    os.close(master)
+    os.close(slave)
+
+
 def test_a_board_that_is_none_does_not_open() -> None:
     master, slave = pty.openpty()
     device = driver("haply-2diy").connect(port=os.ttyname(slave))
