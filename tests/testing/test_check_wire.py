@@ -37,13 +37,13 @@ SEEN_ON_WIRES = (
 
 
 def test_force_dimension_conforms() -> None:
-    with ForceDimensionWire() as wire:
+    with ForceDimensionWire(slowness=20.0) as wire:  # watchdogs of 0.6 s: this machine may be busy
         passed(wire, driver("force-dimension"), 0.001)
 
 
 def test_force_dimension_conforms_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fake_library, "compiler", lambda: None)
-    with ForceDimensionWire() as wire:
+    with ForceDimensionWire(slowness=20.0) as wire:  # watchdogs of 0.6 s: this machine may be busy
         passed(wire, driver("force-dimension"), 0.001)
 
 
@@ -229,7 +229,7 @@ class NeverNoticed(Delta):
     ],
 )
 def test_a_promise_that_is_broken_on_the_wire_is_named(kind: type[Delta], promise: str, finding: str) -> None:
-    with ForceDimensionWire() as wire:
+    with ForceDimensionWire(slowness=20.0) as wire:
         device = kind(serial=101, library=wire.library, force_limit=3.0, resolution=1e-5, velocity_window=16)
         with pytest.raises(ConformanceError, match=finding) as error:
             check_device(device, wire=wire, period=0.001)
