@@ -33,6 +33,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "plot": "draw one recording, or several side by side",
     "picture": "draw one instant: objects, fingers, forces as arrows",
 }
+NEW = 20_000  # objects between two looks for cycles: imports make as many that stay, of which 700 are too few
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -103,6 +104,7 @@ def _refuse(command: str, words: Sequence[str], options: Sequence[str]) -> NoRet
 
 def program() -> int:
     """Run `main` for a process that ends with it."""
+    gc.set_threshold(NEW, *gc.get_threshold()[1:])
     code = main()
     gc.freeze()  # at its end Python would look through all there is for cycles, twice: a tenth of a short run
     return code

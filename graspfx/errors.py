@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 __all__ = [  # noqa: RUF022 (the base, then as users meet them)
     "GraspFXError",
@@ -116,6 +115,8 @@ def closest(name: str, names: Iterable[str], likeness: float = 0.6) -> str | Non
     the pen away: one, and one more for every three letters. Letters that two words happen to share make them no
     misspelling of one another.
     """
+    from difflib import get_close_matches  # only where there is something to blame
+
     for match in get_close_matches(name, list(names), n=3, cutoff=likeness):
         if holds(match, name) or holds(name, match) or slips(name, match) <= 1 + len(name) // 3:
             return match

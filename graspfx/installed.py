@@ -6,12 +6,15 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
 ENDINGS = (".dist-info", ".egg-info")
+GROUP = re.compile(rb"\[([^\]\r\n]*)\]")
 VERSION = re.compile(r"^Version: *(\S+)", re.MULTILINE)
 
 
@@ -30,11 +33,33 @@ class EntryPoint(NamedTuple):
     owner: str
 
 
+_seen: ContextVar[list[tuple[Distribution, ...] | None] | None] = ContextVar("seen", default=None)
+
+
+@contextmanager
+def unchanged() -> Iterator[None]:
+    """Look for distributions once within."""
+    token = _seen.set([])
+    try:
+        yield
+    finally:
+        _seen.reset(token)
+
+
 def distributions() -> tuple[Distribution, ...] | None:
     """List every distribution in the order in which imports would find it; None where folders do not tell.
 
     They do not where packages come from archives, or by other finders than Python's own.
     """
+    seen = _seen.get()
+    if seen is None:
+        return _listed()
+    if not seen:
+        seen.append(_listed())
+    return seen[0]
+
+
+def _listed() -> tuple[Distribution, ...] | None:
     if any(hasattr(finder, "find_distributions") and finder is not PathFinder for finder in sys.meta_path):
         return None
     folders = []
@@ -59,17 +84,24 @@ def entry_points(group: str) -> tuple[EntryPoint, ...]:
 @lru_cache(16)
 def _read(all_: tuple[Distribution, ...], group: str) -> tuple[EntryPoint, ...]:
     """Read entry points once for as long as the installed distributions stay."""
-    return tuple(_announced(group)) if any(_mentions(each.folder, group) for each in all_) else ()
+    groups = _groups(all_)
+    return tuple(_announced(group)) if groups is None or group in groups else ()
 
 
-def _mentions(folder: str, group: str) -> bool:
-    path = Path(folder)
-    try:
-        return f"[{group}]".encode() in (path / "entry_points.txt").read_bytes()
-    except FileNotFoundError:
-        return False
-    except OSError:  # who reads it may say why
-        return True
+@lru_cache(16)
+def _groups(all_: tuple[Distribution, ...]) -> frozenset[str] | None:
+    """List the groups of which a distribution may announce something; None where one cannot be read."""
+    groups = set[str]()
+    for each in all_:
+        try:
+            with open(os.path.join(each.folder, "entry_points.txt"), "rb") as file:  # noqa: PTH118, PTH123 (hundreds)
+                content = file.read()
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        except OSError:  # who reads it may say why
+            return None
+        groups.update(match.decode(errors="replace") for match in GROUP.findall(content))
+    return frozenset(groups)
 
 
 def _announced(group: str) -> Iterator[EntryPoint]:

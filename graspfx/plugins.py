@@ -209,7 +209,8 @@ def unchanged() -> Iterator[None]:
     """Look up installed packages and shelves once within: for callers that build a scene many times."""
     token = _tables.set({})
     try:
-        yield
+        with installed.unchanged():
+            yield
     finally:
         _tables.reset(token)
 

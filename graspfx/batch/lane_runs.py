@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.batch.family import family_key, is_compiled, note_compiled
 from graspfx.batch.lane_text import ROWS, SUMS, lane_text, taking_text
 from graspfx.batch.lanes import LATE_LOW, LOW, MEASURES
 from graspfx.batch.statistics import empty
@@ -44,9 +45,16 @@ class LaneRuns:
     lanes: int = field(default_factory=side_by_side)
 
     def __post_init__(self) -> None:
-        job = self.job
-        text = lane_text(job.pausing_source, job.columns if self.measuring else None, job.statistics)
+        job, source, columns = self.job, self.job.pausing_source, self.job.columns if self.measuring else None
+        kind = f"{self.lanes} lanes {sorted(self.shared.items())} {columns is None}"
+        family = family_key(kind, source, columns or (), job.statistics, b"")
+        before = is_compiled(family)
+        if not self.make and not before:
+            raise LookupError("not compiled yet")
+        text = lane_text(source, columns, job.statistics)
         self.native: Native = compiled(text, wide=True, lanes=self.lanes, shared=self.shared, make=self.make)
+        if not before:
+            note_compiled(family)
 
     @cached_property
     def shared(self) -> dict[str, int]:

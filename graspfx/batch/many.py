@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.batch.family import family_key, is_compiled, note_compiled
 from graspfx.batch.lane_runs import BLOCK, LaneBuffers, LaneRuns
 from graspfx.batch.lanes import LANES, MEASURES, LanesText, lanes_text
 from graspfx.batch.single_runs import Ended, SingleRuns
@@ -150,6 +151,10 @@ class Job(Task):
         def same(slot: Slot) -> bool:
             return self.places[slot[0]].start + slot[1] not in varying
 
+        family = family_key("lines", source, self.columns, self.statistics, self.varying.tobytes())
+        before = is_compiled(family)
+        if work < WORTH and not before:
+            return None
         base = self.begin.arenas(slice(0, 1))[0]
         arrays = {name: base[place] for name, place in self.places.items()}
         try:
@@ -161,7 +166,10 @@ class Job(Task):
             text = lanes_text(program, turns, len(self.columns), self.statistics)
             if self.ticks // 2 < text.head:
                 return None
-            return text, compiled(text.source, wide=True, make=work >= WORTH)
+            native = compiled(text.source, wide=True, make=work >= WORTH)
+            if not before:
+                note_compiled(family)
+            return text, native
         except (NotSteadyError, LookupError, InputError):
             return None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from graspfx.batch.lanes import FIRST, LATE_LOW, LOW
 from graspfx.batch.statistics import empty, take
 from graspfx.batch.task import Task
-from graspfx.compile.native import compiled
+from graspfx.compile.native import Native, compiled
 from graspfx.compile.program import program_source
 from graspfx.loop.tick.memory import ServoState
 
@@ -41,9 +42,7 @@ class SingleRuns:
     def __init__(self, job: Task) -> None:
         self.job = job
         self.program = compiled(job.pausing_source, quick=job.variants * job.ticks < LONG)
-        text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
-        source = program_source(text, {"take": take}, ["rows", "columns", "found"], {})
-        self.taking = compiled(source)
+        self.taking = _taking()
 
     def measure(self, members: Index, measures: FloatArray, faults: Index) -> None:
         """Run variants and note their measures and faults."""
@@ -101,3 +100,10 @@ class SingleRuns:
         rows = np.zeros((count, job.width))
         arrays = {name: arena[place] for name, place in job.places.items()} | {"rows": rows.reshape(-1)}
         return arena, self.program.bind(*(arrays[name] for name in self.program.arrays)).long, rows
+
+
+@cache
+def _taking() -> Native:
+    """Compile what takes rows into measures, once in a process."""
+    text = "def run(count, width, numbers, low):\n    take(rows, columns, found, count, width, numbers, low)"
+    return compiled(program_source(text, {"take": take}, ["rows", "columns", "found"], {}))

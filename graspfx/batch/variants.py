@@ -84,7 +84,7 @@ class Variants:
             faults = [Fault(fault.key, fault.message) for fault in error.faults]
             raise SceneError(f"{error.source} with {text}", faults) from error
         if built.structure not in self._programs:
-            others = [*foreign(servo), *guests(servo), *looked_ahead(servo)]
+            others = [*foreign(servo, tick), *guests(servo, tick), *looked_ahead(servo, tick)]
             if others:
                 raise InputError(
                     "scene", self.scene.source.name, "parts that are kernels, all of them",

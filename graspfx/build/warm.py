@@ -18,13 +18,13 @@ from graspfx.environment import processors
 from graspfx.errors import GraspFXError
 from graspfx.grasp import point_sets
 from graspfx.loop.recording.growth.rough_program import rough
-from graspfx.loop.recording.tally_program import measure_lengths, measure_places
+from graspfx.loop.recording.tally_program import measure
 from graspfx.loop.tick.library import LIBRARY
 from graspfx.loop.tick.programs import Compiled
 from graspfx.scene.load import load
 
 KERNELS = "kernels of all scenes"
-OF_RECORDINGS = divide_rows, measure_lengths, measure_places, rough
+OF_RECORDINGS = divide_rows, measure, rough
 COMPILED, CACHED, CANNOT = "compiled", "was there", "cannot"
 
 

@@ -29,10 +29,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def execute(options: Namespace) -> int:
     with waiting(f"reading {options.scene}"):
+        from graspfx.build.scene_memory import SceneMemory
         from graspfx.certificate.verdict import report
         from graspfx.scene.load import load
+        from graspfx.scene.table_memory import remembering
 
-        scene = load(options.scene, dict(options.overrides), preset=options.preset)
+        with remembering(SceneMemory()):
+            scene = load(options.scene, dict(options.overrides), preset=options.preset)
     if options.tick:
         lines = _tick(scene)
         if options.json:

@@ -18,7 +18,7 @@ from graspfx.errors import MissingPackageError
 NEEDED = ("floor", "ceil", "trunc", "memset", "memcpy", "memmove")  # what LLVM may call of its own accord
 FULL, QUICK = 1, 0  # LLVM's levels of optimisation; loops over lanes take LANES
 LANES = 3
-_SHOWN: list[Any] = []  # engines whose functions LLVM finds by name, and may bind to at any time
+_ENGINES: list[Any] = []  # engines whose functions LLVM finds by name, and may bind to at any time
 
 
 def require_llvm() -> None:
@@ -95,7 +95,7 @@ def show(engine: Any, names: Iterable[str]) -> None:
     """Let machine code that is loaded from now on call these functions by their names; the engine stays for good."""
     import llvmlite.binding as llvm
 
-    _SHOWN.append(engine)
+    _ENGINES.append(engine)
     for name in names:
         llvm.add_symbol(name, address(engine, name))
 

@@ -12,10 +12,11 @@ Sizes may be expressions of the record's own whole numbers. Fields follow one an
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Annotated, Any, Generic, TypeVar, get_args, get_origin, get_type_hints, overload
 
@@ -72,7 +73,7 @@ class Field:
         self.start, self.terms = 0, dict[str, int]()  # what the offset consists of: a number, and sizes how many times
 
     def place(self, record: Record) -> int:
-        return record.offset + evaluate(self.offset, record)
+        return record.offset + _formula(self.offset)(record)
 
     @overload
     def __get__(self, record: None, owner: type[Record]) -> Field: ...
@@ -81,7 +82,8 @@ class Field:
     def __get__(self, record: Record | None, owner: type[Record]) -> Any:
         if record is None:
             return self
-        layout(type(record))
+        if type(record) not in _LAYOUTS:
+            layout(type(record))
         at = self.place(record)
         if self.reference:
             return self.kind(record.buffer, int(record.buffer[at]))
@@ -98,7 +100,7 @@ class Field:
     def _shape(self, record: Record) -> tuple[int, ...]:
         if self.extent is None:
             return ()
-        return tuple(evaluate(text, record) for text in (self.extent.rows, self.extent.columns) if text)
+        return tuple([evaluate(text, record) for text in (self.extent.rows, self.extent.columns) if text])
 
 
 class Record:
@@ -134,7 +136,7 @@ class Many(Generic[Member]):
 
     def __init__(self, kind: type[Member], buffer: Any, offset: int, count: int, stride: int | None = None) -> None:
         self.kind, self.buffer, self.offset, self.count = kind, buffer, offset, count
-        self.stride = size_of(kind) if stride is None else stride
+        self.stride = size_of(kind) if stride is None else stride  # type: ignore[arg-type] # a class is hashable
 
     def __len__(self) -> int:
         return self.count
@@ -250,20 +252,31 @@ def _code(text: str) -> Any:
     return compile(text, "<size of a record>", "eval")
 
 
-class _Names(dict[str, int]):
-    """The whole numbers of a record, by name, as a size's expression asks for them."""
+class _Fields(ast.NodeTransformer):
+    """Reads the names of a size's expression from a record."""
 
-    def __init__(self, record: Record) -> None:
-        super().__init__()
-        self.record = record
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        field = ast.Attribute(ast.Name("record", ast.Load()), node.id, ast.Load())
+        return ast.Call(ast.Name("int", ast.Load()), [field], [])
 
-    def __missing__(self, name: str) -> int:
-        return int(getattr(self.record, name))
+
+@cache
+def _formula(text: str) -> Callable[[Record], int]:
+    """Make the function that works out a size or an offset."""
+    if text.isdigit():
+        number = int(text)
+        return lambda record: number
+    tree = _Fields().visit(ast.parse(text, mode="eval").body)
+    whole = ast.parse("lambda record: int(0)", mode="eval")
+    whole.body.body.args[0] = tree  # type: ignore[attr-defined]
+    code = compile(ast.fix_missing_locations(whole), "<size of a record>", "eval")
+    function: Callable[[Record], int] = eval(code, {"__builtins__": {}, "int": int})
+    return function
 
 
 def evaluate(text: str, record: Record) -> int:
     """Work out a size or an offset for a record."""
-    return int(text) if text.isdigit() else int(eval(_code(text), {"__builtins__": {}}, _Names(record)))
+    return _formula(text)(record)
 
 
 def is_value(kind: Any) -> bool:
@@ -282,6 +295,7 @@ def _parts(kind: Any) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
+@cache
 def size_of(kind: Any) -> int:
     """Count the entries of a number, a value class, or a record of one size."""
     if kind in SCALARS:
@@ -332,30 +346,51 @@ def _stored(kind: type) -> type:
     return type(kind.__name__, (kind,), {**names, "__slots__": ("_buffer", "_offset")})
 
 
+Reader = Callable[[Any, int, tuple[int, ...]], Any]
+
+
 def view(kind: Any, buffer: Any, at: int, shape: tuple[int, ...] = ()) -> Any:
     """Read what stands at an offset: a value as it is now, or a view of records and arrays."""
+    return _reader(kind)(buffer, at, shape)
+
+
+@cache
+def _reader(kind: Any) -> Reader:
+    """Make the function that reads what stands at an offset of a buffer."""
     if kind is float:
-        return float(buffer[at])
+        return lambda buffer, at, shape: float(buffer[at])
     if kind is int:
-        return int(buffer[at])
+        return lambda buffer, at, shape: int(buffer[at])
     if kind is bool:
-        return bool(buffer[at] != 0.0)
+        return lambda buffer, at, shape: bool(buffer[at] != 0.0)
     if kind is Floats:
-        return Floats(buffer, at)
+        return lambda buffer, at, shape: Floats(buffer, at)
     if kind is Table:
-        return Table(buffer, at, shape[1])
+        return lambda buffer, at, shape: Table(buffer, at, shape[1])
     if get_origin(kind) is Many:
-        return Many(get_args(kind)[0], buffer, at, *shape)
+        [member] = get_args(kind)
+        return lambda buffer, at, shape: Many(member, buffer, at, *shape)
     if issubclass(kind, Record):
-        return kind(buffer, at)
-    value: Any = object.__new__(_stored(kind))
-    place = at
+        return lambda buffer, at, shape: kind(buffer, at)
+    return _value_reader(kind)
+
+
+def _value_reader(kind: Any) -> Reader:
+    stored, parts, place = _stored(kind), [], 0
     for name, part in parts_of(kind).items():
-        object.__setattr__(value, name, view(part, buffer, place))
+        parts.append((name, _reader(part), place))
         place += size_of(part)
-    object.__setattr__(value, "_buffer", buffer)
-    object.__setattr__(value, "_offset", at)
-    return value
+
+    def read(buffer: Any, at: int, shape: tuple[int, ...]) -> Any:
+        value: Any = object.__new__(stored)
+        put = object.__setattr__
+        for name, reader, first in parts:
+            put(value, name, reader(buffer, at + first, ()))
+        put(value, "_buffer", buffer)
+        put(value, "_offset", at)
+        return value
+
+    return read
 
 
 def size_for(cls: type[Record], **whole: int) -> int:

@@ -150,12 +150,7 @@ def damping_in_cones(grasp: GraspState) -> int:
     if grasp.recoils:
         law = damping_of_recoil(grasp, problem)
     elif grasp.implicit:
-        assemble_implicitly(grasp, True, True, True)
-        for i in range(grasp.count):
-            problem.contacts[i].displacement = NOTHING
-            problem.contacts[i].base_force = coordinates_of(grasp, grasp.vector, i)
-        symmetric = symmetrise(grasp, grasp.square)
-        law = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
+        law = damping_in_square(grasp, problem)
     else:
         for i, finger in enumerate(grasp.fingers):
             problem.contacts[i].displacement = in_frame(grasp, finger, finger.rate)
@@ -211,6 +206,17 @@ def forget_start(problem: FrictionProblem) -> None:
 
 
 @kernel
+def damping_in_square(grasp: GraspState, problem: FrictionProblem) -> int:
+    """Find elastic force and damping together in the matrix of all fingers; give the law of the answer."""
+    assemble_implicitly(grasp, True, True, True)
+    for i in range(grasp.count):
+        problem.contacts[i].displacement = NOTHING
+        problem.contacts[i].base_force = coordinates_of(grasp, grasp.vector, i)
+    symmetric = symmetrise(grasp, grasp.square)
+    return friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
+
+
+@kernel
 def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
     """Find elastic force and damping of an object that moves under them; give the law of the answer."""
     keep_elastic(grasp)
@@ -225,12 +231,7 @@ def damping_of_recoil(grasp: GraspState, problem: FrictionProblem) -> int:
     law = damping_in_columns(grasp, problem, grasp.coordinates, True)
     if law == NONE:
         forget_start(problem)
-        assemble_implicitly(grasp, True, True, True)
-        for i in range(grasp.count):
-            problem.contacts[i].displacement = NOTHING
-            problem.contacts[i].base_force = coordinates_of(grasp, grasp.vector, i)
-        symmetric = symmetrise(grasp, grasp.square)
-        law = friction_force_square(problem, grasp.coordinates, grasp.square, symmetric, False, 0).law
+        law = damping_in_square(grasp, problem)
         forget_start(problem)
     return law
 

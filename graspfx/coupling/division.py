@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import inline, kernel
-from graspfx.compile.records import Floats, Many, Record, Table, many, size_of, table
+from graspfx.compile.records import Floats, Many, Record, Table, floats, many, size_of, table
 from graspfx.grasp.contact_state import Contact, Freedom, motion_of
 from graspfx.grasp.rigid_modes import faded_weight, rigid_modes
 from graspfx.spatial import NOTHING, Vector, Vector4, dot, with_torsion
@@ -48,32 +48,97 @@ class ContactSample(Record):
 
 
 SAMPLE = size_of(ContactSample)
+NONE = -1  # place of what a row does not have
+
+
+class RowPlaces(Record):
+    """Entries of a row at which the first finger's numbers stand, then the others'; `NONE` for what is not there."""
+
+    width: int  # of a row
+    contact: int  # d numbers
+    centre: int  # d numbers, of the object, which are taken from the contacts
+    gap: int
+    normal: int  # 3 numbers
+    whole: int  # d numbers
+    torsion: int
+    external: int  # d numbers, which are written
+    internal: int  # the same
+    twist: int  # external part of the torsion, which is written
+    count: int  # n
+    fingers: Floats = floats("count")  # numbers of the grasp's fingers among those of a row
 
 
 @inline
-def sample_of(samples: Floats, count: int, row: int, i: int) -> ContactSample:
-    """Give finger i in a row of samples."""
-    return ContactSample(samples.buffer, samples.offset + (row * count + i) * SAMPLE)
+def sample_of(samples: Floats, i: int) -> ContactSample:
+    """Give finger i of a sample."""
+    return ContactSample(samples.buffer, samples.offset + i * SAMPLE)
 
 
 @kernel
-def divide_rows(division: Division, samples: Floats, rows: int, dual: bool) -> None:
+def divide_rows(division: Division, places: RowPlaces, samples: Floats, rows: Floats, count: int, dual: bool) -> None:
     """Divide forces f into P f and the rest, row by row; `dual`, displacements e by P'.
 
     With orthonormal modes q_k and blends beta_k of `rigid_modes`, weights w and z_k = sum_i q_k(i) . f_i / sqrt(w_i),
 
         P f = sqrt(w_i) sum_k beta_k q_k(i) z_k,    P' e = sum_k beta_k q_k(i) / sqrt(w_i) sum_j sqrt(w_j) q_k(j) . e_j.
+
+    Args:
+        division: what P is made of.
+        places: of what stands in a row.
+        samples: room for one.
+        rows: `count` of them.
+        dual: whether displacements are divided.
     """
-    for row in range(rows):
-        divide(division, samples, row, dual)
+    for row in range(count):
+        start = row * places.width
+        for i in range(division.count):
+            take(division.dimensions, places, samples, rows, start, i)
+        divide(division, samples, dual)
+        for i in range(division.count):
+            put(division.dimensions, places, samples, rows, start, i)
 
 
 @kernel
-def divide(division: Division, samples: Floats, row: int, dual: bool) -> None:
-    """Divide the forces, or displacements, of one row."""
+def take(d: int, places: RowPlaces, samples: Floats, rows: Floats, start: int, i: int) -> None:
+    """Take finger i's contact and what of it is divided from a row."""
+    sample, finger = sample_of(samples, i), int(places.fingers[i])
+    at, of = start + places.contact + finger * d, start + places.whole + finger * d
+    for a in range(d):
+        sample.contact[a] = rows[at + a]
+        sample.whole[a] = rows[of + a]
+    if places.centre >= 0:
+        for a in range(d):
+            sample.contact[a] = rows[at + a] - rows[start + places.centre + a]
+    if places.gap >= 0:
+        sample.gap = rows[start + places.gap + finger]
+    if places.normal >= 0:
+        for a in range(3):
+            sample.normal[a] = rows[start + places.normal + 3 * finger + a]
+    if places.torsion >= 0:
+        sample.whole[3] = rows[start + places.torsion + finger]
+
+
+@kernel
+def put(d: int, places: RowPlaces, samples: Floats, rows: Floats, start: int, i: int) -> None:
+    """Put finger i's parts into a row."""
+    sample, finger = sample_of(samples, i), int(places.fingers[i])
+    to = start + places.external + finger * d
+    for a in range(d):
+        rows[to + a] = sample.external[a]
+    if places.internal >= 0:
+        rest = start + places.internal + finger * d
+        for a in range(d):
+            rows[rest + a] = sample.whole[a] - sample.external[a]
+    if places.twist >= 0:
+        rows[start + places.twist + finger] = sample.external[3]
+
+
+@kernel
+def divide(division: Division, samples: Floats, dual: bool) -> None:
+    """Divide the forces, or displacements, of one sample."""
     size = total = 0.0
     for i, contact in enumerate(division.contacts):
-        sample = sample_of(samples, division.count, row, i)
+        sample = sample_of(samples, i)
         whole = sample.whole
         size += abs(whole.x) + abs(whole.y) + abs(whole.z) + abs(whole.t)
         sample.external = NOTHING
@@ -93,17 +158,17 @@ def divide(division: Division, samples: Floats, row: int, dual: bool) -> None:
         False, division.modes,
     )  # fmt: skip
     for k in range(used):
-        add_mode(division, samples, row, k, dual)
+        add_mode(division, samples, k, dual)
 
 
 @kernel
-def add_mode(division: Division, samples: Floats, row: int, k: int, dual: bool) -> None:
-    """Add the part that one mode has of a row."""
+def add_mode(division: Division, samples: Floats, k: int, dual: bool) -> None:
+    """Add the part that one mode has of a sample."""
     mode = division.modes[k]
     z = 0.0
     for i, contact in enumerate(division.contacts):
         motion = motion_of(mode, i, division.width)
-        whole = sample_of(samples, division.count, row, i).whole
+        whole = sample_of(samples, i).whole
         along = dot(motion.shift, whole.vector)
         if division.width > 3:
             along += motion.twist * whole.t
@@ -114,4 +179,4 @@ def add_mode(division: Division, samples: Floats, row: int, k: int, dual: bool) 
         twist = motion.twist if division.width > 3 else 0.0
         factor = z / contact.root if dual else z * contact.root
         if dual or contact.counts:
-            sample_of(samples, division.count, row, i).external += factor * with_torsion(motion.shift, twist)
+            sample_of(samples, i).external += factor * with_torsion(motion.shift, twist)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -11,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.demand import KernelOnDemand
-from graspfx.compile.records import Many, size_for
-from graspfx.coupling.division import SAMPLE, ContactSample, DividedContact, Division, divide_rows
+from graspfx.compile.records import size_for
+from graspfx.coupling.division import NONE, SAMPLE, DividedContact, Division, RowPlaces, divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.grasp.rigid_modes import NO_ARM
 from graspfx.objects.body_state import BodyState
 
 FloatArray = NDArray[np.float64]
 
-ROWS = 2048  # divided at once: what they take in memory stays small
+ROWS = 1024  # divided at once: what they take in memory stays small
 # in rows x fingers x (1 + rotations), some ten microseconds each where Python divides them
 DIVIDE_ROWS = KernelOnDemand(divide_rows, few=500, load=5_000, make=40_000)
 
@@ -121,12 +122,35 @@ class Samples(NamedTuple):
     normal: FloatArray | None = None
 
 
+def divide_in_rows(
+    rule: SplitRule, fingers: Sequence[int], rows: FloatArray, *, dual: bool = False, **places: int
+) -> None:
+    """Divide what stands in rows, and put the parts into them: `graspfx.coupling.division.divide_rows`.
+
+    Interpreted and compiled give the same bits; few rows are divided by Python, and many where there is no LLVM.
+
+    Args:
+        rule: of the grasp.
+        fingers: numbers of its fingers among those of a row.
+        rows: (r, w), contiguous, which are written.
+        dual: whether displacements are divided, not forces.
+        places: entries of a row by their names in `RowPlaces`.
+    """
+    n = len(fingers)
+    where = RowPlaces(np.zeros(size_for(RowPlaces, count=n)))
+    for name in ("contact", "centre", "gap", "normal", "whole", "torsion", "external", "internal", "twist"):
+        setattr(where, name, places.get(name, NONE))
+    where.width, where.count = rows.shape[1], n
+    for i, finger in enumerate(fingers):
+        where.fingers[i] = finger
+    divide = DIVIDE_ROWS.runner(len(rows) * n * (1 + sum(rule.rotations)))
+    divide(rule.block, 0, where.buffer, 0, np.zeros(n * SAMPLE), 0, rows.reshape(-1), 0, len(rows), dual)
+
+
 def external_part(
     rule: SplitRule, samples: Samples, whole: FloatArray, torsion: FloatArray | None = None, *, dual: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute the external part P f of forces, or P' e of displacements: `graspfx.coupling.division.divide_rows`.
-
-    Interpreted and compiled give the same bits; few samples are divided by Python, and many where there is no LLVM.
+    """Compute the external part P f of forces, or P' e of displacements, as `divide_in_rows` does.
 
     Args:
         rule: of the grasp.
@@ -140,26 +164,19 @@ def external_part(
     """
     N, n, d = whole.shape
     external, twist = np.zeros((N, n, d)), np.zeros((N, n))
-    divide, block = DIVIDE_ROWS.runner(N * n * (1 + sum(rule.rotations))), rule.block
+    entries = {"contact": samples.contact, "whole": whole, "gap": samples.gap, "normal": samples.normal,
+               "torsion": torsion, "external": external, "twist": twist}  # fmt: skip
+    columns = {name: values for name, values in entries.items() if values is not None}
+    places, width = {}, 0
+    for name, values in columns.items():
+        places[name], width = width, width + math.prod(values.shape[1:])
     for start in range(0, N, ROWS):
         piece = slice(start, min(start + ROWS, N))
-        memory = np.zeros((piece.stop - start) * n * SAMPLE)
-        rows = Many(ContactSample, memory, 0, len(memory) // SAMPLE)
-
-        def field(of: Any, rows: Many[ContactSample] = rows) -> FloatArray:
-            return rows.array(of).reshape(-1, n, *rows.array(of).shape[1:])
-
-        field(ContactSample.contact)[:, :, :d] = samples.contact[piece]
-        field(ContactSample.whole)[:, :, :d] = whole[piece]
-        if samples.gap is not None:
-            field(ContactSample.gap)[:] = samples.gap[piece]
-        if samples.normal is not None:
-            field(ContactSample.normal)[:] = samples.normal[piece]
-        if torsion is not None:
-            field(ContactSample.whole)[:, :, 3] = torsion[piece]
-        divide(block, 0, memory, 0, piece.stop - start, dual)
-        external[piece] = field(ContactSample.external)[:, :, :d]
-        twist[piece] = field(ContactSample.external)[:, :, 3]
+        count = piece.stop - start
+        rows = np.concatenate([values[piece].reshape(count, -1) for values in columns.values()], axis=1)
+        divide_in_rows(rule, range(n), rows, dual=dual, **places)
+        external[piece] = rows[:, places["external"] :][:, : n * d].reshape(-1, n, d)
+        twist[piece] = rows[:, places["twist"] :]
     return external, twist
 
 

@@ -7,26 +7,31 @@ from collections.abc import Iterable, Iterator
 from graspfx.loop import plant as plants
 from graspfx.loop.device import fused
 from graspfx.loop.servo import Servo
+from graspfx.loop.tick.script import Tick
 
 
-def foreign(servo: Servo) -> list[str]:
-    """List devices, plants and bodies that run by their own methods, between the calls of each tick."""
-    return list(_foreign(servo))
+def foreign(servo: Servo, tick: Tick | None = None) -> list[str]:
+    """List devices, plants and bodies that run by their own methods, between the calls of each tick.
+
+    Args:
+        servo: that runs.
+        tick: its parts' tick where it is written already; else the servo writes it.
+    """
+    return list(_foreign(servo, tick or servo.script))
 
 
-def guests(servo: Servo) -> list[str]:
-    """List bodies that other software moves after the call of each tick."""
-    return [_body(servo, i) for i in servo.script.guests]
+def guests(servo: Servo, tick: Tick | None = None) -> list[str]:
+    """List bodies that other software moves after the call of each tick; `tick` as for `foreign`."""
+    return [_body(servo, i) for i in (tick or servo.script).guests]
 
 
-def looked_ahead(servo: Servo) -> list[str]:
-    """List hands that are no kernels: they are asked for many ticks at once."""
-    wirings = [servo.plants[table.plant] for table in servo.script.tables]
+def looked_ahead(servo: Servo, tick: Tick | None = None) -> list[str]:
+    """List hands that are no kernels: they are asked for many ticks at once; `tick` as for `foreign`."""
+    wirings = [servo.plants[table.plant] for table in (tick or servo.script).tables]
     return [_described("hand", m.hand, _fingers(servo, m.fingers)) for m in wirings]
 
 
-def _foreign(servo: Servo) -> Iterator[str]:
-    tick = servo.script
+def _foreign(servo: Servo, tick: Tick) -> Iterator[str]:
     for port in tick.ports:
         station = servo.stations[port.station]
         if fused(station.device) is None:

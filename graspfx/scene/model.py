@@ -47,19 +47,25 @@ class Scene(Carded, SceneTable):
         memory = current_memory()
         checked = memory.recall(table, origin) if memory is not None else None
         if checked is not None:
-            private = {"_source": origin, "_stock": None, "_written": checked.written}
-            self.__setstate__({
-                "__dict__": checked.fields, "__pydantic_fields_set__": checked.names, "__pydantic_extra__": None,
-                "__pydantic_private__": private,
-            })  # fmt: skip
+            self._take(checked.fields, checked.names, origin, None, checked.written)
             return
         faults, stock = plugins.upward("Scene.faults")(table, origin)
         if faults:
             raise SceneError(origin.name, faults)
-        super().__init__(**table)
-        self._source, self._stock = origin, stock
+        valid = SceneTable(**table)  # by the validator that found no fault: a scene's own would be the same, made anew
+        self._take(vars(valid), valid.model_fields_set, origin, stock, None)
         if memory is not None:
             memory.keep(table, origin, self)
+
+    def _take(
+        self, fields: dict[str, Any], names: set[str], source: Source, stock: Any, written: dict[str, Any] | None
+    ) -> None:
+        """Take fields that are valid, and the names of those that were set."""
+        private = {"_source": source, "_stock": stock, "_written": written}
+        self.__setstate__({
+            "__dict__": fields, "__pydantic_fields_set__": names, "__pydantic_extra__": None,
+            "__pydantic_private__": private,
+        })  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
         """Compare as descriptions, wherever they came from."""
@@ -92,7 +98,7 @@ class Scene(Carded, SceneTable):
         """Write the scene as nested tables that `Scene(**table)` takes, without defaults."""
         if self._written is not None:
             return deepcopy(self._written)
-        table: dict[str, Any] = self.model_dump(mode="json", exclude_unset=True)
+        table: dict[str, Any] = SceneTable.__pydantic_serializer__.to_python(self, mode="json", exclude_unset=True)
         return table
 
     def require_reach(self) -> None:

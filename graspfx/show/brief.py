@@ -31,7 +31,7 @@ def brief_rows(columns: Sequence[View]) -> list[Row]:
 
 def _depth(view: View) -> tuple[Curve, ...]:
     """Plot how deep fingers stand in the surface, a free one not at all: their mean and range."""
-    gap = view.recording.gap
+    gap = view.recording.gap if view.has("gap") and view.has("touching") else None
     if gap is None or not view.fingers:
         return ()
     depth = MM * np.where(view.touching, -gap[:, view.fingers], 0.0)

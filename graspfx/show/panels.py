@@ -87,10 +87,23 @@ class View:
             return None
         try:
             inner, outer = (getattr(self.recording, name)[:, self.fingers] for name in (internal, external))
-        except RecordingError:  # of an earlier format
+            contacts = self.recording.contact_position[:, self.fingers]
+            return modes(inner, outer, directions(contacts, self.finger_position - contacts), self.touching)
+        except RecordingError:  # of an earlier format, or of a run that leaves columns out
             return None
-        contacts = self.recording.contact_position[:, self.fingers]
-        return modes(inner, outer, directions(contacts, self.finger_position - contacts), self.touching)
+
+    def has(self, column: str) -> bool:
+        """Tell whether a column is recorded, or what ends like it of the object."""
+        name = f"objects/{self.recording.layout.objects[self.number]}/{column}"
+        return not {column, name} & set(self.recording.layout.omitted)
+
+    @property
+    def is_whole(self) -> bool:
+        """Tell whether all is recorded that the figure shows."""
+        split = self.recording.layout.sources_of("internal_force") + self.recording.layout.sources_of(
+            "internal_displacement"
+        )
+        return all(map(self.has, ("position", "orientation", "touching", *split)))
 
 
 @dataclass(frozen=True)
@@ -147,7 +160,7 @@ def views(recordings: Iterable[Recording]) -> list[View]:
 
 
 def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
-    """List the rows of the figure.
+    """List the rows of the figure, without those of which nothing is recorded; where there is no other, one of them.
 
     Args:
         columns: what to show side by side.
@@ -165,7 +178,8 @@ def rows(columns: Sequence[View], strokes: Mapping[str, Stroke]) -> list[Row]:
             panels = tuple(_forces(view, strokes) for view in columns)
             rows_.append(Row("force of a\nfinger [N]", panels, LOW, signed=True))
         rows_ += _turns(columns)
-        return rows_
+        drawn = [row for row in rows_ if any(row.panels)]
+        return drawn or rows_[:1]
 
 
 def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
@@ -180,17 +194,22 @@ def _axes_worth_showing(ranges: Sequence[FloatArray]) -> list[int]:
 
 def _ranges(view: View) -> FloatArray:
     """Measure how far object and fingers go along each axis, (d,) [m]: how far the one goes that goes farthest."""
-    p, x = view.finger_position, view.motion.position
-    lines = [x, *(p[:, i] for i in range(p.shape[1]))]
-    return np.array([max(_range(line[:, a]) for line in lines) for a in range(view.dimensions)])
+    lines = [view.motion.position] if view.has("position") else []
+    if view.has("finger_position"):
+        lines.extend(np.moveaxis(view.finger_position, 1, 0))
+    return np.array([max((_range(line[:, a]) for line in lines), default=0.0) for a in range(view.dimensions)])
 
 
 def _positions(columns: Sequence[View], a: int, strokes: Mapping[str, Stroke], height: float) -> Row:
     def panel(view: View) -> tuple[Curve, ...]:
         if a >= view.dimensions:
             return ()
-        x = curve("object", MM * view.motion.position[:, a], OBJECT)
-        return (x, *_of_fingers(view, MM * view.finger_position[:, :, a], strokes))
+        curves: tuple[Curve, ...] = ()
+        if view.has("position"):
+            curves = (curve("object", MM * view.motion.position[:, a], OBJECT),)
+        if view.has("finger_position"):
+            curves += _of_fingers(view, MM * view.finger_position[:, :, a], strokes)
+        return curves
 
     return Row(f"position {'xyz'[a]} [mm]", tuple(map(panel, columns)), height)
 
@@ -223,11 +242,13 @@ def _parts(
 
 
 def _forces(view: View, strokes: Mapping[str, Stroke]) -> tuple[Curve, ...]:
-    return _of_fingers(view, np.linalg.norm(view.finger_force, axis=2), strokes)
+    return _of_fingers(view, np.linalg.norm(view.finger_force, axis=2), strokes) if view.has("finger_force") else ()
 
 
 def _turns(columns: Sequence[View]) -> list[Row]:
     """Plot how the objects turn from where they begin, about world axes; no row if none does."""
+    if not all(view.has("orientation") for view in columns):
+        return []
     turns = [_rotation_vector(view.motion.orientation) for view in columns]
     ranges = [np.array([_range(turn[:, a]) for a in range(3)]) for turn in turns]
     ranges = [np.where(each >= TURN, each, 0.0) for each in ranges]
@@ -265,7 +286,7 @@ def _changes(row: Row) -> Row:
     """Return the row, or, if its lines would look straight, the changes since the first tick, named with where from."""
     curves = [curve for panel in row.panels for curve in panel]
     ends = [_ends(values) for curve in curves for values in (curve.values, curve.many)]
-    span = max(high for _, high in ends) - min(low for low, _ in ends)
+    span = max((high for _, high in ends), default=0.0) - min((low for low, _ in ends), default=0.0)
     change = max((_range(curve.values) for curve in curves), default=0.0)
     if not NOISE * span < change < FLAT * span:
         return row

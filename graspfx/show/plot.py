@@ -30,6 +30,7 @@ IntArray = NDArray[np.int64]
 
 EQUALS = "\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}"  # at which no title is folded
 GAINS = ("coupling.external.stiffness", "coupling.internal.stiffness")
+LEFT_OUT = "what was not recorded is left out"
 MARKERS = 5  # on a line
 LONG_WAY = 40.0  # up and down, in heights of a panel: a line that goes so far would become an area
 THIN = 0.5
@@ -85,6 +86,8 @@ def sheet(
 
     In brief, three rows: how deep fingers stand in the surface, mean and range; the squeeze; and the push.
 
+    Panels of columns that the scene's `record` leaves out are left out, and the title says so.
+
     Where positions would look straight, their change since the first tick is drawn, and names say from where. A
     recording of several objects gets a column for each that fingers touch.
 
@@ -134,7 +137,8 @@ def _draw_row(row: Row, panels: Sequence[Axes], columns: Sequence[View], weight:
         for curve in curves:
             _draw(axes, view.recording.time, curve, weight)
         if not curves:
-            axes.text(0.5, 0.5, "does not apply", transform=axes.transAxes, ha="center", va="center", color=NOTE)
+            word = "does not apply" if view.is_whole else "not recorded"
+            axes.text(0.5, 0.5, word, transform=axes.transAxes, ha="center", va="center", color=NOTE)
     first = panels[0]
     if row.signed:
         for axes in panels:
@@ -200,7 +204,8 @@ def _add_titles(
             heading = f"{names[number]}\n{heading}"
         for view in own:
             thing = f"object {recording.layout.objects[view.number]}" if len(own) > 1 else ""
-            drawing.title("\n".join(filter(None, (heading, plain(thing)))), column)
+            note = "" if view.is_whole else LEFT_OUT
+            drawing.title("\n".join(filter(None, (heading, plain(thing), note))), column)
             column += 1
 
 

@@ -15,6 +15,7 @@ import pytest
 import graspfx as gx
 from graspfx.batch import many
 from graspfx.batch.grid import grid
+from graspfx.batch.lanes import lanes_text
 from graspfx.batch.variants import Variants
 from graspfx.errors import InputError, SceneError, UnknownNameError
 from graspfx.grasp.impedance import ActiveCouplingWarning
@@ -254,6 +255,29 @@ def test_unilateral_contact_side_by_side_or_not(monkeypatch):
     monkeypatch.setattr(many, "LANES_LOOK", 0)
     monkeypatch.setattr(many, "LANES_WORTH", 0)
     require_same(alone, gx.run_batch(scene, values, 0.3))
+
+
+def test_a_program_is_looked_for_once_one_of_its_family_is_compiled(line, monkeypatch, tmp_path):
+    """Where none was compiled no text is written; afterwards other values find it, and give the same numbers."""
+    monkeypatch.setenv("GRASPFX_CACHE", str(tmp_path))
+    written = []
+
+    def noted(program, turns, columns, statistics):
+        written.append(turns)
+        return lanes_text(program, turns, columns, statistics)
+
+    monkeypatch.setattr(many, "lanes_text", noted)
+    monkeypatch.setattr(many, "LOOK", 0)
+    monkeypatch.setattr(many, "LANES_LOOK", math.inf)
+    values = {KEP: np.linspace(5.0, 60.0, 20)}
+    alone = gx.run_batch(line, values, 0.2)
+    assert not written
+    monkeypatch.setattr(many, "WORTH", 0)
+    gx.run_batch(line, values, 0.2)
+    assert len(written) == 1
+    monkeypatch.setattr(many, "WORTH", math.inf)
+    require_same(alone, gx.run_batch(line, values, 0.2))
+    assert len(written) == 2
 
 
 def test_meshes_run_too():

@@ -10,10 +10,9 @@ import pytest
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.compile.demand import KernelOnDemand
-from graspfx.compile.records import Floats
-from graspfx.coupling.division import SAMPLE, ContactSample, Division, divide_rows
+from graspfx.coupling.division import divide_rows
 from graspfx.coupling.grasp_state import FingerState, GraspState
-from graspfx.coupling.two_forces import Samples, SplitRule, external_part
+from graspfx.coupling.two_forces import Samples, SplitRule, divide_in_rows, external_part
 from graspfx.objects.body_state import Motion
 from tests.support.divisions import external_force
 from tests.support.grasps import RIGID, grasped, law, respond
@@ -187,15 +186,15 @@ def test_a_sample_divides_by_the_gains_of_its_two_forces() -> None:
     assert np.allclose((g.force - external)[:, 0], [-70.0 * 0.001, 70.0 * 0.001], rtol=0.0, atol=1e-16)
 
 
-def test_rows_stand_one_after_another() -> None:
-    """The kernel's rows: as many samples of contacts as there are rows and fingers."""
-    block = rule(2, 1, [True]).block
-    memory = np.zeros(2 * 2 * SAMPLE)
-    samples = [ContactSample(memory, k * SAMPLE) for k in range(4)]
-    for k, sample in enumerate(samples):
-        sample.whole = type(sample.whole)(float(k), 0.0, 0.0, 0.0)
-    divide_rows(Division(block), Floats(memory), 2, False)
-    assert [sample.external.x for sample in samples] == pytest.approx([0.5, 0.5, 2.5, 2.5])
+def test_parts_are_put_into_rows() -> None:
+    """Two fingers of three on a line, with numbers between what is divided, and the parts behind it."""
+    forces = np.array([[0.0, 9.0, 1.0], [2.0, 9.0, 3.0]])
+    rows = np.hstack([np.full((2, 3), 0.5), forces, np.full((2, 7), 7.0)])
+    divide_in_rows(rule(2, 1, [True]), [0, 2], rows, contact=0, whole=3, external=6, internal=10)
+    assert (rows[:, :6] == np.hstack([np.full((2, 3), 0.5), forces])).all()
+    assert rows[:, 6:].tolist() == pytest.approx(
+        np.array([[0.5, 7.0, 0.5, 7.0, -0.5, 7.0, 0.5], [2.5, 7.0, 2.5, 7.0, -0.5, 7.0, 0.5]])
+    )
 
 
 def test_matrices_turn_nothing() -> None:

@@ -12,7 +12,19 @@ from graspfx.compile.demand import KernelOnDemand
 from graspfx.loop.recording import tally_program
 from graspfx.loop.recording.header import Outcome, RunFault
 from graspfx.loop.recording.record import Recording
-from graspfx.loop.recording.tally_program import Measures
+from graspfx.loop.recording.tally_program import (
+    DEPTHS,
+    DISTANCES,
+    LARGEST,
+    LAWS,
+    LENGTHS,
+    MOMENTS,
+    PLACES,
+    SHARES,
+    Measure,
+    Measures,
+    measure,
+)
 from graspfx.loop.recording.vibration import vibration
 from graspfx.show import table
 from graspfx.show.summary_table import ROWS, columns, print_summary
@@ -46,7 +58,10 @@ def squeeze(e: np.ndarray, touching: np.ndarray) -> list[float]:
     count, n, d = e.shape
     rows = np.concatenate([e.reshape(count, -1), np.zeros((count, n * d)), touching.astype(float)], axis=1)
     measures = Measures(count)
-    return [measures.places(each[None], range(n), d, 0, 2 * n * d, n * d, -1)[0] for each in rows]
+    for k in range(count):
+        measures.add(str(k), Measure(PLACES, 0, n, d, 2 * n * d, n * d, -1, range(n)))
+    measures.take(rows, {str(k): slice(k, k + 1) for k in range(count)})
+    return [peak for peak, *_ in measures.values()]
 
 
 def test_deformation_counts_only_fingers_that_touch_and_only_when_two_do() -> None:
@@ -71,30 +86,56 @@ def test_sums_and_peaks_are_the_same_compiled_and_interpreted(
 ) -> None:
     pytest.importorskip("llvmlite")
     rng = np.random.default_rng(4)
-    rows, counts = rng.normal(size=(300, 31)), rng.random((300, 3)) > 0.4
+    rows = rng.normal(size=(300, 31))
+    counts = rng.random((300, 3)) > 0.4
     rows[:, 20:23] = counts
     if bad is not None:
         rows[7, 5] = bad
     answers = []
     for most in (0, float("inf")):  # machine code at once, and never
-        for name in ("LENGTHS", "PLACES"):
-            kernel = getattr(tally_program, name).kernel
-            monkeypatch.setattr(tally_program, name, KernelOnDemand(kernel, few=most, load=most, make=most))
+        monkeypatch.setattr(tally_program, "MEASURE", KernelOnDemand(measure, few=most, load=most, make=most))
         measures = Measures(300)
-        assert tally_program.LENGTHS.is_compiled == (most == 0)
-        answers.append(
-            [
-                *measures.lengths(rows, 5, 3, 3)[0],
-                *measures.lengths(rows, 5, 3, 3, counts)[0],
-                *measures.lengths(rows, 5, 3, 3, counts)[1:],
-                *measures.places(rows, [0, 2], 3, 5, 20, 11, 24),
-            ]
-        )
-    assert np.array(answers[0]).tobytes() == np.array(answers[1]).tobytes()
+        for name, each in EVERY.items():
+            measures.add(name, each)
+        measures.take(rows, dict.fromkeys(EVERY, slice(0, 120)))  # in two blocks
+        measures.take(rows, dict.fromkeys(EVERY, slice(120, 300)))
+        assert tally_program.MEASURE.is_compiled == (most == 0)
+        answers.append(dict(measures))
+    assert [np.array(a).tobytes() for a in answers[0].values()] == [np.array(a).tobytes() for a in answers[1].values()]
     with np.errstate(invalid="ignore"):
-        sizes = np.linalg.norm(rows[:, 5:14].reshape(300, 3, 3), axis=2)
-        assert answers[0][:3] == pytest.approx(sizes.max(axis=0), rel=1e-14, nan_ok=True)
-        assert answers[0][6:8] == pytest.approx([sizes[counts].sum(), counts.sum()], rel=1e-13, nan_ok=True)
+        x = rows[:, 5:14].reshape(300, 3, 3)
+        sizes = np.linalg.norm(x, axis=2)
+        e, f = (x - rows[:, 11:20].reshape(300, 3, 3))[:, [0, 2]], rows[:, 14:23].reshape(300, 3, 3)[:, [0, 2]]
+        c = rows[:, 11:20].reshape(300, 3, 3)[:, [0, 2]]
+        moment = np.linalg.norm(np.cross(e, f).sum(axis=1)[:, [0, 2]], axis=1)
+        whole = np.sqrt((f**2).sum((1, 2)) * ((c - c.mean(1, keepdims=True)) ** 2).sum((1, 2)) / 2)
+        gaps, apart = np.maximum(-rows[:, 5:8], 0.0)[counts], np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+        expected = {
+            "lengths": [*sizes.max(axis=0), sizes.sum(), 900.0],
+            "touching": [*np.where(counts, sizes, -1.0).max(axis=0), sizes[counts].sum(), counts.sum()],
+            "moments": [moment.max(), whole.max()],
+            "shares": counts.sum(axis=0),
+            "depths": [gaps.max(), counts.sum(), gaps.sum()],
+            "apart": [-apart.min(), 300.0, apart.sum()],
+            "laws": counts.sum(axis=0),
+            "largest": rows[:, 5:7].max(axis=0),
+        }
+    for name, values in expected.items():
+        own = answers[0][name][: len(values)]
+        assert own == pytest.approx(list(values), rel=1e-13, nan_ok=True), name
+
+
+EVERY = {
+    "lengths": Measure(LENGTHS, 5, 3, 3),
+    "touching": Measure(LENGTHS, 5, 3, 3, 20),
+    "places": Measure(PLACES, 5, 2, 3, 20, 11, 24, [0, 2]),
+    "moments": Measure(MOMENTS, 5, 2, 3, -1, 11, 14, [0, 2, 1, 0, 1]),
+    "shares": Measure(SHARES, 20, 3),
+    "depths": Measure(DEPTHS, 5, 3, 1, 20),
+    "apart": Measure(DISTANCES, 5, 2, 3),
+    "laws": Measure(LAWS, 20, 3),
+    "largest": Measure(LARGEST, 5, 2),
+}
 
 
 @pytest.mark.parametrize(("frequency", "gain"), [(0.5, 0.0), (1.0, 0.0), (5.0, 0.5), (20.0, 1.0), (40.0, 1.0)])

@@ -81,9 +81,9 @@ class Plant:
         self.size = sum(parts.values())
         parts["u"] = inputs
         at: dict[str, FloatArray] = {}
-        start = 0
+        whole, start = np.eye(self.size + inputs), 0
         for name, width in parts.items():
-            at[name] = np.eye(self.size + inputs)[start : start + width]
+            at[name] = whole[start : start + width]
             start += width
         self.at = at
         self.drift, self.hold, p, q, R, s = uncoupled(linear) if motions is None else motions

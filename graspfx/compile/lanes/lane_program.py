@@ -9,7 +9,8 @@ from graspfx.compile.lanes.lane_code import by_lane, lane_declarations
 from graspfx.compile.lanes.lane_expressions import LaneFunction
 from graspfx.compile.lanes.lane_loops import LaneLoops
 from graspfx.compile.lanes.lane_shapes import Shape
-from graspfx.compile.llvm.llvm import INTRINSICS, LlvmProgram, _is_array, declared
+from graspfx.compile.llvm.entry import entry_of
+from graspfx.compile.llvm.llvm import INTRINSICS, LlvmProgram, declared
 from graspfx.compile.llvm.llvm_arithmetic import INT, Number
 from graspfx.compile.llvm.llvm_expressions import Array, Value
 from graspfx.compile.llvm.method import ENTRY
@@ -75,17 +76,11 @@ def lane_program(source: str, lanes: int, shared: Mapping[str, int] | None = Non
     Raises:
         InputError: the program holds something that cannot be compiled; it names the function and the line.
     """
-    trees = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
-    if not trees:
-        raise InputError("source", source, "at least one function")
-    tree, functions = trees[-1], {t.name: t for t in trees}
-    names = [a.arg for a in tree.args.args]
-    arrays = tuple(name for name in names if _is_array(tree, name, functions))
-    if list(arrays) != names[: len(arrays)]:
-        raise InputError(f"{tree.name}", names, "buffers first, then numbers")
+    entry = entry_of(source)
+    tree, names, arrays = entry.tree, list(entry.names), entry.arrays
     common = {name: first for name, first in (shared or {}).items() if name in arrays}
-    numbers = tuple(INT for _ in names[len(arrays) :])
-    module = _Module(trees, lanes, common)
+    numbers = tuple(INT for _ in entry.numbers)
+    module = _Module(entry.trees, lanes, common)
     values: list[Array | Number] = [Array(name, f"%p{k}") for k, name in enumerate(arrays)]
     values += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
 

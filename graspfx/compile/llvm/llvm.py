@@ -6,6 +6,7 @@ import ast
 from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple, Protocol
 
+from graspfx.compile.llvm.entry import entry_of
 from graspfx.compile.llvm.llvm_arithmetic import BINARY_LIBM, FLOAT, INT, LlvmFunction, Number
 from graspfx.compile.llvm.llvm_expressions import Array, Value, flat, result_type
 from graspfx.compile.llvm.llvm_statements import Statements, type_of
@@ -120,20 +121,14 @@ def llvm_program(
     Raises:
         InputError: the program holds something that cannot be compiled; it names the function and the line.
     """
-    trees = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
-    if not trees:
-        raise InputError("source", source, "at least one function")
-    tree, functions = trees[-1], {t.name: t for t in trees}
-    names = [a.arg for a in tree.args.args]
-    arrays = tuple(name for name in names if name in buffers or _is_array(tree, name, functions))
-    if list(arrays) != names[: len(arrays)]:
-        raise InputError(f"{tree.name}", names, "buffers first, then numbers")
-    unknown = set(floats) - set(names[len(arrays) :])
+    entry = entry_of(source, buffers)
+    tree, names, arrays = entry.tree, list(entry.names), entry.arrays
+    unknown = set(floats) - set(entry.numbers)
     if unknown:
         raise InputError("floats", sorted(unknown), f"numbers among the parameters of {tree.name}")
-    numbers = tuple(FLOAT if name in floats else INT for name in names[len(arrays) :])
+    numbers = tuple(FLOAT if name in floats else INT for name in entry.numbers)
 
-    module = Module(trees, checked=checked, externals=externals)
+    module = Module(entry.trees, checked=checked, externals=externals)
     alone = externals is None  # else a kernel may be called with the same memory twice
     parameters: list[Array | Number] = [Array(name if alone else "any", f"%p{k}") for k, name in enumerate(arrays)]
     parameters += [Number(type_, f"%p{k}") for k, type_ in enumerate(numbers, start=len(arrays))]
@@ -154,20 +149,6 @@ def llvm_program(
         texts.insert(0, _checking(arrays))
     libm, symbols = tuple(sorted(module.libm)), tuple(module.symbols)
     return LlvmProgram("\n".join(texts) + "\n", arrays, numbers, bool(module.notes), libm, symbols, checked)
-
-
-def _is_array(tree: ast.FunctionDef, name: str, functions: dict[str, ast.FunctionDef]) -> bool:
-    """Tell whether a parameter is indexed, here or in a function that is called."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == name:
-            return True
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in functions:
-            called = functions[node.func.id]
-            for argument, parameter in zip(node.args, called.args.args, strict=False):
-                passed = isinstance(argument, ast.Name) and argument.id == name and called is not tree
-                if passed and _is_array(called, parameter.arg, functions):
-                    return True
-    return False
 
 
 def declared(name: str) -> str:

@@ -15,7 +15,7 @@ from graspfx.loop.recording.by_name import PartsOnDemand, by_name
 from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.object_motion import ObjectMotion, described_pose
-from graspfx.loop.recording.row_store import BLOCK, MemoryRows, RowStore, joined
+from graspfx.loop.recording.row_store import BLOCK, MemoryRows, RowStore, gather
 
 if TYPE_CHECKING:
     from graspfx.loop.recording.two_parts import RowSplit
@@ -234,9 +234,9 @@ class History:
     @cached_property
     def external_displacement(self) -> FloatArray:
         """P' e of e = p - c, the rigid motion of the contacts in it, (N, n, d) [m]; as `external_force`."""
-        if not self.is_stored:
-            return self._row_split.external_displacements()
-        return joined([each._row_split.external_displacements() for each in self.parts()], self.layout)
+        self.require(*self.layout.sources_of("external_displacement"))
+        shape = len(self.layout.fingers), self.layout.dimensions
+        return gather(len(self), shape, (each._row_split.external_displacements() for each in self.parts()))
 
     @cached_property
     def internal_displacement(self) -> FloatArray:
@@ -262,10 +262,9 @@ class History:
         from graspfx.loop.recording.two_parts import work
 
         if self.header.every > 1:
-            raise RecordingError(
-                f"the work of each force is added up from every tick, and this recording has one row in "
-                f"{self.header.every}: set record.every = 1, or read device_energy, which the ticks add up"
-            )
+            text = "the work of each force is added up from every tick, and this recording has one row in"
+            more = "set record.every = 1, or read device_energy, which the ticks add up"
+            raise RecordingError(f"{text} {self.header.every}: {more}")
         tips = "true_position" if self.layout.simulated else "finger_position"
         self.require(tips, "device_energy")
         if not self.is_stored:
@@ -289,11 +288,13 @@ class History:
     def _external(self) -> tuple[FloatArray, FloatArray | None]:
         if not self.is_stored:
             return self._row_split.external_forces()
-        parts = [each._row_split.external_forces() for each in self.parts()]
-        moments = [moment for _, moment in parts if moment is not None]
-        return joined([force for force, _ in parts], self.layout), (
-            joined(moments, self.layout) if self.layout.moments else None
-        )
+        count, n = len(self), len(self.layout.fingers)
+        forces = (each._row_split.external_forces()[0] for each in self.parts())
+        moments = (each._row_split.external_forces()[1] for each in self.parts())
+        force = gather(count, (n, self.layout.dimensions), forces)
+        return force, gather(
+            count, (n, 3), (part for part in moments if part is not None)
+        ) if self.layout.moments else None
 
     @property
     def _row_split(self) -> RowSplit:
@@ -313,14 +314,13 @@ class History:
 
         Empty unless the scene asks for it (`coupling.passivity`). The names are those of `loop.recording.layout`.
         """
-        ledgers = {name: self._ledger(name) for name in self.layout.objects}
-        kind = "object with a ledger (coupling.passivity asks for one)"
-        return by_name(kind, {name: ledger for name, ledger in ledgers.items() if ledger})
+        ledgers = {name: ledger for name in self.layout.objects if (ledger := self._ledger(name))}
+        return by_name("object with a ledger (coupling.passivity asks for one)", ledgers)
 
     def _ledger(self, name: str) -> Mapping[str, FloatArray]:
         at = f"objects/{name}/energy/"
-        names = [column for column in self.layout.columns if column.startswith(at)]
-        return PartsOnDemand("energy", {column.removeprefix(at): column for column in names}, self.array)
+        names = {name.removeprefix(at): name for name in self.layout.columns if name.startswith(at)}
+        return PartsOnDemand("energy", names, self.array)
 
     def described_pose(self, name: str) -> tuple[FloatArray, FloatArray | None]:
         """Give the pose of the frame that the scene describes an object's shape in: position (N, d) [m], orientation.

@@ -87,7 +87,7 @@ class Layout:
         """Numbers per tick."""
         return sum(prod(column.shape) for column in self.columns.values())
 
-    @property
+    @cached_property
     def forces(self) -> tuple[Column, ...]:
         """Variables that follow from a row, and stand in a file beside its columns: the parts of forces and moments."""
         if not set(self.omitted).isdisjoint(self.sources_of("internal_force")):

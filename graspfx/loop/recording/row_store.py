@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.check import NUMBER, check_of, rows_sum
-from graspfx.loop.recording.layout import Layout
 
 FloatArray = NDArray[np.float64]
 
@@ -164,6 +163,10 @@ class PackedRows:
         return rows
 
 
-def joined(parts: Sequence[FloatArray], layout: Layout) -> FloatArray:
-    """Join what was computed part by part, (N, n, ...); of no part (0, n, d)."""
-    return np.concatenate(parts) if parts else np.empty((0, len(layout.fingers), layout.dimensions))
+def gather(count: int, shape: Sequence[int], parts: Iterable[NDArray[Any]]) -> FloatArray:
+    """Put arrays (r, ...), one behind the other, into one of `count` rows, which is all that stays in memory."""
+    values, first = np.empty((count, *shape)), 0
+    for part in parts:
+        values[first : first + len(part)] = part
+        first += len(part)
+    return values

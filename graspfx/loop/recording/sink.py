@@ -66,6 +66,7 @@ class FileSink:
         self._faults: list[RunFault] = []
         self._changes: list[KeyChange] = []
         self._failure: RecordingError | None = None
+        self._room = np.empty((0, self._journal.wide))  # for rows with what follows from them
 
     @hold_signals()
     def note(self, changes: Sequence[KeyChange]) -> None:
@@ -84,7 +85,10 @@ class FileSink:
         Raises:
             RecordingError: the disk takes no more, or the part was removed; the error says where the rows are.
         """
-        self._add(wide_rows(rows, self._layout, self._header, self._changes, self._journal.rows), faults)
+        if len(rows) > len(self._room):
+            self._room = np.empty((len(rows), self._journal.wide))
+        wide = wide_rows(rows, self._layout, self._header, self._changes, self._journal.rows, self._room)
+        self._add(wide, faults)
         self._faults += faults
         if not stands_at(self._journal.file, self._journal.path):
             self._rescue(Outcome(tuple(self._faults), None, False, changes=tuple(self._changes)))

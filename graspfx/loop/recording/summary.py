@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.recording.history import History
-from graspfx.loop.recording.tally import Ledger, Mean, Parts, Peaks, books_of, lengths
-from graspfx.loop.recording.tally_program import Measures
+from graspfx.loop.recording.tally import Ledger, books_of
+from graspfx.loop.recording.tally_program import (
+    DEPTHS,
+    DISTANCES,
+    LARGEST,
+    LAWS,
+    LENGTHS,
+    MOMENTS,
+    PLACES,
+    SHARES,
+    Measure,
+    Measures,
+)
+from graspfx.loop.recording.two_parts import RowSplit, force_places, splits_of, wide_width
 from graspfx.loop.recording.vibration import Vibration
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +52,7 @@ def summarise(recording: History, growth: Sequence[Mapping[str, Any]]) -> dict[s
         internal_force_vibration, external_force_vibration: as `force_vibration` [N]; all of these None for a recording
             of an earlier format, which does not say how its forces divide.
         internal_moment: moment sum e_i x f_i of the internal forces f at the fingertips, the largest over the largest
-            |f| r (`two_parts.RowSplit.moments`); None where the reaction is at the contacts or nothing turns.
+            |f| r (`tally_program.measure_moments`); None where the reaction is at the contacts or nothing turns.
         finger_vibration: RMS over fingers and ticks of what is above 5 Hz in a fingertip's position, true if known [m].
         object_vibration: RMS over objects and ticks of what is above 5 Hz in an object's position [m].
         port_energy: per finger, work done on the fingertip through its device in all [J].
@@ -84,153 +96,162 @@ class Tally:
 
     def __init__(self, recording: History) -> None:
         layout = recording.layout
-        self.recording, self.n = recording, len(layout.fingers)
-        self.groups = [
-            (name, [i for i, owner in enumerate(layout.finger_objects) if owner == k])
-            for k, name in enumerate(layout.objects)
-        ]
-        self.touching = [Mean() for _ in range(self.n)]
-        self.saturated = [Mean() for _ in range(self.n)]
-        self.deformation, self.depth, self.apart, self.error, self.associated = (Mean() for _ in range(5))
-        self.deepest, self.force, self.displayed = Peaks(2), Peaks(self.n), Peaks(self.n)
-        self.least_apart = np.inf
-        self.residual = Peaks(1)
-        self.parts = {name: Parts(Peaks(self.n), Mean()) for name in FORCES}
-        self.moments: dict[tuple[int, int], tuple[float, float]] = {}
+        self.recording, self.n, self.d = recording, len(layout.fingers), layout.dimensions
+        self.divided = bool(recording.header.split) and bool(layout.forces) and self.has("touching", "finger_force")
+        self.splits = splits_of(recording.header, recording.outcome.changes) if self.divided else []
+        self.places = force_places(layout) if self.divided else {}
+        self.turning = self.has("finger_position")
         self.ledgers = {name: Ledger() for name in layout.objects}
         self.energy: FloatArray | None = None
         self.shaking = Vibration(recording.row_period, len(recording))
-        self.signals: dict[str, slice] = {}
+        self.signals: dict[str, list[slice]] = {}
         self.measures = Measures(len(recording))
+        self._room = np.empty((0, 0))
+        self._choose_measures()
+        self._choose_signals()
+        self._whole = [*self.measures]
 
     def has(self, *columns: str) -> bool:
         """Tell whether the recording has all of these columns."""
         return all(column in self.recording.layout.columns for column in columns)
 
-    def add(self, part: History) -> None:
-        """Add a block of rows, in memory."""
-        layout, signals = part.layout, list[tuple[str, FloatArray]]()
-        touching = part.touching if self.has("touching") else np.zeros((len(part), self.n), dtype=bool)
-        if self.has("touching"):
-            for i in range(self.n):
-                self.touching[i].add(touching[:, i])
-        if self.has("saturated") and (saturated := part.saturated) is not None:
-            for i in range(self.n):
-                self.saturated[i].add(saturated[:, i])
-        rows = np.array(part.rows)  # which programs take only where they could write
-        if self.has("finger_position"):
-            self._add_places(part, rows)
+    def _at(self, column: str) -> int:
+        """Find the entry of a column in a row; -1 if it is not there."""
+        columns = self.recording.layout.columns
+        return columns[column].where.start if column in columns else -1
+
+    def _choose_measures(self) -> None:
+        add, layout, n, d = self.measures.add, self.recording.layout, self.n, self.d
+        position, contact, touching = (self._at(k) for k in ("finger_position", "contact_position", "touching"))
+        for name in ("touching", "saturated"):
+            if self.has(name):
+                add(name, Measure(SHARES, self._at(name), n))
+        for k, name in enumerate(layout.objects):
+            fingers = [i for i, owner in enumerate(layout.finger_objects) if owner == k]
+            if position >= 0 and fingers:
+                squeezed = self.has("contact_position", "touching")
+                add(f"places of {name}", Measure(
+                    PLACES, position, len(fingers), d, touching if squeezed else -1, contact if squeezed else -1,
+                    self._at(f"objects/{name}/position"), fingers,
+                ))  # fmt: skip
+            for kind, column in ((LAWS, "law"), (LARGEST, "residual")):
+                if self.has(f"objects/{name}/{column}"):
+                    add(f"{column} of {name}", Measure(kind, self._at(f"objects/{name}/{column}")))
+        if n == 2 and position >= 0:
+            add("apart", Measure(DISTANCES, position, n, d))
         if self.has("gap", "touching"):
-            depth = np.maximum(-part.read("gap", 0, len(part)), 0.0)[touching]
-            self.depth.add(depth)
-            self.deepest.add(1, depth)
-        if self.has("finger_force"):
-            self._add_forces(part, rows, touching, signals)
+            add("depth", Measure(DEPTHS, self._at("gap"), n, mask=touching))
+        for name in ("finger_force", "displayed_force"):
+            if self.has("finger_force", name):
+                add(name, Measure(LENGTHS, self._at(name), n, d))
+        if self.divided:
+            for name in FORCES:
+                add(name, Measure(LENGTHS, self.places[name].start, n, d, touching))
+
+    def _choose_signals(self) -> None:
+        layout = self.recording.layout
         tips = "true_position" if layout.simulated else "finger_position"
+        columns = layout.columns
+        if self.has("finger_force"):
+            self.signals["force_vibration"] = [columns["finger_force"].where]
+        if self.divided:
+            self.signals |= {f"{name}_vibration": [self.places[name]] for name in FORCES}
         if self.has(tips):
-            signals.append(("finger_vibration", part.array(tips)))
+            self.signals["finger_vibration"] = [columns[tips].where]
         places = [f"objects/{name}/position" for name in layout.objects]
         if self.has(*places):
-            signals.append(("object_vibration", np.stack([part.array(place) for place in places], axis=1)))
+            self.signals["object_vibration"] = [columns[place].where for place in places]
+
+    def add(self, part: History) -> None:
+        """Add a block of rows, in memory."""
+        count, layout = len(part), part.layout
+        if not count:
+            return
+        width = wide_width(layout, part.header) if self.divided else layout.width
+        if len(self._room) < count:
+            self._room = np.empty((count, width))
+        rows = self._room[:count]  # which programs may write, unlike those of a recording
+        pieces = dict.fromkeys(self._whole, slice(0, count))
+        if self.divided:
+            split = RowSplit(part.rows, layout, self.splits, part.start)
+            split.widened(rows)
+            pieces |= self._moments(split)
+        else:
+            rows[:] = part.rows
+        self.measures.take(rows, pieces)
         for name in layout.objects:
-            at = f"objects/{name}/"
-            if self.has(at + "law"):
-                self.associated.add(part.array(at + "law") == 1.0)
-            if self.has(at + "residual"):
-                self.residual.add(0, part.array(at + "residual"))
-            books = [column for column in layout.columns if column.startswith(at + "energy/")]
+            at = f"objects/{name}/energy/"
+            books = [column for column in layout.columns if column.startswith(at)]
             self.ledgers[name].add((each.rpartition("/")[2], part.array(each)) for each in books)
-        if self.has("device_energy") and len(part):
-            self.energy = part.array("device_energy")[-1].copy()
-        self._add_signals(signals)
+        if self.has("device_energy"):
+            self.energy = rows[-1, layout.columns["device_energy"].where].copy()
+        if self.signals:
+            self.shaking.add(rows, [where for each in self.signals.values() for where in each])
 
-    def _add_places(self, part: History, rows: FloatArray) -> None:
-        p, at, d = part.finger_position, part.layout.columns, part.layout.dimensions
-        squeezes = self.has("contact_position", "touching")
-        touching, contact = (at[k].where.start if squeezes else -1 for k in ("touching", "contact_position"))
-        for name, fingers in self.groups:
-            place = f"objects/{name}/position"
-            centre = at[place].where.start if fingers and self.has(place) else -1
-            start = at["finger_position"].where.start
-            peak, total, count, squares = self.measures.places(rows, fingers, d, start, touching, contact, centre)
-            self.deformation.add_sum(total, count)
-            self.deepest.add_peak(0, peak)
-            if centre >= 0:
-                self.error.add_squares(squares, len(part))
-        if self.n == 2:
-            apart = lengths(p[:, 1] - p[:, 0])
-            self.apart.add(apart)
-            self.least_apart = min(self.least_apart, float(apart.min(initial=np.inf)))
+    def _moments(self, split: RowSplit) -> dict[str, slice]:
+        """List the rows of which the moments of internal forces are measured, adding those measures that are not there.
 
-    def _add_forces(
-        self, part: History, rows: FloatArray, touching: NDArray[np.bool_], signals: list[tuple[str, FloatArray]]
-    ) -> None:  # fmt: skip
-        force, at = part.finger_force, part.layout.columns
-        displayed = "displayed_force" if self.has("displayed_force") else "finger_force"
-        for peaks, name in ((self.force, "finger_force"), (self.displayed, displayed)):
-            largest, _, _ = self.measures.lengths(rows, at[name].where.start, self.n, part.layout.dimensions)
-            for i in range(self.n):
-                peaks.add_peak(i, largest[i])
-        signals.append(("force_vibration", force))
-        if not part.header.split or not part.layout.forces or not self.has("touching"):
-            return
-        both = {"internal_force": part.internal_force, "external_force": part.external_force}
-        for name, values in both.items():
-            self.parts[name].add(self.measures, values, touching)
-            signals.append((f"{name}_vibration", values))
-        if self.has("finger_position"):
-            for key, moment, whole in part._row_split.moments(both["internal_force"]):
-                before = self.moments.get(key, (0.0, 0.0))
-                self.moments[key] = max(before[0], moment), max(before[1], whole)
-
-    def _add_signals(self, signals: list[tuple[str, FloatArray]]) -> None:
-        if not signals or not self.shaking.is_long:
-            return
-        if not self.signals:
-            start = 0
-            for name, values in signals:
-                width = int(np.prod(values.shape[1:]))
-                self.signals[name] = slice(start, start + width)
-                start += width
-        self.shaking.add(np.concatenate([values.reshape(len(values), -1) for _, values in signals], axis=1))
+        The fingers act on the object at their tips, so that internal forces, which have no moment about the contact
+        points, turn it by that moment; not where the reaction is at the contact points, nor where nothing turns.
+        """
+        pieces = {}
+        for rows, rule, fingers, key in split.grasps():
+            if not self.turning or rule.reaction == "contact" or not any(rule.rotations):
+                continue
+            name = f"moments of {key}"
+            if name not in self.measures:
+                at, contact = self._at("finger_position"), self._at("contact_position")
+                some = [*map(float, fingers), *map(float, rule.rotations)]
+                force = self.places["internal_force"].start
+                self.measures.add(name, Measure(MOMENTS, at, len(fingers), self.d, -1, contact, force, some))
+            pieces[name] = rows
+        return pieces
 
     def result(self, growth: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """Give the summary."""
         recording, n = self.recording, self.n
         outcome, ticks, wall_time = recording.outcome, recording.ticks, recording.wall_time
         timed = wall_time is not None and wall_time > 0.0 and ticks > 0
-        touching = self.has("touching")
-        divided = bool(recording.header.split) and bool(recording.layout.forces) and touching
+        energy, names = self.energy, recording.layout.objects
+        squeeze = self._over_objects("places of {}")
         deformed = self.has("finger_position", "contact_position", "touching")
-        deep, energy = self.has("gap", "touching"), self.energy
-        friction = any(self.has(f"objects/{name}/law") for name in recording.layout.objects)
-        residual = any(self.has(f"objects/{name}/residual") for name in recording.layout.objects)
+        depth = self.measures.get("depth")
+        apart = self.measures.get("apart", [0.0] * 3)
+        lawful = [name for name in names if f"law of {name}" in self.measures]
+        residuals = self._over_objects("residual of {}")
+        displayed = "displayed_force" if "displayed_force" in self.measures else "finger_force"
+        centred = sum(1 for name in names if f"places of {name}" in self.measures and self._is_placed(name))
         return {
             "ticks": ticks,
             "period": float(recording.period),
             "duration": float(ticks * recording.period),
-            "touching": [each.mean for each in self.touching] if touching else None,
-            "internal_deformation_mean": self.deformation.mean or 0.0 if deformed else None,
-            "internal_deformation_peak": self.deepest.values[0] or 0.0 if deformed else None,
-            "invasion_mean": self.depth.mean or 0.0 if deep else None,
-            "invasion_peak": self.deepest.values[1] or 0.0 if deep else None,
-            "finger_distance_mean": self.apart.mean,
-            "finger_distance_least": float(self.least_apart) if self.apart.count else None,
-            "tracking_error": self.error.rms,
-            "peak_force": self.force.values if self.has("finger_force") else None,
-            "peak_displayed_force": self.displayed.values if self.has("finger_force") else None,
-            "saturated": [each.mean for each in self.saturated] if self.has("saturated") else None,
+            "touching": self._shares("touching"),
+            "internal_deformation_mean": _mean(sum(each[1] for each in squeeze), sum(each[2] for each in squeeze))
+            or 0.0
+            if deformed
+            else None,
+            "internal_deformation_peak": _peak(each[0] for each in squeeze) or 0.0 if deformed else None,
+            "invasion_mean": None if depth is None else _mean(depth[2], depth[1]) or 0.0,
+            "invasion_peak": None if depth is None else _peak(depth[:1]) or 0.0,
+            "finger_distance_mean": _mean(apart[2], apart[1]),
+            "finger_distance_least": -apart[0] if apart[1] else None,
+            "tracking_error": _rms(sum(each[3] for each in squeeze), len(recording) * centred),
+            "peak_force": self._peaks("finger_force"),
+            "peak_displayed_force": self._peaks(displayed),
+            "saturated": self._shares("saturated"),
             "force_vibration": self._vibration("force_vibration"),
-            **self._two_forces("internal_force", divided=divided),
-            **self._two_forces("external_force", divided=divided),
-            "internal_moment": self._moment() if divided else None,
+            **self._two_forces("internal_force"),
+            **self._two_forces("external_force"),
+            "internal_moment": self._moment(),
             "finger_vibration": self._vibration("finger_vibration"),
             "object_vibration": self._vibration("object_vibration"),
             "port_energy": [None if energy is None else float(energy[i]) for i in range(n)],
             "fade_shortfall": outcome.fade_shortfall or None,
             "blended": outcome.blended / ticks if outcome.blended and ticks else None,
-            "associated": self.associated.mean if friction else None,
-            "friction_residual": self.residual.values[0] if residual else None,
+            "associated": _mean(
+                sum(self.measures[f"law of {name}"][0] for name in lawful), len(recording) * len(lawful)
+            ),
+            "friction_residual": _peak(each[0] for each in residuals),
             **dict(books_of(list(self.ledgers.values()))),
             "growth": [dict(each) for each in growth],
             "wall_time": wall_time,
@@ -242,13 +263,25 @@ class Tally:
             "recorded": self._recorded(),
         }
 
-    def _two_forces(self, name: str, *, divided: bool) -> dict[str, Any]:
-        if not divided:
-            return dict.fromkeys((f"{name}_peak", f"{name}_mean", f"{name}_vibration"))
-        parts = self.parts[name]
+    def _over_objects(self, name: str) -> list[list[float]]:
+        """List the results of a measure that each object has."""
+        names = [name.format(each) for each in self.recording.layout.objects]
+        return [self.measures[each] for each in names if each in self.measures]
+
+    def _is_placed(self, name: str) -> bool:
+        return self.has(f"objects/{name}/position")
+
+    def _shares(self, name: str) -> list[float | None] | None:
+        return [_mean(each, len(self.recording)) for each in self.measures[name]] if name in self.measures else None
+
+    def _peaks(self, name: str) -> list[float | None] | None:
+        return [_peak([each]) for each in self.measures[name][: self.n]] if name in self.measures else None
+
+    def _two_forces(self, name: str) -> dict[str, Any]:
+        results = self.measures[name] if self.divided else [0.0, 0.0]
         return {
-            f"{name}_peak": parts.peaks.values,
-            f"{name}_mean": parts.mean.mean,
+            f"{name}_peak": self._peaks(name),
+            f"{name}_mean": _mean(results[-2], results[-1]),
             f"{name}_vibration": self._vibration(f"{name}_vibration"),
         }
 
@@ -256,9 +289,13 @@ class Tally:
         squares = self.mean_squares
         if squares is None or name not in self.signals:
             return None
-        where = self.signals[name]
-        d = self.recording.layout.dimensions
-        return float(np.sqrt(squares[where].sum() / ((where.stop - where.start) // d)))
+        start = 0
+        for each, places in self.signals.items():
+            width = sum(where.stop - where.start for where in places)
+            if each == name:
+                return float(np.sqrt(squares[start : start + width].sum() / (width // self.d)))
+            start += width
+        return None
 
     @property
     def mean_squares(self) -> FloatArray | None:
@@ -266,8 +303,8 @@ class Tally:
         return self.shaking.mean_squares()
 
     def _moment(self) -> float | None:
-        shares = [moment / whole for moment, whole in self.moments.values() if whole > 0.0]
-        return max(shares, default=None)
+        both = [self.measures[name] for name in self.measures if name.startswith("moments of ")]
+        return max((moment / whole for moment, whole in both if whole > 0.0), default=None)
 
     def _recorded(self) -> str | None:
         layout, every = self.recording.layout, self.recording.header.every
@@ -275,3 +312,17 @@ class Tally:
         if layout.omitted:
             texts.append(f"not recorded, nor what follows from it: {', '.join(layout.omitted)}")
         return "; ".join(texts) or None
+
+
+def _mean(total: float, count: float) -> float | None:
+    return total / count if count else None
+
+
+def _rms(squares: float, count: float) -> float | None:
+    return float(np.sqrt(squares / count)) if count else None
+
+
+def _peak(values: Iterable[float]) -> float | None:
+    """Find the largest of some peaks; those below zero are of nothing."""
+    peaks = [value for value in values if not value < 0.0]
+    return float(np.max(peaks)) if peaks else None

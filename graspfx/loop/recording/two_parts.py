@@ -13,22 +13,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.coupling.two_forces import Samples, SplitRule, external_part, moment_of, torsion_over_patch
+from graspfx.coupling.two_forces import (
+    Samples,
+    SplitRule,
+    divide_in_rows,
+    external_part,
+    moment_of,
+    torsion_over_patch,
+)
 from graspfx.errors import RecordingError
 from graspfx.loop.recording.header import SPLIT, Header, KeyChange, RunFault
 from graspfx.loop.recording.layout import Layout
+from graspfx.loop.recording.row_store import BLOCK
 
 FloatArray = NDArray[np.float64]
 Split = Mapping[str, Mapping[str, Any]]  # of each object, its `SplitRule` as a table
 
 
 class GraspRows(NamedTuple):
-    """Rows in which a grasp's rule is the same: the rows, the rule, the numbers of its fingers, and its contacts."""
+    """Rows in which a grasp's rule is the same: the rows, the rule, and the numbers of its fingers."""
 
     rows: slice
     rule: SplitRule
     fingers: list[int]
-    samples: Samples
     key: tuple[int, int]  # numbers of the object and of the rule, of those in the run
 
 
@@ -62,32 +69,92 @@ class RowSplit:
         whole = self.column("finger_force") if force is None else force
         external = np.zeros(whole.shape)
         moment = np.zeros((*whole.shape[:2], 3)) if self.layout.moments else None
-        for rows, rule, fingers, samples, _ in self.grasps():
-            if moment is None or not rule.soft:
-                external[rows, fingers], _ = external_part(rule, samples, whole[rows, fingers])
-                continue
-            axis = self.column("torsion_axis" if self.layout.torsion_axes else "contact_normal")[rows, fingers]
-            torsion = torsion_over_patch(rule, self.column("finger_moment")[rows, fingers], axis)
-            external[rows, fingers], part = external_part(rule, samples, whole[rows, fingers], torsion)
-            moment[rows, fingers] = moment_of(rule, part, axis)
+        if force is not None:
+            for grasp in self.grasps():
+                self._divide(grasp, whole, external, moment)
+            return external, moment
+        places = force_places(self.layout)
+        for part in self._parts():
+            wide, rows = part.widened(), slice(part.start - self.start, part.start - self.start + len(part.rows))
+            external[rows] = wide[:, places["external_force"]].reshape(-1, *external.shape[1:])
+            if moment is not None:
+                moment[rows] = wide[:, places["external_moment"]].reshape(-1, *moment.shape[1:])
         return external, moment
+
+    def _parts(self) -> Iterator[RowSplit]:
+        """Give the rows in blocks of about 1 MB."""
+        step = max(1, BLOCK // (8 * max(self.layout.width, 1)))
+        for first in range(0, len(self.rows), step):
+            yield RowSplit(self.rows[first : first + step], self.layout, self.splits, self.start + first)
+
+    def _divide(
+        self, grasp: GraspRows, whole: FloatArray, external: FloatArray, moment: FloatArray | None
+    ) -> None:  # fmt: skip
+        """Write a grasp's P f, and the moments with it, into arrays."""
+        rows, rule, fingers, _ = grasp
+        samples = self.samples(grasp)
+        if moment is None or not rule.soft:
+            external[rows, fingers], _ = external_part(rule, samples, whole[rows, fingers])
+            return
+        axis = self.column("torsion_axis" if self.layout.torsion_axes else "contact_normal")[rows, fingers]
+        torsion = torsion_over_patch(rule, self.column("finger_moment")[rows, fingers], axis)
+        external[rows, fingers], part = external_part(rule, samples, whole[rows, fingers], torsion)
+        moment[rows, fingers] = moment_of(rule, part, axis)
+
+    def widened(self, room: FloatArray | None = None) -> FloatArray:
+        """Write behind the rows the forces that follow from them, `Layout.forces`, (r, `wide_width`).
+
+        Args:
+            room: for as many rows and more, or None for an array of its own.
+        """
+        layout, places = self.layout, force_places(self.layout)
+        count = len(self.rows)
+        width = layout.width + sum(prod(each.shape) for each in layout.forces)
+        wide = np.empty((count, width)) if room is None else room[:count]
+        wide[:, : layout.width] = self.rows
+        external, internal = (places[name].start for name in ("external_force", "internal_force"))
+        if layout.moments:
+            self._widen_soft(wide, places)
+            return wide
+        for rows, rule, fingers, key in self.grasps():
+            at = {name: layout.columns[name].where.start for name in ("contact_position", "finger_force")}
+            more = {"centre": layout.columns[self._place_of(key[0])].where.start} if rule.is_local else {}
+            if rule.fade is not None:
+                more["gap"] = layout.columns["gap"].where.start
+            divide_in_rows(
+                rule, fingers, wide[rows], contact=at["contact_position"], whole=at["finger_force"],
+                external=external, internal=internal, **more,
+            )  # fmt: skip
+        return wide
+
+    def _widen_soft(self, wide: FloatArray, places: Mapping[str, slice]) -> None:
+        """Write the forces behind rows in which some finger exerts a moment."""
+        force, moment = self.column("finger_force"), self.column("finger_moment")
+        external, turning = np.zeros(force.shape), np.zeros(moment.shape)
+        for grasp in self.grasps():
+            self._divide(grasp, force, external, turning)
+        parts = {"internal_force": force - external, "external_force": external,
+                 "internal_moment": moment - turning, "external_moment": turning}  # fmt: skip
+        for name, values in parts.items():
+            wide[:, places[name]] = values.reshape(len(wide), -1)
 
     def external_displacements(self) -> FloatArray:
         """Compute P' e of e = p - c, (r, n, d) [m]."""
         e = self.column("finger_position") - self.column("contact_position")
         external = np.zeros(e.shape)
-        for rows, rule, fingers, samples, _ in self.grasps():
+        for grasp in self.grasps():
+            rows, rule, fingers, _ = grasp
             torsion = self.column("torsion_displacement")[rows, fingers] if rule.soft else None
+            samples = self.samples(grasp)
             external[rows, fingers], _ = external_part(rule, samples, e[rows, fingers], torsion, dual=True)
         return external
 
     def forces(self) -> dict[str, FloatArray]:
         """Compute the variables that a file has of the two forces, by the names in `Layout.forces`."""
-        external, moment = self.external_forces()
-        variables = {"internal_force": self.column("finger_force") - external, "external_force": external}
-        if moment is not None:
-            variables |= {"internal_moment": self.column("finger_moment") - moment, "external_moment": moment}
-        return variables
+        wide, places = self.widened(), force_places(self.layout)
+        return {
+            column.name: wide[:, places[column.name]].reshape(len(wide), *column.shape) for column in self.layout.forces
+        }
 
     def derived(self, names: Collection[str]) -> dict[str, FloatArray]:
         """Compute variables that follow from the rows, by their names in `Layout.derived`."""
@@ -101,30 +168,6 @@ class RowSplit:
             internal = self.column("finger_position") - self.column("contact_position") - external
             variables |= {"internal_displacement": internal, "external_displacement": external}
         return variables
-
-    def moments(self, internal: FloatArray) -> Iterator[tuple[tuple[int, int], float, float]]:
-        """Compute the peaks of |sum e_i x f_i| and of |f| r, f the internal forces, of each object and rule.
-
-        The fingers act on the object at their tips, so that internal forces, which have no moment about the contact
-        points, turn it by that moment. It is taken along free rotations; |f|^2 = sum |f_i|^2, and r^2 is the mean
-        square of the contacts' distances from their centroid.
-
-        Args:
-            internal: (r, n, d) [N].
-
-        Yields:
-            The numbers of object and rule, and the peaks [N m]; none where the reaction is at the contact points, and
-            where nothing turns.
-        """
-        e = self.column("finger_position") - self.column("contact_position")
-        for rows, rule, fingers, samples, key in self.grasps():
-            if rule.reaction == "contact" or not any(rule.rotations):
-                continue
-            f = internal[rows, fingers]
-            moment = np.cross(_in_space(e[rows, fingers]), _in_space(f)).sum(axis=1)[:, np.array(rule.rotations)]
-            arm = samples.contact - samples.contact.mean(axis=1, keepdims=True)
-            whole = np.sqrt((f**2).sum(axis=(1, 2)) * (arm**2).sum(axis=(1, 2)) / len(fingers))
-            yield key, float(np.sqrt((moment**2).sum(axis=1).max(initial=0.0))), float(whole.max(initial=0.0))
 
     def grasps(self) -> Iterator[GraspRows]:
         """List the grasps, each with the rows in which its rule is the same."""
@@ -141,14 +184,21 @@ class RowSplit:
             fingers = [i for i, number in enumerate(self.layout.finger_objects) if number == k]
             if not fingers:
                 continue
-            rule = _rule_of(split, name)
-            contact = self.column("contact_position")[rows, fingers]
-            if rule.is_local:
-                place = "centre" if k in self.layout.predicted else "position"
-                contact = contact - self.column(f"objects/{name}/{place}")[rows, None]
-            gap = None if rule.fade is None else self.column("gap")[rows, fingers]
-            normal = self.column("contact_normal")[rows, fingers] if rule.soft else None
-            yield GraspRows(rows, rule, fingers, Samples(contact, gap, normal), (k, number))
+            yield GraspRows(rows, _rule_of(split, name), fingers, (k, number))
+
+    def samples(self, grasp: GraspRows) -> Samples:
+        """Give the contacts of a grasp in its rows."""
+        rows, rule, fingers, key = grasp
+        contact = self.column("contact_position")[rows, fingers]
+        if rule.is_local:
+            contact = contact - self.column(self._place_of(key[0]))[rows, None]
+        gap = None if rule.fade is None else self.column("gap")[rows, fingers]
+        normal = self.column("contact_normal")[rows, fingers] if rule.soft else None
+        return Samples(contact, gap, normal)
+
+    def _place_of(self, k: int) -> str:
+        """Name the column of an object's place that its split needs."""
+        return f"objects/{self.layout.objects[k]}/{'centre' if k in self.layout.predicted else 'position'}"
 
 
 def _rule_of(split: Split, name: str) -> SplitRule:
@@ -191,18 +241,36 @@ def wide_width(layout: Layout, header: Header) -> int:
 
 
 def wide_rows(
-    rows: FloatArray, layout: Layout, header: Header, changes: Sequence[KeyChange], start: int
-) -> FloatArray:  # fmt: skip
-    """Write behind rows (r, width) of a recording, of which `start` is the first, the forces that follow from them."""
-    wide = np.empty((len(rows), wide_width(layout, header)))
+    rows: FloatArray,
+    layout: Layout,
+    header: Header,
+    changes: Sequence[KeyChange],
+    start: int,
+    room: FloatArray | None = None,
+) -> FloatArray:
+    """Write behind rows (r, width) of a recording, of which `start` is the first, the forces that follow from them.
+
+    Args:
+        rows: (r, width).
+        layout, header: of the recording.
+        changes: of keys so far.
+        start: number of the first row.
+        room: for as many wide rows and more, or None for an array of its own.
+    """
+    if header.split and layout.forces and len(rows):
+        return RowSplit(rows, layout, splits_of(header, changes), start).widened(room)
+    wide = np.empty((len(rows), wide_width(layout, header))) if room is None else room[: len(rows)]
     wide[:, : layout.width] = rows
-    if wide.shape[1] > layout.width and len(rows):
-        parts, place = RowSplit(rows, layout, splits_of(header, changes), start).forces(), layout.width
-        for column in layout.forces:
-            size = prod(column.shape)
-            wide[:, place : place + size] = parts[column.name].reshape(len(rows), size)
-            place += size
     return wide
+
+
+def force_places(layout: Layout) -> dict[str, slice]:
+    """List where the forces that follow from a row stand behind it, by their names in `Layout.forces`."""
+    places, start = {}, layout.width
+    for column in layout.forces:
+        places[column.name] = slice(start, start + prod(column.shape))
+        start += prod(column.shape)
+    return places
 
 
 def work(
@@ -236,8 +304,3 @@ def work(
             steps[k, device_energy[k] == device_energy[k - 1]] = 0.0
         steps[max(k + 1, 1 if start is not None else 0) :] = 0.0
     return np.cumsum(steps, axis=0)
-
-
-def _in_space(vectors: FloatArray) -> FloatArray:
-    """Give vectors (..., d) in space."""
-    return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 3 - vectors.shape[-1]))], axis=-1)

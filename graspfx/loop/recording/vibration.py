@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, pi, sin
 
 import numpy as np
@@ -43,18 +44,27 @@ class Vibration:
             slow = 2.0 * sin(pi * above * period)
             self._q, self._reach = slow**-8, ceil(REACH / slow)
 
-    def add(self, x: FloatArray) -> None:
-        """Add samples (r, k) of k signals."""
+    def add(self, x: FloatArray, places: Sequence[slice] = (slice(None),)) -> None:
+        """Add samples of k signals.
+
+        Args:
+            x: (r, w).
+            places: of the signals in a row.
+        """
         if not self.is_long:
             return
         if self._group > 1:
-            x = self._grouped(x)
+            x, places = self._grouped(np.concatenate([x[:, place] for place in places], axis=1)), (slice(None),)
         if self._buffer is None:
             size = min(self._count, 2 * self._reach + max(CORE, 6 * self._reach))
-            self._buffer = np.empty((size, x.shape[1]))
+            self._buffer = np.empty((size, sum(x[:1, place].size for place in places)))
         while len(x):
             part = x[: len(self._buffer) - self._used]
-            self._buffer[self._used : self._used + len(part)] = part
+            start = 0
+            for place in places:
+                values = part[:, place]
+                self._buffer[self._used : self._used + len(part), start : start + values.shape[1]] = values
+                start += values.shape[1]
             self._used += len(part)
             self._seen += len(part)
             x = x[len(part) :]

@@ -143,6 +143,7 @@ def engine_for(kind: str, tick: Tick) -> Engine:
         KernelError: a kernel of others with a fault.
     """
     kernels = foreign_kernels(tick.script.kernels)
+    if not kernels:
+        return ENGINES[kind](tick)
     functions = check(kernels.values())
-    engine = ENGINES[kind](tick)
-    return FirstTicks(engine, CheckedScript(tick, kernels, functions)) if kernels else engine
+    return FirstTicks(ENGINES[kind](tick), CheckedScript(tick, kernels, functions))

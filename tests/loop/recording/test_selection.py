@@ -116,3 +116,26 @@ def test_cutting_keeps_the_ticks_that_are_multiples() -> None:
     cut = np.concatenate([selection.cut(values[a:b], a) for a, b in ((0, 3), (3, 21), (21, 50))])
     assert cut.shape == (8, narrow.width)
     assert np.array_equal(cut, values[::7][:, selection.numbers])
+
+
+@pytest.mark.parametrize(
+    ("columns", "panels"),
+    [
+        (["finger_force"], 1),
+        (["finger_position"], 1),
+        (["device_energy"], 1),
+        (["internal_force", "touching", "finger_position"], 3),
+    ],
+)
+def test_a_figure_leaves_out_what_is_not_recorded_and_says_so(columns: list[str], panels: int) -> None:
+    pytest.importorskip("matplotlib")
+    from graspfx.show.plot import LEFT_OUT, sheet
+
+    rec = gx.run("paper-waving", {"record": columns}, duration=0.5)
+    drawing = sheet([rec])
+    assert len(drawing.panels) == panels
+    words = [text.get_text() for text in drawing.arrange().findobj() if hasattr(text, "get_text")]
+    assert any(LEFT_OUT in word for word in words)
+    assert ("not recorded" in words) is (columns == ["device_energy"])
+    whole = sheet([gx.run("paper-waving", duration=0.5)]).arrange()
+    assert not any(LEFT_OUT in text.get_text() for text in whole.findobj() if hasattr(text, "get_text"))

@@ -88,7 +88,8 @@ class GraspView:
         return self._read("true_position" if is_true else "finger_position", first, stop)
 
     def _read(self, column: str, first: int, stop: int) -> FloatArray:
-        return self.recording.read(column, first, stop)[:, self.fingers]
+        values = self.recording.read(column, first, stop)
+        return values if len(self.fingers) == values.shape[1] else values[:, self.fingers]  # all, as they stand
 
 
 def grasps(recording: History) -> Iterator[GraspView]:
