@@ -66,6 +66,19 @@ def test_two_devices_in_one_process_know_nothing_of_one_another(wire: ForceDimen
         two.read()
 
 
+def test_a_second_device_that_does_not_open_leaves_the_first_alone(wire: ForceDimensionWire) -> None:
+    for k in range(1, 4):
+        wire.devices[k].owner = os.getpid()  # somebody has the others
+    with connect(wire, serial=None) as one, connect(wire, serial=None) as two:
+        one.open(PERIOD)
+        one.write(np.ones((1, 3)))
+        with pytest.raises(DeviceError, match="dhdOpen"):
+            two.open(PERIOD)
+        one.read()
+        assert wire.torque.tolist() == [1.0, 1.0, 1.0]
+    assert not wire.torque.any()
+
+
 def test_no_new_data_is_the_last_sample_and_no_error(wire: ForceDimensionWire) -> None:
     with connect(wire) as device:
         device.open(PERIOD)

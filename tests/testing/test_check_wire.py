@@ -237,6 +237,21 @@ def test_a_promise_that_is_broken_on_the_wire_is_named(kind: type[Delta], promis
         wire.devices[0].owner = 0
 
 
+class UnknownMechanism(DiyWire):
+    """A board whose emulator knows torques alone."""
+
+    position = force = None  # type: ignore[assignment]
+
+
+def test_what_an_emulator_without_a_mechanism_cannot_show_is_listed() -> None:
+    with UnknownMechanism() as wire:
+        report = check_device(driver("haply-2diy").connect(**wire.settings, timeout=0.02), wire=wire, period=0.002)
+    unseen = [each.promise for each in report.not_visible]
+    assert SEEN_ON_WIRES[1] in unseen and SEEN_ON_WIRES[3] in unseen
+    assert "a force is on the wire, and half of it for half the force" in report.checks
+    assert "a moving finger is seen" in report.checks
+
+
 class CutFrames(Haply2Diy):
     """Writes a frame in two pieces, of which the second never comes: the board waits with its torques on."""
 
