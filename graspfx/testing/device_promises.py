@@ -41,8 +41,8 @@ ROUNDING = 1e-9  # [m], and relative
 
 def check_device(
     device: Device | Callable[[], Device],
-    *,
     wire: Wire | None = None,
+    *,
     period: float = 0.005,
     force: float = 0.1,
     start: ArrayLike | None = None,

@@ -176,6 +176,21 @@ def test_a_cut_frame_blocks_the_board_with_its_torques_on_and_quench_takes_them_
         assert not wire.torque.any()
 
 
+def test_a_blocked_board_keeps_its_torques_for_a_second_and_then_begins_afresh() -> None:
+    with DiyWire() as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.write(np.array([[0.3, 0.2]]))
+        device.read()
+        torque, began = wire.torque, time.monotonic()
+        device.port.send(torque_frame(5, 0.0, 0.0)[:7])
+        while time.monotonic() - began < 0.9:
+            assert np.array_equal(wire.torque, torque)
+            time.sleep(0.05)
+        time.sleep(0.3)
+        before = device._time
+        assert device.read()[2] > before and np.array_equal(wire.torque, torque)
+
+
 def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
     with DiyWire() as wire, connect(wire) as device:
         device.open(PERIOD)

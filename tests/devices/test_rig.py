@@ -244,6 +244,44 @@ def test_flipped_bits_hold_the_last_sample_and_never_move_the_finger() -> None:
 
 
 @needs_compiler
+def test_a_command_that_is_cut_at_any_byte_does_not_act_and_the_next_question_is_answered() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire, timeout=0.0025) as device:
+        device.open(PERIOD)
+        line = device.controller.port
+        frame = run_frame(1, (0.01, -0.02, 0.03, 0.04))
+        for cut in range(1, len(frame) - 1):
+            line.send(frame[:cut] + b"\0")
+            read_often(device, 1)
+            assert device._silent <= 1 and not wire.torque.any()
+            line.send(short_frame(Kind.HELLO))  # damaged frames are counted, and ten in a row are a fault of a run
+            line.send(short_frame(Kind.ARM))
+            line.flush()
+        line.send(frame)
+        time.sleep(0.02)
+        assert wire.torque.tolist() == pytest.approx([0.01, -0.02, 0.03, 0.04])
+
+
+@needs_compiler
+@pytest.mark.stress
+def test_a_minute_of_flipped_bits_moves_no_finger_and_no_torque() -> None:
+    """One frame in ten has a changed bit, in both directions: a sample stands, a torque stands, nothing jumps."""
+    with RigWire(slowness=SLOW) as wire, connect(wire, timeout=0.0025) as device:
+        device.open(PERIOD)
+        place, held, ticks = device.read()[0].copy(), 0, 0
+        wire.fail("flip", 0.1)
+        began = time.monotonic()
+        while time.monotonic() - began < 60.0:
+            device.ask()
+            position, velocity, _ = device.read()
+            held, ticks = held + (device._silent > 0), ticks + 1
+            assert np.abs(position - place).max() < 1e-3 and np.abs(velocity).max() < 0.5
+            device.write(np.full((2, 2), 0.05))
+            assert np.abs(wire.force).max() < 0.06
+            time.sleep(0.0005)
+        assert held > 0.01 * ticks and wire.page.bad > 0.01 * ticks
+
+
+@needs_compiler
 def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
     with RigWire(slowness=SLOW) as wire, connect(wire) as device:
         device.open(PERIOD)
