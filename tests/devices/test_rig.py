@@ -150,6 +150,18 @@ def test_a_fault_of_the_controller_is_told_in_words(health: int) -> None:
 
 
 @needs_compiler
+def test_a_joint_that_turns_too_fast_switches_the_motors_off() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.write(np.full((2, 2), 0.2))
+        wire.page.rest[0] += 2.0  # a hand that jerks: 40 N m/rad on 2.5e-3 kg m^2
+        time.sleep(0.1)
+        assert not wire.torque.any() and not wire.page.enabled
+        with pytest.raises(DeviceError, match="overspeed"):
+            device.read()
+
+
+@needs_compiler
 def test_the_watchdog_of_the_controller_lets_go_when_the_program_says_nothing_more() -> None:
     """Torques stand for 5 ms, then decay within 20 ms; a RUN after that does nothing, and HELLO begins anew."""
     with RigWire(slowness=80.0) as wire, connect(wire) as device:
