@@ -8,7 +8,7 @@ extern "C" {
 }
 #include "QuadEncoder.h"
 
-static const int DUTY[RIG_AXES] = {28, 29, 36, 37}, ENABLE = 6, STOP = 9, CURRENT_FAULT = 10;
+static const int DUTY[RIG_AXES] = {28, 29, 36, 37}, ENABLE = 6, ALIVE = 12, STOP = 9, CURRENT_FAULT = 10;
 static const float MICRO_NM_PER_A = 23000.0f, FULL_A = 3.0f;  // torque constant, and current at a duty of 0.9
 
 static QuadEncoder encoder[RIG_AXES] = {
@@ -56,6 +56,7 @@ static int health() {  // both lines are pulled up: a cable that is off reads as
 void setup() {
     pinMode(ENABLE, OUTPUT);
     digitalWrite(ENABLE, LOW);
+    pinMode(ALIVE, OUTPUT);
     pinMode(STOP, INPUT_PULLUP);
     pinMode(CURRENT_FAULT, INPUT_PULLUP);
     analogWriteResolution(12);
@@ -74,4 +75,5 @@ void loop() {
         rig_byte(&controller, (uint8_t)Serial.read(), micros());
     look();
     rig_tick(&controller, micros());
+    digitalToggle(ALIVE);  // a charge pump on this pin holds the drivers' enable: a controller that hangs lets go
 }
