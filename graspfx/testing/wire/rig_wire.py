@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import mmap
 import subprocess
 import time
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -58,16 +60,11 @@ class Page(ctypes.Structure):
 
 
 @cache
-def _folder() -> TemporaryDirectory[str]:
-    """Make a folder that goes when this process ends."""
-    return TemporaryDirectory(prefix="graspfx-rig-")
-
-
-@cache
 def _program() -> Path:
-    """Build the emulator, once for a process."""
-    source = plugins.shelf("devices") / "rig" / "firmware"
-    return build([*STRICT, "host.c", "rig.c", "-lm"], Path(_folder().name) / "host", source)
+    """Build the emulator, once for a process, in a folder that goes when the process ends."""
+    folder = Path(mkdtemp(prefix="graspfx-rig-"))
+    atexit.register(rmtree, folder, ignore_errors=True)
+    return build([*STRICT, "host.c", "rig.c", "-lm"], folder / "host", plugins.shelf("devices") / "rig" / "firmware")
 
 
 class RigWire(Wire):
