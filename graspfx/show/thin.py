@@ -30,6 +30,10 @@ class Thinned(Recording):
         super().__init__(rows, whole.layout, whole.header, whole.outcome)
         self._numbers, self._end = numbers, whole.end
 
+    def part(self, first: int, stop: int) -> Thinned:
+        """Give the rows from one up to another."""
+        return Thinned(self, self.rows[first:stop], self._numbers[first:stop])
+
     @cached_property
     def time(self) -> FloatArray:
         """Times of the rows, (N,) [s]."""
