@@ -24,11 +24,13 @@ from graspfx.compile.records import (
 from graspfx.errors import DeviceError, GraspFXError, InputError, MissingPackageError
 from graspfx.exponential import expm1
 from graspfx.loop.device import (
+    AskedDevice,
     Device,
     DevicePorts,
     Features,
     FusedDevice,
     LimitedDevice,
+    QuenchableDriver,
     SimulatedDevice,
     former_settings,
 )
@@ -40,6 +42,7 @@ from graspfx.numeric import LARGEST, SMALLEST, finite, number
 from graspfx.objects.body import BlockBody, Body, NativeBody, fill_body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import Guest
+from graspfx.serial_port import SerialPort
 
 __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then by kind)
     "Device",
@@ -52,6 +55,11 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "InputError",
     "MissingPackageError",
     "GraspFXError",
+    # devices that are asked for an answer, and drivers that take the force from hardware whose program has died
+    "AskedDevice",
+    "QuenchableDriver",
+    # a board's serial port, for one program at a time
+    "SerialPort",
     # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names
     "SimulatedDevice",
     "LimitedDevice",

@@ -28,6 +28,9 @@ UNITS = {
     "friction": "N s/m",
     "resolution": "m",
     "delay": "samples",
+    "watchdog": "s",
+    "rate": "Hz",
+    "latency": "s",
 }
 METHODS = ("open", "read", "write", "stop", "close")  # of every device
 
@@ -47,6 +50,9 @@ class Features(Carded):
     friction: float | None = None  # effective viscous damping at a fingertip, `damping` of a scene [N s/m]
     resolution: float | None = None  # of a fingertip position [m]
     delay: int | None = None  # output delay [samples]
+    watchdog: float | None = None  # after the last `write`, hardware drops its force [s]; None: never
+    rate: float | None = None  # most exchanges of reading and writing in a second [Hz]
+    latency: float | None = None  # age of a sample when `read` returns it [s]
 
     def _card(self) -> Card:
         figures = {name: getattr(self, name) for name in UNITS}
@@ -66,6 +72,9 @@ class Device(Protocol):
     `open`, since checking a scene connects every device of it, for its features and for what is wrong with its
     settings (an InputError by the setting's name). `read` and `write` neither wait nor allocate more
     than they must; the arrays that `read` returns belong to the device and are overwritten by the next `read`.
+
+    A device that answers requests may offer `ask` too (`AskedDevice`); a driver whose hardware keeps its force when
+    nobody writes any more offers `quench` (`QuenchableDriver`).
     """
 
     @property
@@ -75,7 +84,11 @@ class Device(Protocol):
         """Make ready for one `read` and one `write` every `period` seconds."""
 
     def read(self) -> tuple[FloatArray, FloatArray, float]:
-        """Read positions (k, d) [m], velocities (k, d) [m/s] and the time [s] at which they were taken."""
+        """Read positions (k, d) [m], velocities (k, d) [m/s] and the time [s] at which they were taken.
+
+        A time that is that of the reading before says that there is no new sample: it is the last one again, which is
+        no error. Hardware that is gone is a DeviceError. A failed reading is never a position of zero.
+        """
         ...
 
     def write(self, forces: FloatArray) -> None:
@@ -101,6 +114,37 @@ def lacking(device: object) -> list[str]:
     """List the methods of a `Device` that an object lacks; `with` looks for its two on the class."""
     missing = [name for name in METHODS if not callable(getattr(device, name, None))]
     return missing + [name for name in ("__enter__", "__exit__") if not hasattr(type(device), name)]
+
+
+@runtime_checkable
+class AskedDevice(Protocol):
+    """A device that answers requests: all are asked before the first is read, so that n round trips cost one."""
+
+    def ask(self) -> None:
+        """Send the request that the next `read` takes the answer of; `read` without it asks by itself.
+
+        DeviceError if the hardware is gone.
+        """
+
+
+@runtime_checkable
+class QuenchableDriver(Protocol):
+    """A driver that can take the force from hardware whose program has died.
+
+    A driver whose hardware has no watchdog (`features.watchdog` is None) must have it.
+    """
+
+    def quench(self, **settings: object) -> None:
+        """Reach the hardware afresh, set its force to zero and let go of it.
+
+        It is called in another process than the one that opened the device, once that one is gone.
+
+        Args:
+            settings: those of `connect`.
+
+        Raises:
+            DeviceError: the hardware cannot be reached, so that its force may still be there.
+        """
 
 
 @runtime_checkable

@@ -29,14 +29,20 @@ class DeviceReport:
         checks: promises in the order in which they were checked; each is worded as far as it was.
         not_visible: promises that a driver may break and still pass: to be tried on the bench, with a force gauge and
             a ruler, before a person holds the device.
+        needs_person: promises of the hardware itself, which no program can see: each with what to do.
     """
 
     checks: tuple[str, ...]
     not_visible: tuple[BlindSpot, ...]
+    needs_person: tuple[BlindSpot, ...] = ()
 
     def __str__(self) -> str:
-        parts = (("checked", self.checks), ("not visible", self.not_visible))
-        return "\n".join(f"{name}:\n" + "\n".join(f"  - {each}" for each in lines) for name, lines in parts)
+        parts = (
+            ("passed", self.checks),
+            ("not visible", self.not_visible),
+            ("needs a person", self.needs_person),
+        )
+        return "\n".join(f"{name}:\n" + "\n".join(f"  - {each}" for each in lines) for name, lines in parts if lines)
 
     def __repr__(self) -> str:
         return str(self)
@@ -57,6 +63,15 @@ HARDWARE = (
     BlindSpot("the device loses its force when nobody writes any more", "it cannot let the program die"),
 )
 """What is not visible in a device without a plant."""
+
+PERSON = (
+    BlindSpot("the motors do what the wire says", "a force gauge: newtons, directions and signs of every finger"),
+    BlindSpot(
+        "lengths, encoders and axes are those of the settings", "a ruler: put the finger at places that you know"
+    ),
+    BlindSpot("the emergency stop takes the power away", "press it while a force is displayed"),
+)
+"""Promises of hardware that only a person can try."""
 
 SIMULATED = (BlindSpot("velocities are the rate of the positions", "it sees that they are finite"),)
 """What is not visible in a simulated device, moved by its plant."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,11 +20,17 @@ from graspfx.testing.conformance import (
     HARDWARE,
     NO_LIMIT,
     NOT_NEWTONS,
+    PERSON,
     SIMULATED,
     BlindSpot,
     DeviceReport,
 )
+from graspfx.testing.feature_promises import check_features
 from graspfx.testing.promise import Promise, Promises
+from graspfx.testing.wire_promises import check_second, check_wire, unseen
+
+if TYPE_CHECKING:
+    from graspfx.testing.wire.wire import Wire
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +41,7 @@ ROUNDING = 1e-9  # [m], and relative
 
 def check_device(
     device: Device | Callable[[], Device],
+    wire: Wire | None = None,
     *,
     period: float = 0.005,
     force: float = 0.1,
@@ -52,24 +59,40 @@ def check_device(
     close; it stands still alone and follows a hand; two runs are the same to the bit. With a factory, two of its
     devices in one process: they do not know each other.
 
-    The report lists both: what was checked, and what is not visible. `print` shows it.
+    On a wire, an emulator of the hardware that the device's settings lead to, it sees besides what the motors hold:
+    zero after `stop`, `close`, exceptions and forces that are not finite; the limit; newtons, metres and seconds as far
+    as the emulator knows the mechanism; how the force goes when the program is killed, by a watchdog or by the
+    driver's `quench`; and the driver through every failure of the wire. With a factory, that a second device is
+    refused. It takes some seconds.
+
+    The report says of each promise that it passed, is not visible, or needs a person. `print` shows it.
 
     Args:
         device: not yet open; or a function without arguments that makes one. It is closed afterwards.
+        wire: of `graspfx.testing.wire`, its `with` entered; the device is connected with its `settings`.
         period: [s].
         force: the largest force that real hardware is given [N].
         start: where the fingers of a simulated device are put, (k, d) or (d,) [m]; by default the middle of its
             workspace, or zero.
     """
     promises = Promises("device")
-    if hasattr(device, "open") and not isinstance(device, type):
-        bench = _check_one(cast("Device", device), promises, period, force, start)
-    elif callable(device):
-        bench = _check_one(device(), promises, period, force, start)
-        _check_two(device(), device(), promises, period, force, start)
-    else:
+    factory = not hasattr(device, "open") or isinstance(device, type)
+    if factory and not callable(device):
         raise InputError("device", device, "a device, or a function that makes one")
-    return DeviceReport(tuple(promises.texts), tuple(_blind_spots(bench, factory=not hasattr(device, "open"))))
+    make = cast("Callable[[], Device]", device)
+    bench = _check_one(make() if factory else cast("Device", device), promises, period, force, start)
+    if factory and wire is None:
+        _check_two(make(), make(), promises, period, force, start)
+    if wire is not None:
+        check_wire(bench.device, wire, promises, period, force)
+        if factory:
+            check_second(make(), make(), promises, period)
+    hidden = [*_blind_spots(bench, factory=factory or wire is not None), *(unseen(wire) if wire is not None else ())]
+    return DeviceReport(
+        tuple(promises.texts),
+        tuple(each for each in hidden if each.promise not in promises.texts),
+        PERSON if bench.plant is None else (),
+    )
 
 
 def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
@@ -91,7 +114,7 @@ class _Bench:
 
     def __init__(self, device: Device, promises: Promises, period: float, start: ArrayLike | None) -> None:
         self.device, self.promises, self.period = device, promises, period
-        self.features = _features(device, promises)
+        self.features = check_features(device, promises)
         self.shape = self.features.fingers, self.features.dimensions
         self.start = _start(self.features, start)
         self.plant: Plant | None = None
@@ -153,34 +176,6 @@ def _check_one(device: Device, promises: Promises, period: float, force: float, 
             with suppress(Exception):  # the promise broken first is the one to tell
                 device.close()
     return bench
-
-
-def _features(device: Device, promises: Promises) -> Features:
-    with promises("features are told before `open`, and what is not known is None, never zero") as promise:
-        features = device.features
-        k, d = features.fingers, features.dimensions
-        promise.holds(_whole(k) and k >= 1, f"fingers = {k!r}, which is no count of channels")
-        promise.holds(_whole(d) and 1 <= d <= 3, f"dimensions = {d!r}, which is not 1, 2 or 3")
-        for name in ("continuous_force", "peak_force", "stiffness", "mass", "resolution"):
-            value = getattr(features, name)
-            promise.holds(value is None or (math.isfinite(value) and value > 0.0), f"{name} = {value!r}")
-        for name in ("damping", "friction"):
-            value = getattr(features, name)
-            promise.holds(value is None or (math.isfinite(value) and value >= 0.0), f"{name} = {value!r}")
-        delay = features.delay
-        promise.holds(
-            delay is None or (_whole(delay) and delay >= 0), f"delay = {delay!r}, which is no count of samples"
-        )
-        if features.continuous_force is not None and features.peak_force is not None:
-            finding = f"continuous_force {features.continuous_force} N above peak_force {features.peak_force} N"
-            promise.holds(features.continuous_force <= features.peak_force, finding)
-        if features.workspace is not None:
-            lower, upper = (np.asarray(corner, dtype=float) for corner in features.workspace)
-            promise.holds(
-                lower.shape == upper.shape == (d,) and np.isfinite((lower, upper)).all() and (lower < upper).all(),
-                f"workspace = {features.workspace!r}, which is no pair of a lower and a higher corner ({d},)",
-            )
-    return features
 
 
 def _check_reading(bench: _Bench) -> None:
@@ -387,7 +382,3 @@ def _start(features: Features, start: ArrayLike | None) -> FloatArray:
     if at.shape not in (shape, shape[1:]) or not np.isfinite(at).all():
         raise InputError("start", start, f"finite positions {shape}, or one for all fingers {shape[1:]} [m]")
     return np.array(np.broadcast_to(at, shape))
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)

@@ -14,7 +14,7 @@ import graspfx as gx
 from tests.support.face import page
 from tests.support.rooms import ROOT
 
-FACES = ("graspfx", "graspfx.protocols", "graspfx.testing")  # that an import statement may name
+FACES = ("graspfx", "graspfx.protocols", "graspfx.testing", "graspfx.testing.wire")  # that an import statement may name
 SHELF = "graspfx.devices"  # drivers, on which another's may be built
 IMPORT = re.compile(r"^\W*(?:import (graspfx[\w.]*)|from (graspfx[\w.]*) import (.+?))(?: as \w+)?\s*(?:#.*)?$")
 USE = re.compile(r"\bgx\.([a-z_A-Z]\w*)(?:\.([a-z_A-Z]\w*))?")

@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import graspfx as gx
+from graspfx.testing import wire
 
 HEAD = """# The Python face
 
@@ -27,6 +28,11 @@ PARTS = (
         "All that a driver, a hand or a body imports.",
     ),
     ("gx.testing", gx.testing, "Conformance kits, for pytest."),
+    (
+        "graspfx.testing.wire",
+        wire,
+        "Emulators of hardware, for tests of drivers: `from graspfx.testing.wire import SerialWire`.",
+    ),
     ("gx.style", gx.style, "The one style of every figure, for figures of one's own."),
     ("gx.errors", gx.errors, "`GraspFXError` is the base of all."),
 )

@@ -1,0 +1,156 @@
+"""A device of Force Dimension's: positions and forces in space, by the maker's library."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from contextlib import suppress
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices.force_dimension.dhd import FORCE, NO_NEW_DATA, OFF, OFF_CAUSE, STATUS, Dhd
+from graspfx.protocols import DeviceError, Features, InputError, VelocityEstimator
+
+FloatArray = NDArray[np.float64]
+
+WATCHDOG, UNIT = 255, 125e-6  # the longest that a device takes, and its unit [s]
+
+
+class Delta:
+    """A delta, omega, sigma or lambda: one finger in space, x towards the operator, y to the right, z up.
+
+    Each call of the library is judged by itself: less than zero is a fault, and of the reading a 1, no new data, is the
+    last sample again with its time. Velocities are estimated from positions. The maker's own limits and thresholds stay
+    as they are; its watchdog is set where the device takes one, and set back by `close`.
+    """
+
+    def __init__(
+        self, *, serial: int | None, library: object, force_limit: float, resolution: float, velocity_window: int
+    ) -> None:
+        self.serial, self.library, self.force_limit, self.resolution = serial, library, force_limit, resolution
+        self._window = velocity_window
+        self._dhd: Dhd | None = None  # while the device is open
+        self._id = -1
+        self._factory_watchdog: int | None = None  # where it was changed
+        self._xyz, self._status = (ctypes.c_double * 3)(), (ctypes.c_int * STATUS)()
+        self._places = [ctypes.cast(ctypes.byref(self._xyz, 8 * i), ctypes.POINTER(ctypes.c_double)) for i in range(3)]
+        self._position: FloatArray = np.zeros((1, 3))
+        self._velocity: FloatArray = np.zeros((1, 3))
+
+    @property
+    def features(self) -> Features:
+        """The watchdog is unknown until the device has taken it, at `open`."""
+        return Features(
+            fingers=1,
+            dimensions=3,
+            peak_force=self.force_limit,
+            resolution=self.resolution,
+            watchdog=None if self._factory_watchdog is None else UNIT * WATCHDOG,
+            rate=4000.0,
+        )
+
+    def open(self, period: float) -> None:
+        self.close()
+        dhd = Dhd(self.library)
+        self._id = dhd.call("dhdOpen") if self.serial is None else dhd.call("dhdOpenSerial", self.serial)
+        self._dhd = dhd
+        try:
+            dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
+            dhd.call("dhdSetMaxForce", self.force_limit, self._id)
+            self._watch()
+            dhd.call("dhdEnableForce", 1, self._id)
+            dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
+            self._estimator = VelocityEstimator(period, (3,), 0.5 * self.resolution, self._window)
+            self._missing, self._time, self._began = 0, 0.0, time.perf_counter()
+            if not self._refresh():
+                raise DeviceError("the device gives no first position")
+            self._follow(1)
+        except DeviceError:
+            self.close()
+            raise
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Give position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without new data the last ones."""
+        self._opened().call("dhdGetStatus", self._status, self._id)
+        if not self._status[FORCE]:
+            raise DeviceError(f"the device has switched its force off: {self._cause}")
+        if not self._refresh():
+            self._missing += 1
+            return self._position, self._velocity, self._time
+        self._time = time.perf_counter() - self._began
+        self._follow(self._missing + 1)
+        self._missing = 0
+        return self._position, self._velocity, self._time
+
+    def write(self, forces: FloatArray) -> None:
+        dhd = self._opened()
+        if np.shape(forces) != (1, 3):
+            raise InputError("forces", forces, "an array of shape (1, 3): one finger in space")
+        force = np.array(forces[0], dtype=float)
+        size = float(np.linalg.norm(force))
+        if not np.isfinite(size):
+            self.stop()
+            raise DeviceError(f"a force of {force.tolist()} N cannot be displayed: the motors are at zero force")
+        if size > self.force_limit:
+            force *= self.force_limit / size
+        dhd.call("dhdSetForce", *force.tolist(), self._id)
+
+    def stop(self) -> None:
+        if self._dhd is not None:
+            self._dhd.call("dhdSetForce", 0.0, 0.0, 0.0, self._id)
+
+    def close(self) -> None:
+        """Zero force, then brakes, then the watchdog as it was, then close; each tried whatever the others did."""
+        dhd, self._dhd = self._dhd, None
+        if dhd is None:
+            return
+        calls: list[tuple[object, ...]] = [("dhdSetForce", 0.0, 0.0, 0.0, self._id), ("dhdStop", self._id)]
+        if self._factory_watchdog is not None:
+            calls += [("dhdSetWatchdog", self._factory_watchdog, self._id), ("dhdDisableExpertMode",)]
+        for name, *arguments in [*calls, ("dhdClose", self._id)]:
+            with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+                dhd.call(str(name), *arguments)
+        self._factory_watchdog = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _watch(self) -> None:
+        """Set the device's watchdog, if its library and the device take one."""
+        dhd, before = self._opened(), ctypes.c_ubyte(0)
+        if not dhd.expert:
+            return
+        with suppress(DeviceError):
+            dhd.call("dhdEnableExpertMode")
+            dhd.call("dhdGetWatchdog", ctypes.byref(before), self._id)
+            dhd.call("dhdSetWatchdog", WATCHDOG, self._id)
+            self._factory_watchdog = before.value
+
+    def _refresh(self) -> bool:
+        """Ask for the position, and tell whether it is new."""
+        fresh: bool = self._opened().call("dhdGetPosition", *self._places, self._id) != NO_NEW_DATA
+        if fresh and not np.isfinite(self._xyz).all():
+            raise DeviceError(f"the device gives the position {list(self._xyz)}")
+        return fresh
+
+    def _follow(self, samples: int) -> None:
+        """Take the position; samples that were missed lie on a line between the last one and this."""
+        old, new = self._position[0].copy(), np.array(self._xyz)
+        for k in range(1, samples + 1):
+            rate = self._estimator.update(new if k == samples else old + (new - old) * (k / samples))
+        self._position[0], self._velocity[0] = new, rate
+
+    @property
+    def _cause(self) -> str:
+        cause = int(self._status[OFF_CAUSE])
+        return str(OFF.get(cause, f"cause {cause}"))
+
+    def _opened(self) -> Dhd:
+        if self._dhd is None:
+            raise DeviceError("the device is not open: call open(period) first")
+        return self._dhd

@@ -1,0 +1,105 @@
+"""Functions of Force Dimension's library (DHD), by their names; the library is loaded when a device is opened."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from typing import Any
+
+from graspfx.protocols import DeviceError, InputError
+
+NAMES = {"win32": ("drd64.dll", "dhd64.dll"), "darwin": ("libdrd.dylib", "libdhd.dylib")}
+ELSEWHERE = "libdrd.so", "libdrd.so.3", "libdhd.so"
+
+# What functions return: less than zero is an error.
+NO_NEW_DATA = 1  # of a reading: the time guard says that the last sample stands
+
+STATUS = 17  # entries of dhdGetStatus
+FORCE, OFF_CAUSE = 5, 14
+OFF = {
+    0: "it says no cause: its force may not have been switched on, or its encoders not initialised",
+    1: "the button on the device",
+    2: "the velocity was above the device's safety threshold",
+    3: "the device's watchdog: no force came in time",
+    4: "a program",
+    5: "the USB cable",
+    6: "the deadman switch was let go",
+}
+
+_int, _char, _byte, _double = ctypes.c_int, ctypes.c_byte, ctypes.c_ubyte, ctypes.c_double
+_numbers = ctypes.POINTER(_double)
+ARGUMENTS: dict[str, tuple[Any, ...]] = {
+    "dhdOpen": (),
+    "dhdOpenSerial": (_int,),
+    "dhdClose": (_char,),
+    "dhdStop": (_char,),
+    "dhdEnableForce": (_byte, _char),
+    "dhdSetMaxForce": (_double, _char),
+    "dhdGetPosition": (_numbers, _numbers, _numbers, _char),
+    "dhdSetForce": (_double, _double, _double, _char),
+    "dhdGetStatus": (ctypes.POINTER(_int), _char),
+}
+EXPERT: dict[str, tuple[Any, ...]] = {  # where the library has them
+    "dhdEnableExpertMode": (),
+    "dhdDisableExpertMode": (),
+    "dhdGetWatchdog": (ctypes.POINTER(_byte), _char),
+    "dhdSetWatchdog": (_byte, _char),
+}
+
+
+class Dhd:
+    """The library's functions with their arguments; a call that fails is a DeviceError, one of its own each.
+
+    Args:
+        library: its path; None for its usual names; or an object with functions of these names.
+    """
+
+    def __init__(self, library: object) -> None:
+        loaded = _loaded(library)
+        self._last = self._function(loaded, "dhdErrorGetLastStr", (), ctypes.c_char_p)
+        self._functions = {name: self._function(loaded, name, kinds) for name, kinds in ARGUMENTS.items()}
+        self.expert = all(hasattr(loaded, name) for name in EXPERT)
+        if self.expert:
+            self._functions |= {name: self._function(loaded, name, kinds) for name, kinds in EXPERT.items()}
+
+    def call(self, name: str, *arguments: object) -> int:
+        """Call a function and give what it returns, zero or more.
+
+        Raises:
+            DeviceError: it returns less.
+        """
+        code = int(self._functions[name](*arguments))
+        if code < 0:
+            text = (self._last() or b"").decode(errors="replace")
+            raise DeviceError(f"{name} of Force Dimension's library returns {code}: {text}")
+        return code
+
+    @staticmethod
+    def _function(library: Any, name: str, kinds: tuple[Any, ...], gives: Any = ctypes.c_int) -> Any:
+        try:
+            function = getattr(library, name)
+        except AttributeError as error:
+            raise DeviceError(f"Force Dimension's library has no {name}: it is another one, or too old") from error
+        if isinstance(library, ctypes.CDLL):
+            function.argtypes, function.restype = kinds, gives
+        return function
+
+
+def _loaded(library: object) -> Any:
+    if library is not None and not isinstance(library, str):
+        return library
+    names = NAMES.get(sys.platform, ELSEWHERE) if library is None else (library,)
+    for name in names:
+        try:
+            return ctypes.CDLL(name)
+        except OSError as error:
+            reason = error
+    raise DeviceError(
+        f"Force Dimension's library does not load ({reason}): install the maker's SDK, or give its path as `library`"
+    ) from reason
+
+
+def check_library(library: object) -> None:
+    """Refuse what can be no library, before anything is loaded."""
+    if isinstance(library, str) and not library:
+        raise InputError("library", library, "the path of Force Dimension's library, or None for its usual names")

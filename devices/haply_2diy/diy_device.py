@@ -1,0 +1,218 @@
+"""The Haply 2DIY as a device: angles to the handle's motion, forces to torques."""
+
+from __future__ import annotations
+
+import math
+import time
+from contextlib import suppress
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices.haply_2diy.diy_frames import ANGLES, angles_in, setup_frame, torque_frame
+from graspfx.devices.haply_2diy.five_bar import FiveBar
+from graspfx.protocols import DeviceError, Features, InputError, SerialPort, VelocityEstimator
+
+FloatArray = NDArray[np.float64]
+
+FASTEST = 30.0  # of a link, 2 m/s of its tip: an angle that asks for more is a bit changed on the way [rad/s]
+LONGEST = 5.0  # samples for which a link is believed to have turned so
+SILENCE = 20  # readings without an answer, one after another, until the board counts as gone
+BLOCKED = 1.0  # a board that waits for the rest of a frame waits so long [s]
+
+
+class Haply2Diy:
+    """A 2DIY behind its port: one finger in the plane.
+
+        p = p(q),   v = J(q) q',   tau = J'(q) f
+
+    The board answers a frame of torques with its angles. `ask` repeats the last torques for that, so that a reading is
+    as old as one exchange; the answer to `write` is thrown away. Torques beyond the limit are scaled down together, so
+    that the force keeps its direction. An answer of the wrong length, of another device, or further from the last one
+    than a link can turn, is none: the line is flushed, the last sample stands, and the next reading asks again.
+    """
+
+    def __init__(
+        self,
+        port: SerialPort,
+        linkage: FiveBar,
+        *,
+        device: int,
+        home: tuple[float, float],
+        counts: float,
+        torque_limit: float,
+        velocity_window: int,
+        timeout: float,
+    ) -> None:
+        self.port, self.linkage, self.device, self.home, self.counts = port, linkage, device, home, counts
+        self.torque_limit, self.timeout = torque_limit, timeout
+        self._window = velocity_window
+        self._position, self._velocity, self._largest = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1)
+        self._estimator: VelocityEstimator | None = None  # while the device is open
+        self._torque = (0.0, 0.0)
+        self._answering = False  # whether a frame is not answered yet
+        self._turn(*self._angles_at_home)
+
+    @property
+    def _angles_at_home(self) -> tuple[float, float]:
+        return math.radians(self.home[0]), math.radians(self.home[1])
+
+    @property
+    def features(self) -> Features:
+        """Peak force and resolution are those at home; `largest_force` follows the handle."""
+        levers = self._levers(self.linkage.handle(*self._angles_at_home)[1])
+        return Features(
+            fingers=1,
+            dimensions=2,
+            workspace=self.linkage.reach,
+            peak_force=float(self.torque_limit / levers.max()),
+            resolution=float(math.tau / self.counts * levers.max()),
+        )
+
+    @property
+    def largest_force(self) -> FloatArray:
+        """Largest force that the motors reach in every direction where the handle was read last, (1,) [N]."""
+        return self._largest
+
+    def open(self, period: float) -> None:
+        """Set the board up and take a first reading; the handle stands at home."""
+        self.close()
+        self.port.open()
+        try:
+            self._period, self._torque = period, (0.0, 0.0)
+            self.port.send(setup_frame(self.device, self.home, self.counts))
+            self._angles = self._first_angles()
+        except DeviceError:
+            self.port.close()
+            raise
+        self._estimator = VelocityEstimator(period, (2,), math.pi / self.counts, self._window)
+        self._began = self._asked_at = time.perf_counter()
+        self._waiting, self._silent, self._answers, self._time = False, 0, 0, 0.0
+        self._follow(*self._angles, 1)
+
+    def ask(self) -> None:
+        self._opened()
+        if self._answering:
+            self._bytes(time.perf_counter() + 0.5 * self.timeout)  # the answer to the last `write`
+        self.port.flush()  # and whatever a line that failed has left
+        self._send()
+        self._waiting, self._asked_at = True, time.perf_counter()
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Give position (1, 2) [m], velocity (1, 2) [m/s] and time [s]; without a new answer the last ones."""
+        self._opened()
+        if not self._waiting:
+            self.ask()
+        self._waiting = False
+        angles = self._answer(self._asked_at + self.timeout)
+        now = self._asked_at - self._began
+        if angles is None or not self._can_be(angles, now - self._time):
+            self._silent += 1
+            if self._silent > SILENCE and now - self._time > SILENCE * self._period:
+                self._abandon()
+                raise DeviceError(f"the board at {self.port.path} gave no answer to {self._silent} readings in a row")
+            return self._position, self._velocity, self._time
+        missing, self._silent = self._silent, 0
+        self._time = now
+        try:
+            self._follow(*angles, missing + 1)
+        except DeviceError:  # out of reach
+            self._abandon()
+            raise
+        return self._position, self._velocity, self._time
+
+    def write(self, forces: FloatArray) -> None:
+        self._opened()
+        if np.shape(forces) != (1, 2):
+            raise InputError("forces", forces, "an array of shape (1, 2): one finger in the plane")
+        first, second = (self._J.T @ forces[0]).tolist()
+        if not (math.isfinite(first) and math.isfinite(second)):
+            self.stop()
+            raise DeviceError(f"a force of {forces[0].tolist()} N cannot be displayed: the motors are at zero torque")
+        excess = max(1.0, abs(first) / self.torque_limit, abs(second) / self.torque_limit)
+        self._torque = first / excess, second / excess
+        self._send()
+
+    def stop(self) -> None:
+        self._torque = (0.0, 0.0)
+        if self._estimator is not None:
+            self._send()
+
+    def close(self) -> None:
+        if self._estimator is not None:
+            self._abandon()
+        self._estimator = None
+        self.port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _send(self) -> None:
+        self.port.send(torque_frame(self.device, *self._torque))
+        self._answering = True
+
+    def _abandon(self) -> None:
+        """Write zero torque, and again: a board that waits for the rest of a frame takes the first for it."""
+        self._torque = (0.0, 0.0)
+        with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+            for _ in range(2):
+                self._send()
+
+    def _first_angles(self) -> tuple[float, float]:
+        """Ask until the board answers, as long as one may be blocked."""
+        deadline = time.perf_counter() + BLOCKED + 0.2
+        while time.perf_counter() < deadline:
+            self.port.flush()
+            self._send()
+            angles = self._answer(time.perf_counter() + 0.05)
+            if angles is not None:
+                return angles
+        raise DeviceError(
+            f"the board at {self.port.path} does not answer: is it a 2DIY, and is its device number {self.device}?"
+        )
+
+    def _answer(self, deadline: float) -> tuple[float, float] | None:
+        """Wait for an answer, and read its angles [rad]; None for one that is late, cut or none of this device's."""
+        angles = angles_in(self._bytes(deadline), self.device)
+        self._answering = False
+        return None if angles is None else (math.radians(angles[0]), math.radians(angles[1]))
+
+    def _bytes(self, deadline: float) -> bytes:
+        """Wait for as many bytes as an answer has, or for the deadline."""
+        data = b""
+        while len(data) < ANGLES.size and (part := self.port.receive(deadline)):
+            data += part
+        return data
+
+    def _can_be(self, angles: tuple[float, float], since: float) -> bool:
+        """Tell whether links can have turned so far since the last sample."""
+        most = FASTEST * min(max(since, self._period), LONGEST * self._period) + 4.0 * math.tau / self.counts
+        return all(abs(new - old) <= most for new, old in zip(angles, self._angles, strict=True))
+
+    def _follow(self, first: float, second: float, samples: int) -> None:
+        """Take the next angles; samples that were missed lie on a line between the last ones and these."""
+        assert self._estimator is not None
+        old, new = np.array(self._angles), np.array((first, second))
+        for k in range(1, samples + 1):
+            rate = self._estimator.update(old + (new - old) * (k / samples))
+        self._angles = first, second
+        self._turn(first, second)
+        self._velocity[0] = self._J @ rate
+
+    def _turn(self, q1: float, q2: float) -> None:
+        self._position[0], self._J = self.linkage.handle(q1, q2)
+        self._largest[0] = self.torque_limit / self._levers(self._J).max()
+
+    @staticmethod
+    def _levers(J: FloatArray) -> FloatArray:
+        """Compute how far the handle goes for a radian of each motor, (2,) [m]."""
+        levers: FloatArray = np.hypot(J[0], J[1])
+        return levers
+
+    def _opened(self) -> None:
+        if self._estimator is None:
+            raise DeviceError("the 2DIY is not open: call open(period) first")

@@ -1,0 +1,153 @@
+"""The rig's controller behind its port: HELLO and ARM, then POLL, STATE and RUN in each sample, STOP at the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import TypeVar
+
+from graspfx.devices.rig.rig_frames import (
+    AXES,
+    FAULTS,
+    VERSION,
+    Kind,
+    Mode,
+    State,
+    about_in,
+    run_frame,
+    short_frame,
+    state_in,
+    unframed,
+)
+from graspfx.protocols import DeviceError, SerialPort
+
+T = TypeVar("T")
+
+TRIES = 5  # of HELLO and ARM
+PATIENCE = 0.1  # for an answer to one of them [s]
+GOODBYE = 0.02  # for an answer to STOP [s]
+LONGEST = 4096  # bytes without an end that are kept
+STILL = (0.0,) * AXES
+
+
+class Controller:
+    """A controller of two arms, for one program.
+
+    Args:
+        port: its line.
+        timeout: for the answer to POLL [s].
+    """
+
+    def __init__(self, port: SerialPort, timeout: float) -> None:
+        self.port, self.timeout = port, timeout
+        self._number = 0  # of the last RUN: it alone counts, or commands would look old after many questions
+        self._question = 0  # number of the last POLL
+        self._buffer = b""
+        self._deadline: float | None = None  # of the answer that is on its way
+        self._armed = False
+
+    def open(self, torque_limit: float, watchdog: float) -> State:
+        """Make the controller's acquaintance, and switch the motors on at zero torque.
+
+        Raises:
+            DeviceError: no answer, another version, limits below the settings', or a controller that does not arm.
+        """
+        self.close()
+        self.port.open()
+        try:
+            about = self._exchange(Kind.HELLO, about_in)
+            if about.version != VERSION or about.axes != AXES:
+                text = f"version {about.version} with {about.axes} axes; this driver speaks {VERSION} with {AXES}"
+                raise DeviceError(f"the controller at {self.port.path} has {text}: load the firmware beside the driver")
+            if min(about.limits) < torque_limit:
+                text = f"{min(about.limits):g} N m, below `torque_limit`, {torque_limit:g} N m"
+                raise DeviceError(f"the controller at {self.port.path} limits its motors to {text}: set that lower")
+            if about.watchdog > watchdog:
+                raise DeviceError(
+                    f"the controller at {self.port.path} waits {about.watchdog:g} s for torques: too long"
+                )
+            self._armed = True
+            state = self._exchange(Kind.ARM, state_in)
+            if state.mode != Mode.ARMED:
+                raise DeviceError(f"the controller at {self.port.path} does not arm; {self._fault(state)}")
+        except DeviceError:
+            self.close()
+            raise
+        return state
+
+    def ask(self) -> None:
+        """Send POLL."""
+        self._question += 1
+        self._deadline = time.perf_counter() + self.timeout
+        self.port.send(short_frame(Kind.POLL, self._question))
+
+    def answer(self) -> State | None:
+        """Wait for the STATE that answers the last `ask`, or ask first; None if it does not come in time.
+
+        Raises:
+            DeviceError: the hardware is gone, or the controller has latched a fault or begun anew.
+        """
+        if self._deadline is None:
+            self.ask()
+        deadline, self._deadline = self._deadline or 0.0, None
+        for message in self._messages(deadline):
+            state = state_in(message)
+            if state is not None and state.mode not in (Mode.ARMED, Mode.RUNNING):
+                raise DeviceError(f"the controller at {self.port.path} is at rest; {self._fault(state)}")
+            if state is not None and state.number == self._question & 0xFFFF:  # an older one answers what was given up
+                return state
+        return None
+
+    def run(self, torques: tuple[float, ...]) -> None:
+        """Send torques of the motors, (4,) [N m]."""
+        self._number += 1
+        self.port.send(run_frame(self._number, torques))
+
+    def rest(self) -> None:
+        """Reach the controller afresh and switch its motors off, whoever had switched them on."""
+        self.close()
+        self.port.open()
+        self._exchange(Kind.STOP, state_in)
+
+    def close(self) -> None:
+        """Zero torque, motors off, and let go of the port; returns also with the hardware gone, and twice."""
+        if self._armed:
+            self._armed = False
+            with suppress(DeviceError):
+                self.run(STILL)
+                self.port.send(short_frame(Kind.STOP))
+                next((each for each in self._messages(time.perf_counter() + GOODBYE) if state_in(each)), None)
+        self.port.close()
+        self._buffer, self._deadline = b"", None
+
+    def _exchange(self, kind: Kind, reading: Callable[[bytes], T | None]) -> T:
+        for _ in range(TRIES):
+            self.port.send(b"\0" + short_frame(kind))  # the zero ends whatever another program left
+            for message in self._messages(time.perf_counter() + PATIENCE):
+                answer = reading(message)
+                if answer is not None:
+                    self._number = 0
+                    return answer
+        raise DeviceError(f"nothing at {self.port.path} answers {kind.name} as a rig's controller does")
+
+    def _messages(self, deadline: float) -> Iterator[bytes]:
+        """Give messages as they come, until a time of `time.perf_counter` [s]; damaged ones are left out."""
+        while True:
+            frame, end, rest = self._buffer.partition(b"\0")
+            if end:
+                self._buffer = rest
+                message = unframed(frame)
+                if message is not None:
+                    yield message
+                continue
+            data = self.port.receive(deadline)
+            if not data:
+                return
+            self._buffer = (self._buffer + data)[-LONGEST:]
+
+    @staticmethod
+    def _fault(state: State) -> str:
+        if state.mode == Mode.FAULT:
+            return FAULTS[state.fault] if state.fault < len(FAULTS) else f"fault {state.fault}"
+        return f"its state is {Mode(state.mode).name if state.mode in set(Mode) else state.mode}"

@@ -1,0 +1,177 @@
+"""The rig as a device: two two-link arms on one controller, a finger each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices.rig.controller import STILL, Controller
+from graspfx.devices.two_link import TwoLink
+from graspfx.protocols import DeviceError, Features, InputError
+
+FloatArray = NDArray[np.float64]
+
+SILENCE = 20  # readings without an answer, one after another, until the controller counts as gone
+WATCHDOG = 0.005  # of the controller: longer without torques is its fault [s]
+DECAY = 0.02  # then, to zero [s]
+LONGEST = 0.0025  # period: the watchdog must not be the pace [s]
+WRAP = 1 << 32  # of the controller's clock [us]
+
+
+class Half:
+    """One arm's encoders and motors, as a `Board` of the two-link arm: what the controller said and will be told."""
+
+    def __init__(self) -> None:
+        self.reading = (0, 0)
+        self.goal = (0.0, 0.0)
+
+    def open(self, period: float) -> None:
+        self.goal = (0.0, 0.0)
+
+    def counts(self) -> tuple[int, int]:
+        return self.reading
+
+    def torque(self, first: float, second: float) -> None:
+        self.goal = (first, second)
+
+    def close(self) -> None:
+        self.goal = (0.0, 0.0)
+
+
+class Rig:
+    """Two arms behind one controller: POLL, STATE, then RUN in each sample.
+
+    Positions, velocities and torques are those of `two-link`. A sample without an answer is the last one again, with
+    its time; samples that were missed lie on a line between their neighbours.
+
+    Args:
+        controller: not yet open.
+        arms: one or two, each behind a `Half`.
+        halves: the boards of the arms.
+    """
+
+    def __init__(self, controller: Controller, arms: Sequence[TwoLink], halves: Sequence[Half]) -> None:
+        self.controller, self.arms, self.halves = controller, tuple(arms), tuple(halves)
+        shape = len(self.arms), 2
+        self._position: FloatArray = np.zeros(shape)
+        self._velocity: FloatArray = np.zeros(shape)
+        self._period: float | None = None  # while the device is open
+
+    @property
+    def features(self) -> Features:
+        """Peak force is that of the weaker arm, resolution that of the coarser one; the workspace is around both."""
+        each = [arm.features for arm in self.arms]
+        corners = [feature.workspace for feature in each if feature.workspace is not None]
+        peaks = [feature.peak_force for feature in each if feature.peak_force is not None]
+        return Features(
+            fingers=len(each),
+            dimensions=2,
+            workspace=(np.min([low for low, _ in corners], axis=0), np.max([high for _, high in corners], axis=0)),
+            peak_force=min(peaks),
+            mass=each[0].mass,
+            friction=each[0].friction,
+            resolution=max(feature.resolution or 0.0 for feature in each),
+            watchdog=WATCHDOG + DECAY,
+        )
+
+    @property
+    def largest_force(self) -> FloatArray:
+        """Largest force that the motors of each arm reach in every direction where it was read last, (k,) [N]."""
+        return np.concatenate([arm.largest_force for arm in self.arms])
+
+    def open(self, period: float) -> None:
+        if not 0.0 < period <= LONGEST:
+            raise InputError(
+                "period", period, f"at most {LONGEST:g} s", f"the rig's watchdog drops its force after {WATCHDOG:g} s"
+            )
+        self.close()
+        state = self.controller.open(max(max(arm.wiring.torque_limit) for arm in self.arms), WATCHDOG)
+        try:
+            for arm in self.arms:
+                arm.open(period)
+            self._period, self._silent, self._time, self._clock = period, 0, 0.0, state.microseconds
+            self._counts, self._heard = state.counts, time.perf_counter()
+            self._take(state.counts, 1)
+        except DeviceError:
+            self.close()
+            raise
+
+    def ask(self) -> None:
+        self._opened()
+        self.controller.ask()
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Give positions (k, 2) [m], velocities (k, 2) [m/s] and the controller's time [s] since `open`."""
+        period = self._opened()
+        state = self.controller.answer()
+        if state is None:
+            self._silent += 1
+            if self._silent > SILENCE and time.perf_counter() - self._heard > SILENCE * period:
+                self._abandon()
+                text = f"gave no answer to {self._silent} readings in a row"
+                raise DeviceError(f"the controller at {self.controller.port.path} {text}")
+            return self._position, self._velocity, self._time
+        since = 1e-6 * ((state.microseconds - self._clock) % WRAP)
+        self._clock, self._silent, self._heard = state.microseconds, 0, time.perf_counter()
+        self._time += since
+        try:
+            self._take(state.counts, max(1, min(SILENCE, round(since / period))))
+        except DeviceError:  # an arm out of its reach
+            self._abandon()
+            raise
+        return self._position, self._velocity, self._time
+
+    def write(self, forces: FloatArray) -> None:
+        self._opened()
+        if np.shape(forces) != self._position.shape:
+            raise InputError("forces", forces, f"an array of shape {self._position.shape}")
+        try:
+            for arm, force in zip(self.arms, forces, strict=True):
+                arm.write(force[None, :])
+        except DeviceError:  # a force that is not finite: zero for every arm
+            self.stop()
+            raise
+        goals = [torque for half in self.halves for torque in half.goal]
+        self.controller.run((*goals, *STILL)[: len(STILL)])
+
+    def stop(self) -> None:
+        for half in self.halves:
+            half.goal = (0.0, 0.0)
+        if self._period is not None:
+            self.controller.run(STILL)
+
+    def close(self) -> None:
+        self._period = None
+        self.controller.close()
+        for arm in self.arms:
+            arm.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _take(self, counts: tuple[int, ...], samples: int) -> None:
+        """Move the arms to these counts in so many samples, along a line, and read them."""
+        before, self._counts = self._counts, counts
+        for k in range(1, samples + 1):
+            now = [old + round((new - old) * k / samples) for old, new in zip(before, counts, strict=True)]
+            for i, (arm, half) in enumerate(zip(self.arms, self.halves, strict=True)):
+                half.reading = now[2 * i], now[2 * i + 1]
+                position, velocity, _ = arm.read()
+                self._position[i], self._velocity[i] = position[0], velocity[0]
+
+    def _abandon(self) -> None:
+        with suppress(DeviceError):  # the hardware may be gone, and then nothing is left to tell it
+            self.stop()
+
+    def _opened(self) -> float:
+        if self._period is None:
+            raise DeviceError("the rig is not open: call open(period) first")
+        return self._period

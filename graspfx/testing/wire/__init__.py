@@ -1,0 +1,15 @@
+"""Emulators of the hardware behind drivers: what is on the wire can be looked at, and the wire fails on demand."""
+
+from __future__ import annotations
+
+from graspfx.testing.wire.diy_wire import DiyWire
+from graspfx.testing.wire.force_dimension_wire import ForceDimensionWire
+from graspfx.testing.wire.rig_wire import RigWire
+from graspfx.testing.wire.serial_wire import SerialWire
+from graspfx.testing.wire.wire import FAILURES, Failure, Wire
+
+__all__ = ["FAILURES", "DiyWire", "Failure", "ForceDimensionWire", "RigWire", "SerialWire", "Wire"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,171 @@
+"""The rig's controller: its own firmware on this machine, behind a pseudo-terminal, with two simulated arms."""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import mmap
+import subprocess
+import time
+from functools import cache
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx import plugins
+from graspfx.errors import DeviceError
+from graspfx.testing.wire.c_compiler import STRICT, build
+from graspfx.testing.wire.plug import Plug
+from graspfx.testing.wire.wire import FAILURES, Wire, tip_force
+
+FloatArray = NDArray[np.float64]
+
+AXES = 4
+LIMIT = 0.06  # of a motor, in the firmware [N m]
+GEAR = 15.0
+LINK = 0.128  # [m]
+BASES = (-0.04, -0.18), (0.04, -0.18)  # [m]
+HOME = 2.2752353, 0.7000749, 0.8663574, 2.4415177  # directions of the links with fingers at (-0.025, 0), (0.025, 0)
+STEP = 0.05  # of `move` [rad]
+PATIENCE = 5.0  # for the program to start, or to plug the cable in [s]
+
+
+class Page(ctypes.Structure):
+    """The page that firmware/host.c shares: `struct page` there."""
+
+    _fields_ = (
+        ("rest", ctypes.c_double * AXES),
+        ("stiffness", ctypes.c_double),
+        ("damping", ctypes.c_double),
+        ("slowness", ctypes.c_double),
+        ("number", ctypes.c_double),
+        ("angle", ctypes.c_double * AXES),
+        ("speed", ctypes.c_double * AXES),
+        ("quiet", ctypes.c_double),
+        ("kind", ctypes.c_int32),
+        ("health", ctypes.c_int32),
+        ("torque", ctypes.c_int32 * AXES),
+        ("enabled", ctypes.c_int32),
+        ("state", ctypes.c_int32),
+        ("fault", ctypes.c_int32),
+        ("good", ctypes.c_int32),
+        ("bad", ctypes.c_int32),
+        ("plugs", ctypes.c_int32),
+        ("port", ctypes.c_char * 64),
+    )
+
+
+@cache
+def _program() -> Path:
+    """Build the emulator, once for a process, in a folder that goes when the process ends."""
+    folder = Path(mkdtemp(prefix="graspfx-rig-"))
+    atexit.register(rmtree, folder, ignore_errors=True)
+    return build([*STRICT, "host.c", "rig.c", "-lm"], folder / "host", plugins.shelf("devices") / "rig" / "firmware")
+
+
+class RigWire(Wire):
+    """The rig without its metal: rig.c built by this machine's compiler, in a program of its own.
+
+    Hands hold both fingers at home, with a stiffness at each joint. What is damaged by "flip" are frames in both
+    directions, since both have a checksum.
+
+    Args:
+        stiffness: of the hands at each joint [N m/rad].
+        damping: of the hands at each joint [N m s/rad].
+        slowness: seconds in which a second of the controller's clock goes by; above 1 its watchdog waits for tests on
+            a busy machine.
+
+    Raises:
+        MissingPackageError: this machine has no C compiler.
+    """
+
+    limit = LIMIT
+
+    def __init__(self, *, stiffness: float = 40.0, damping: float = 0.3, slowness: float = 1.0) -> None:
+        super().__init__()
+        self._plug = Plug()
+        self._program: subprocess.Popen[bytes] | None = None
+        self.slowness = slowness
+        try:
+            program = _program()
+            path = self._plug.folder / "page"
+            path.write_bytes(bytes(ctypes.sizeof(Page)))
+            with path.open("r+b") as file:
+                self.page = Page.from_buffer(mmap.mmap(file.fileno(), 0))
+            self.page.rest[:] = HOME
+            self.page.stiffness, self.page.damping, self.page.slowness = stiffness, damping, slowness
+            self._program = subprocess.Popen([program, path], stdin=subprocess.PIPE)
+            self._await_plug(0)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {"port": self._plug.port}
+
+    @property
+    def torque(self) -> FloatArray:
+        return 1e-6 * np.array(self.page.torque, dtype=float)
+
+    @property
+    def position(self) -> FloatArray:
+        angles = np.array(self.page.angle)
+        return np.array([self._place(i)(angles[2 * i : 2 * i + 2]) for i in range(2)])
+
+    @property
+    def force(self) -> FloatArray:
+        angles, joints = np.array(self.page.angle), GEAR * self.torque
+        pieces = [slice(0, 2), slice(2, 4)]
+        return np.array([tip_force(self._place(i), angles[each], joints[each]) for i, each in enumerate(pieces)])
+
+    @staticmethod
+    def _place(arm: int) -> Any:
+        return lambda a: np.array(BASES[arm]) + LINK * np.array([np.cos(a).sum(), np.sin(a).sum()])
+
+    def move(self) -> None:
+        """Turn the first link of each arm by 0.05 rad and wait until the hands have brought the arms there."""
+        self._bring(np.array(HOME) + STEP * np.array([1.0, 0.0, 1.0, 0.0]))
+
+    def home(self) -> None:
+        self._bring(np.array(HOME))
+
+    def _bring(self, angles: FloatArray) -> None:
+        self.page.rest[:] = angles.tolist()
+        deadline = time.monotonic() + 0.3
+        while time.monotonic() < deadline and self.page.state == 0:
+            time.sleep(0.01)
+
+    def _change(self) -> None:
+        plugs = self.page.plugs
+        self.page.number = self.number
+        self.page.kind = 0 if self.failure is None else 1 + FAILURES.index(self.failure)
+        if self.failure == "unplugged":
+            self._plug.pull()
+            time.sleep(0.01)  # until it is out
+        elif not self._plugged:
+            self._await_plug(plugs)
+
+    @property
+    def _plugged(self) -> bool:
+        return (self._plug.folder / "port").is_symlink()
+
+    def _await_plug(self, plugs: int) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while self.page.plugs == plugs:
+            if time.monotonic() > deadline:
+                raise DeviceError("the emulator of the rig does not start")
+            time.sleep(0.001)
+        self._plug.lead(self.page.port.decode())
+
+    def close(self) -> None:
+        if self._program is not None:
+            assert self._program.stdin is not None
+            self._program.stdin.close()
+            self._program.wait()
+            self._program = None
+        self._plug.remove()

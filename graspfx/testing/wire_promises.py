@@ -1,0 +1,341 @@
+"""Promises of a device that are seen on its wire: an emulator that shows what the motors hold, and fails on demand."""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.errors import DeviceError
+from graspfx.loop.device import Device, LimitedDevice, QuenchableDriver
+from graspfx.testing.conformance import BlindSpot
+from graspfx.testing.promise import Promise, Promises
+from graspfx.testing.wire_bench import PATIENCE, WireBench
+
+if TYPE_CHECKING:
+    from graspfx.testing.wire.wire import Failure, Wire
+
+FloatArray = NDArray[np.float64]
+
+# Promises, worded as where nobody sees them (`conformance.HARDWARE`).
+ZERO = "`stop` and `close` are zero force"
+NOT_FINITE = "a force that is not finite is displayed as zero"
+LIMIT = "the force limit is applied, last"
+NEWTONS = "a force reaches its own finger, in its direction, in newtons"
+METRES = "positions are in metres, velocities in metres a second, each of its own finger and axis"
+SECONDS = "the time is that of the reading, in seconds"
+ALONE = "the device loses its force when nobody writes any more"
+
+MOTION = 2.0  # for a finger to come where it is put [s]
+LONGEST = 20.0  # for another process to open the device [s]
+TICKS = 40  # of a failure
+NEAR = 1e-3  # that a finger at rest may be read away from where it is while its wire fails [m]
+SHARE = 0.03  # of a force that may be missing, by rounding and the finger's own motion
+SMALL = 2e-3  # [N], likewise
+AT_ONCE = 2  # ticks until an unplugged cable is a fault
+QUICK = 0.1  # a `close` with the cable out [s]
+RECKONING = 0.5  # of the time or the velocity: seconds are told from milliseconds, no clock is judged
+
+
+def check_wire(device: Device, wire: Wire, promises: Promises, period: float, force: float) -> None:
+    """Check what is seen on the wire; the device is closed, and is closed afterwards."""
+    bench = WireBench(device, wire, period, force)
+    try:
+        _check_motion(bench, promises)
+        _check_forces(bench, promises)
+        _check_zero(bench, promises)
+        _check_alone(bench, promises)
+        for kind in sorted(wire.kinds, key=lambda kind: (kind == "unplugged", kind)):
+            _check_failure(bench, promises, kind)
+    finally:
+        wire.heal()
+        with suppress(Exception):  # the promise broken first is the one to tell
+            device.close()
+
+
+def check_second(one: Device, two: Device, promises: Promises, period: float) -> None:
+    """Check that hardware which one program has taken is refused to the next."""
+    with promises("hardware that is open is refused to a second program, and the first one goes on") as promise:
+        promise.holds(one is not two, "the factory gave one device twice")
+        try:
+            one.open(period)
+            try:
+                two.open(period)
+            except DeviceError:
+                pass
+            else:
+                promise.holds(False, "both have it open: each sends its own forces")
+            promise.holds(np.isfinite(one.read()[0]).all(), "nothing to be read after the second was refused")
+        finally:
+            two.close()
+            one.close()
+
+
+def unseen(wire: Wire) -> Iterator[BlindSpot]:
+    """List what this wire cannot show."""
+    if wire.force is None:
+        yield BlindSpot(NEWTONS, "the emulator knows torques, and not the mechanism between them and the finger")
+    if wire.position is None:
+        yield BlindSpot(METRES, "the emulator does not know the mechanism: it sees that a moving finger is seen")
+    if "flip" in wire.kinds and not wire.checksum:
+        yield BlindSpot(
+            "a bit that changes on the way never moves a finger",
+            "the line has no checksum: a change that the mechanism could have made is taken",
+        )
+
+
+def _check_motion(bench: WireBench, promises: Promises) -> None:
+    device, wire = bench.device, bench.wire
+    with promises("a moving finger is seen") as promise:
+        bench.open()
+        least = 10.0 * (bench.features.resolution or 1e-5)
+        start = bench.tick()[0]
+        readings: list[tuple[FloatArray, FloatArray, float]] = []
+        wire.move()
+
+        def look() -> None:
+            readings.append(bench.tick())
+
+        came = bench.becomes(lambda: bool((np.abs(readings[-1][0] - start).max(axis=1) > least).all()), look, MOTION)
+        promise.holds(came, f"fingers were moved, and {readings[-1][0].tolist()} m is read as before")
+        position = wire.position
+        if position is not None:
+            bench.becomes(lambda: bench.place_error(readings[-1][0]) < least, look, MOTION)
+    if position is not None:
+        with promises(METRES) as promise:
+            look()
+            seen = readings[-1][0]
+            promise.holds(
+                bench.place_error(seen) <= NEAR,
+                f"{seen.tolist()} m is read and the fingers are at {np.asarray(wire.position).tolist()} m",
+            )
+            ways = []
+            for weighted in (False, True):
+                path, before = np.zeros(bench.shape), None
+                for _, velocity, now in readings:
+                    if now != before:
+                        since = 1 if before is None or not weighted else max(1, round((now - before) / bench.period))
+                        path = path + velocity * bench.period * since
+                    before = now
+                ways.append(float(np.linalg.norm(path - (seen - start)) / np.linalg.norm(seen - start)))
+            promise.holds(
+                min(ways) <= RECKONING, f"velocities that do not add up to the way: {100 * min(ways):.0f} % off"
+            )
+    with promises(SECONDS) as promise:
+        first, began = bench.tick()[2], time.perf_counter()
+        elapsed = 0.0
+        while elapsed < 0.2:
+            last, elapsed = bench.tick()[2], time.perf_counter() - began
+            time.sleep(min(bench.period, 1e-3))
+        ratio = (last - first) / elapsed
+        off = min(abs(ratio - 1.0), abs(ratio * wire.slowness - 1.0))  # by this machine's clock or the hardware's
+        promise.holds(off <= RECKONING, f"{last - first} s by its readings in {elapsed:.3f} s")
+    device.close()
+
+
+def _check_forces(bench: WireBench, promises: Promises) -> None:
+    device, wire = bench.device, bench.wire
+    bench.open()
+    with promises("a force is on the wire, and half of it for half the force") as promise:
+        bench.push()
+        whole = _level(bench, bench.forces)
+        half = _level(bench, 0.5 * bench.forces)
+        off = float(np.abs(half - 0.5 * whole).max())
+        promise.holds(
+            off <= 2.0 * SHARE * np.abs(whole).max(),
+            f"torques {whole.tolist()}, and {half.tolist()} for half the force",
+        )
+    if wire.force is not None:
+        with promises(NEWTONS) as promise:
+            for i in range(bench.shape[0]):
+                for axis in range(bench.shape[1]):
+                    f = np.zeros(bench.shape)
+                    f[i, axis] = bench.size
+                    near = max(SMALL, SHARE * bench.size)
+                    same = bench.becomes(partial(_is_near, bench, f, near), partial(bench.tick, f))
+                    finding = np.round(np.asarray(wire.force, dtype=float), 6).tolist()
+                    promise.holds(same, f"{finding} N where {f.tolist()} N were written")
+    with promises(LIMIT) as promise:
+        peak = bench.features.peak_force or 1.0
+        levels = []
+        for factor in (10.0, 1000.0):
+            levels.append(_level(bench, factor * peak * bench.forces / bench.size))
+            most = float(np.abs(levels[-1]).max())
+            promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, and its limit is {wire.limit}")
+        off = float(np.abs(levels[1] - levels[0]).max())
+        promise.holds(
+            off <= 0.1 * np.abs(levels[0]).max(),
+            f"{levels[0].tolist()} at ten times the peak force and {levels[1].tolist()} at a thousand times",
+        )
+        if wire.force is not None and bench.features.peak_force is not None and not isinstance(device, LimitedDevice):
+            norm = float(np.linalg.norm(wire.force, axis=1).max())
+            promise.holds(norm <= peak * (1.0 + SHARE), f"{norm} N, and the limit is {peak} N")
+    device.close()
+
+
+def _is_near(bench: WireBench, forces: FloatArray, most: float) -> bool:
+    return bench.force_error(forces) <= most
+
+
+def _level(bench: WireBench, forces: FloatArray) -> FloatArray:
+    """Write forces for some samples, and give the torques on the wire [N m]."""
+    for _ in range(5):
+        bench.device.read()
+        bench.device.write(forces)
+        time.sleep(min(bench.period, 1e-3))
+    time.sleep(min(0.01, 0.2 * bench.patience))
+    return bench.wire.torque
+
+
+def _check_zero(bench: WireBench, promises: Promises) -> None:
+    device = bench.device
+    with promises(ZERO) as promise:
+        bench.open()
+        bench.push()
+        device.stop()
+        promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after `stop`")
+        for name, leave in (
+            ("`close`", device.close),
+            ("the end of `with`", lambda: device.__exit__(None, None, None)),
+        ):
+            bench.open()
+            bench.push()
+            leave()
+            promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after {name}")
+    with promises("an exception inside `with device` is zero force") as promise:
+        with suppress(_Interruption), device:
+            bench.open()
+            bench.push()
+            raise _Interruption
+        promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after it")
+    with promises(NOT_FINITE) as promise:
+        for bad in (math.nan, math.inf, -math.inf):
+            bench.open()
+            bench.push()
+            forces = bench.forces.copy()
+            forces[0, 0] = bad
+            with suppress(DeviceError):
+                device.write(forces)
+            promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after {bad} N")
+            device.close()
+
+
+class _Interruption(Exception):
+    """An error of whoever uses the device."""
+
+
+def _check_alone(bench: WireBench, promises: Promises) -> None:
+    """Kill a program that displays a force, and see how the force goes."""
+    if not hasattr(os, "fork"):
+        return
+    with promises(ALONE) as promise:
+        watchdog = _killed(bench, promise)
+        _drop(bench, promise, watchdog)
+
+
+def _drop(bench: WireBench, promise: Promise, watchdog: float | None) -> None:
+    """See that a force which nobody commands any more goes: by a watchdog [s], or by the driver's `quench`."""
+    wait = PATIENCE if watchdog is None else PATIENCE + 2.0 * watchdog * bench.wire.slowness
+    if bench.becomes(bench.is_quiet, within=wait):
+        return
+    promise.holds(watchdog is None, f"its watchdog is to drop the force after {watchdog} s, and did not")
+    module = _driver(bench.device)
+    promise.holds(
+        module is not None,
+        "the hardware has no watchdog, and the driver no `quench(**settings)`: the force stays for good",
+    )
+    if module is not None:
+        module.quench(**bench.wire.settings)
+        promise.holds(bench.falls_silent(), f"torques {bench.wire.torque.tolist()} after `quench`")
+
+
+def _killed(bench: WireBench, promise: Promise) -> float | None:
+    """Have another process open the device and display a force; kill it, and give the watchdog that it had [s]."""
+    bench.wire.home()
+    ours, theirs = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # threads of this process: the other one needs none of them
+        process = os.fork()
+    if process == 0:  # pragma: no cover (killed: nothing is counted)
+        try:
+            bench.device.open(bench.period)
+            for _ in range(3):
+                bench.tick(bench.forces)
+            os.write(theirs, repr(bench.device.features.watchdog).encode())
+            while True:
+                bench.tick(bench.forces)
+                time.sleep(min(bench.period, 1e-3))
+        finally:
+            os._exit(1)
+    os.close(theirs)
+    try:
+        answer = os.read(ours, 100).decode() if select.select([ours], [], [], LONGEST)[0] else ""
+        promise.holds(answer, "it does not open and write in another process")
+        promise.holds(bench.becomes(lambda: not bench.is_quiet(), within=PATIENCE), "no force on the wire")
+    finally:
+        os.close(ours)
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+    return None if answer == "None" else float(answer)
+
+
+def _driver(device: Device) -> QuenchableDriver | None:
+    """Find the driver that a device is from: the module of its class, or a package around it."""
+    name = type(device).__module__
+    while name:
+        module: object = sys.modules.get(name)
+        if isinstance(module, QuenchableDriver):
+            return module
+        name = name.rpartition(".")[0]
+    return None
+
+
+def _check_failure(bench: WireBench, promises: Promises, kind: Failure) -> None:
+    device, wire = bench.device, bench.wire
+    with promises(
+        f"a wire that fails ({kind}) is a sample that stands or a DeviceError, never another place"
+    ) as promise:
+        bench.open()
+        for _ in range(5):
+            place, _, before = bench.tick(bench.forces)
+        wire.fail(kind)
+        ticks, error = 0, None
+        try:
+            while ticks < TICKS:
+                ticks += 1
+                position, velocity, now = bench.tick(bench.forces)
+                finite = np.isfinite(position).all() and np.isfinite(velocity).all()
+                promise.holds(finite, f"position {position.tolist()} m, velocity {velocity.tolist()} m/s")
+                away = float(np.abs(position - place).max())
+                exact = wire.checksum or kind != "flip"
+                promise.holds(not exact or away <= NEAR, f"a finger at rest is read {away} m away")
+                promise.holds(
+                    kind != "blocked" or now == before, "a reading of its own time, from a board that is mute"
+                )
+                most = float(np.abs(wire.torque).max())
+                promise.holds(most <= wire.limit * (1.0 + 1e-6), f"{most} on the wire, and its limit is {wire.limit}")
+        except DeviceError as trouble:
+            error = trouble
+        if kind == "unplugged":
+            promise.holds(error is not None and ticks <= AT_ONCE, f"no DeviceError in {ticks} samples")
+        began = time.perf_counter()
+        device.close()
+        spent = time.perf_counter() - began
+        promise.holds(kind != "unplugged" or spent < QUICK, f"`close` took {spent:.3f} s")
+        wire.heal()
+        _drop(bench, promise, device.features.watchdog)
+        bench.open()
+        position, _, now = bench.tick()
+        promise.holds(np.isfinite(position).all(), "nothing to be read after the failure")
+        device.close()

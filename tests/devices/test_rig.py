@@ -1,0 +1,368 @@
+"""The rig: golden frames, its firmware on this machine, its faults, and one program at a time."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from graspfx.devices.rig import rig_frames
+from graspfx.devices.rig.controller import Controller
+from graspfx.devices.rig.rig_frames import FAULTS, Kind, Mode, framed, run_frame, short_frame, state_in, unframed
+from graspfx.devices.two_link import connect as two_link
+from graspfx.errors import DeviceError, InputError
+from graspfx.protocols import AskedDevice, LimitedDevice, QuenchableDriver, SerialPort, SpringHand
+from graspfx.testing import driver
+from graspfx.testing.wire import RigWire
+from graspfx.testing.wire.c_compiler import STRICT, compiler
+from tests.support.rooms import ROOT
+
+FIRMWARE = ROOT / "devices" / "rig" / "firmware"
+PERIOD = 0.001
+SLOW = 400.0  # the controller's watchdog waits 2 s then: this machine may be busy
+
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+GOLDEN = {
+    "02 01 01 03 ac fb 00": short_frame(Kind.HELLO),
+    "02 02 01 03 fc a2 00": short_frame(Kind.ARM),
+    "02 03 01 03 cc 95 00": short_frame(Kind.STOP),
+    "03 11 07 03 58 21 00": short_frame(Kind.POLL, 7),
+    "03 10 01 03 e8 03 01 05 18 fc ff ff 01 01 01 01 01 01 01 03 d0 4f 00": run_frame(1, (0.001, -0.001, 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("golden", GOLDEN)
+def test_golden_frames(golden: str) -> None:
+    frame = GOLDEN[golden]
+    assert frame.hex(" ") == golden
+    assert 0 not in frame[:-1]
+
+
+def test_frames_come_back_and_damage_is_seen() -> None:
+    rng = np.random.default_rng(1)
+    for size in range(3, 60):
+        message = rng.integers(0, 3, size, dtype=np.uint8).tobytes()
+        frame = framed(message)[:-1]
+        assert unframed(frame) == message
+        for cut in range(len(frame)):
+            assert unframed(frame[:cut]) is None
+        for bit in range(8 * len(frame)):
+            damaged = bytearray(frame)
+            damaged[bit // 8] ^= 1 << bit % 8
+            assert b"\0" in damaged or unframed(bytes(damaged)) is None
+    assert rig_frames.binascii.crc_hqx(b"123456789", 0xFFFF) == 0x29B1  # the check value of CRC-16/CCITT-FALSE
+
+
+@needs_compiler
+def test_the_firmware_builds_without_a_warning_and_without_a_library(tmp_path: Path) -> None:
+    program = str(compiler())
+    alone = [program, *STRICT, "-ffreestanding", "-c", "rig.c", "-o", str(tmp_path / "rig.o")]
+    whole = [program, *STRICT, "host.c", "rig.c", "-lm", "-o", str(tmp_path / "host")]
+    for call in (alone, whole):
+        answer = subprocess.run(call, cwd=FIRMWARE, capture_output=True, text=True, check=False)
+        assert (answer.returncode, answer.stderr) == (0, "")
+
+
+@needs_compiler
+def test_arms_of_the_emulator_move_as_the_simulated_ones_do(tmp_path: Path) -> None:
+    """Two arms under constant torques for 0.1 s: host.c steps by 10 us, so 1e-4 rad of difference at most."""
+    call = [str(compiler()), *STRICT, "host.c", "rig.c", "-lm", "-o", str(tmp_path / "host")]
+    subprocess.run(call, cwd=FIRMWARE, check=True)
+    torques = [0.01, -0.004, -0.006, 0.01]
+    answer = subprocess.run(
+        [tmp_path / "host", "--motion", *map(str, torques), "0.1"], capture_output=True, text=True, check=True
+    )
+    motion = [float(line.split()[0]) for line in answer.stdout.splitlines()]
+    for i, (elbow, start) in enumerate((("left", (2.2, 0.7)), ("right", (0.9, 2.4)))):
+        device = two_link(elbow=elbow)
+        plant = type(device).plant([device])
+        place = np.array([device.arm.tip(*start)])
+        plant.place(place)
+        for _ in range(1000):
+            plant.advance(15.0 * np.array([torques[2 * i : 2 * i + 2]]), SpringHand(place, 0.0, 0.0), 1e-4)
+        assert np.allclose(motion[2 * i : 2 * i + 2], list(plant.angles(i if i < 1 else 0))[:2], atol=1e-4)
+
+
+def connect(wire: RigWire, **settings):
+    return driver("rig").connect(**wire.settings, **settings)
+
+
+def comes(state: Callable[[], bool]) -> bool:
+    """Tell whether a state comes in a time that is long for the emulator and short for its slow watchdog."""
+    deadline = time.monotonic() + 1.0
+    while not state() and time.monotonic() < deadline:
+        time.sleep(0.002)
+    return state()
+
+
+def read_often(device, count: int) -> None:
+    for _ in range(count):
+        device.read()
+
+
+@needs_compiler
+def test_positions_and_forces_are_those_of_the_arms() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as device:
+        assert all(isinstance(device, kind) for kind in (AskedDevice, LimitedDevice))
+        device.open(PERIOD)
+        forces = np.array([[0.4, -0.3], [-0.2, 0.5]])
+        device.write(forces)
+        time.sleep(0.3)  # until the hands hold still
+        device.write(forces)
+        for _ in range(20):  # the window of the velocity passes the way that the hands gave
+            device.ask()
+            position, velocity, _ = device.read()
+        assert np.abs(position - wire.position).max() < 2.0 * device.features.resolution
+        assert np.abs(velocity).max() < 0.05
+        assert np.abs(wire.force - forces).max() < 0.002  # of a micronewton metre, and the time between two looks
+        device.write(100.0 * forces)
+        time.sleep(0.02)
+        assert np.abs(wire.torque).max() == wire.limit
+        ratio = wire.force / forces
+        assert (
+            np.abs(ratio - ratio[:, :1]).max() < 0.05 * np.abs(ratio).max()
+        )  # in their own directions, but for the way since
+    assert not wire.torque.any() and not wire.page.enabled
+
+
+@needs_compiler
+def test_a_force_that_is_not_finite_stops_both_arms() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.write(np.full((2, 2), 0.2))
+        with pytest.raises(DeviceError, match="cannot be displayed"):
+            device.write(np.array([[0.2, 0.2], [np.nan, 0.0]]))
+        assert comes(lambda: not wire.torque.any())
+
+
+@needs_compiler
+@pytest.mark.parametrize("health", [3, 4, 5])
+def test_a_fault_of_the_controller_is_told_in_words(health: int) -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.write(np.full((2, 2), 0.2))
+        wire.page.health = health
+        assert comes(lambda: wire.page.state == Mode.FAULT)
+        assert not wire.torque.any() and not wire.page.enabled
+        with pytest.raises(DeviceError, match=FAULTS[health].partition(":")[0]):
+            device.read()
+        device.close()
+        with pytest.raises(DeviceError, match="does not arm"):
+            device.open(PERIOD)
+
+
+@needs_compiler
+def test_a_joint_that_turns_too_fast_switches_the_motors_off() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.write(np.full((2, 2), 0.2))
+        wire.page.rest[0] += 2.0  # a hand that jerks: 40 N m/rad on 2.5e-3 kg m^2
+        assert comes(lambda: wire.page.state == Mode.FAULT)
+        assert not wire.torque.any() and not wire.page.enabled
+        with pytest.raises(DeviceError, match="overspeed"):
+            device.read()
+
+
+@needs_compiler
+def test_the_watchdog_of_the_controller_lets_go_when_the_program_says_nothing_more() -> None:
+    """Torques stand for 5 ms, then decay within 20 ms; a RUN after that does nothing, and HELLO begins anew."""
+    with RigWire(slowness=80.0) as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.write(np.full((2, 2), 0.3))
+        time.sleep(0.05)
+        full, began = np.abs(wire.torque).max(), time.monotonic()
+        assert full > 0.0
+        seen = []
+        while wire.torque.any() and time.monotonic() - began < 10.0:
+            seen.append(np.abs(wire.torque).max())
+            time.sleep(0.01)
+        assert all(b <= a for a, b in pairwise(seen))
+        assert any(0.0 < each < 0.9 * full for each in seen)  # a decay, not a step
+        assert wire.page.quiet - began > 1.0  # 80 times slower than 25 ms, and some of it is over
+        device.controller.run((0.01,) * 4)
+        time.sleep(0.05)
+        assert wire.page.state == Mode.FAULT and not wire.torque.any()
+        with pytest.raises(DeviceError, match="watchdog"):
+            device.read()
+        device.open(PERIOD)
+        device.write(np.full((2, 2), 0.3))
+        assert comes(lambda: bool(wire.torque.any()))
+
+
+@needs_compiler
+def test_an_old_or_repeated_command_never_acts() -> None:
+    with RigWire(slowness=SLOW) as wire:
+        port = SerialPort(wire.settings["port"])
+        controller = Controller(port, 0.05)
+        controller.open(0.06, 0.005)
+        for number, torque, expected in ((5, 0.01, 0.01), (5, 0.02, 0.01), (4, 0.03, 0.01), (6, 0.04, 0.04)):
+            port.send(run_frame(number, (torque,) * 4))
+            time.sleep(0.02)
+            assert wire.torque.tolist() == pytest.approx([expected] * 4)
+        controller.close()
+        assert not wire.torque.any()
+
+
+@needs_compiler
+def test_many_questions_do_not_make_the_next_command_old() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.controller._question = 0x7FFF + 0xFFFF  # as many were asked, and the number goes round
+        device.read()
+        assert device.read()[2] > 0.0
+        device.write(np.full((2, 2), 0.2))
+        assert comes(lambda: bool(wire.torque.any()))
+
+
+@needs_compiler
+def test_one_answer_in_fifty_is_lost_and_the_others_stand() -> None:
+    with RigWire() as wire, connect(wire, timeout=0.0025) as device:  # the watchdog waits for the first RUN
+        device.open(PERIOD)
+        wire.fail("drop", 50)
+        times = [device.read()[2] for _ in range(500)]
+        assert 10 <= sum(a == b for a, b in pairwise(times)) < 250
+
+
+@needs_compiler
+def test_garbage_before_a_question_is_no_harm_and_ten_bad_frames_are_a_fault() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire, timeout=0.002) as device:
+        device.open(PERIOD)
+        device.controller.port.send(bytes(range(1, 60)) * 3 + b"\0")
+        device.read()
+        assert device.read()[2] > 0.0
+        device.write(np.full((2, 2), 0.2))
+        for _ in range(12):
+            device.controller.port.send(b"\x05\x01\x02\x03\x00")
+        time.sleep(0.05)
+        with pytest.raises(DeviceError, match="noise"):
+            read_often(device, 10)
+
+
+@needs_compiler
+def test_flipped_bits_hold_the_last_sample_and_never_move_the_finger() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire, timeout=0.002) as device:
+        device.open(PERIOD)
+        position, held = device.read()[0].copy(), 0
+        wire.fail("flip", 0.1)
+        last = -1.0
+        for _ in range(400):
+            p, _, now = device.read()
+            held += device._silent > 0
+            assert now >= last and (now == last or device._silent == 0)
+            last = now
+            assert np.abs(p - position).max() < 1e-3
+            device.write(np.full((2, 2), 0.05))
+        assert 10 < held < 390 and wire.page.bad > 5
+
+
+@needs_compiler
+def test_a_command_that_is_cut_at_any_byte_does_not_act_and_the_next_question_is_answered() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire, timeout=0.0025) as device:
+        device.open(PERIOD)
+        line = device.controller.port
+        frame = run_frame(1, (0.01, -0.02, 0.03, 0.04))
+        for cut in range(1, len(frame) - 1):
+            line.send(frame[:cut] + b"\0")
+            read_often(device, 1)
+            assert device._silent <= 1 and not wire.torque.any()
+            line.send(short_frame(Kind.HELLO))  # damaged frames are counted, and ten in a row are a fault of a run
+            line.send(short_frame(Kind.ARM))
+            line.flush()
+        line.send(frame)
+        time.sleep(0.02)
+        assert wire.torque.tolist() == pytest.approx([0.01, -0.02, 0.03, 0.04])
+
+
+@needs_compiler
+@pytest.mark.stress
+def test_a_minute_of_flipped_bits_moves_no_finger_and_no_torque() -> None:
+    """One frame in ten has a changed bit, in both directions: a sample stands, a torque stands, nothing jumps."""
+    with RigWire(slowness=SLOW) as wire, connect(wire, timeout=0.0025) as device:
+        device.open(PERIOD)
+        place, held, ticks = device.read()[0].copy(), 0, 0
+        wire.fail("flip", 0.1)
+        began = time.monotonic()
+        while time.monotonic() - began < 60.0:
+            device.ask()
+            position, velocity, _ = device.read()
+            held, ticks = held + (device._silent > 0), ticks + 1
+            assert np.abs(position - place).max() < 1e-3 and np.abs(velocity).max() < 0.5
+            device.write(np.full((2, 2), 0.05))
+            assert np.abs(wire.force).max() < 0.06
+            time.sleep(0.0005)
+        assert held > 0.01 * ticks and wire.page.bad > 0.01 * ticks
+
+
+@needs_compiler
+def test_unplugged_is_a_fault_at_once_and_close_returns() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as device:
+        device.open(PERIOD)
+        device.read()
+        wire.fail("unplugged")
+        with pytest.raises(DeviceError, match="is gone"):
+            device.read()
+        began = time.perf_counter()
+        device.close()
+        assert time.perf_counter() - began < 0.1
+        with pytest.raises(DeviceError, match="does not open"):
+            device.open(PERIOD)
+        wire.heal()
+        device.open(PERIOD)
+        device.read()
+
+
+@needs_compiler
+def test_quench_switches_the_motors_off() -> None:
+    module = driver("rig")
+    assert isinstance(module, QuenchableDriver)
+    with RigWire(slowness=1e4) as wire, connect(wire) as device:  # a watchdog of 50 s, which is none
+        device.open(PERIOD)
+        device.write(np.full((2, 2), 0.3))
+        assert comes(lambda: bool(wire.torque.any()))
+        device.controller.port.close()  # a program that dies does that, and nothing else
+        module.quench(**wire.settings)
+        assert not wire.torque.any() and not wire.page.enabled
+
+
+@needs_compiler
+def test_a_second_program_is_refused() -> None:
+    with RigWire(slowness=SLOW) as wire, connect(wire) as first, connect(wire) as second:
+        first.open(PERIOD)
+        for _ in range(2):
+            with pytest.raises(DeviceError, match="taken by another program"):
+                second.open(PERIOD)
+            with pytest.raises(DeviceError, match="taken by another program"):
+                driver("rig").quench(**wire.settings)
+        first.read()
+        first.close()
+        second.open(PERIOD)
+
+
+def test_settings_are_refused_by_name() -> None:
+    connect_ = driver("rig").connect
+    for settings, name in (
+        ({"port": ""}, "port"),
+        ({"port": 3}, "port"),
+        ({"port": "x", "timeout": 1.0}, "timeout"),
+        ({"port": "x", "arms": []}, "arms"),
+        ({"port": "x", "arms": [{"base": (0.0, 0.0), "links": 3}]}, "arms.0"),
+        ({"port": "x", "torque_limit": -1.0}, "torque_limit"),
+    ):
+        with pytest.raises(InputError) as error:
+            connect_(**settings)
+        assert error.value.name == name
+    with pytest.raises(InputError, match="watchdog"):
+        connect_(port="x").open(0.005)
+    with pytest.raises(DeviceError, match="not open"):
+        connect_(port="x").read()
+
+
+def test_a_message_of_another_length_is_none() -> None:
+    assert state_in(b"\x90" + bytes(40)) is not None and state_in(b"\x90" + bytes(39)) is None
+    assert state_in(b"\x91" + bytes(40)) is None
