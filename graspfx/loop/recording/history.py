@@ -261,10 +261,9 @@ class History:
         """Add up the work of a part of the displayed force."""
         from graspfx.loop.recording.two_parts import work
 
-        if self.header.every > 1:
-            text = "the work of each force is added up from every tick, and this recording has one row in"
-            more = "set record.every = 1, or read device_energy, which the ticks add up"
-            raise RecordingError(f"{text} {self.header.every}: {more}")
+        if (every := self.header.every) > 1:
+            text = f"added up from every tick, and this recording has one row in {every}: set record.every = 1"
+            raise RecordingError(f"the work of each force is {text}, or read device_energy, which the ticks add up")
         tips = "true_position" if self.layout.simulated else "finger_position"
         self.require(tips, "device_energy")
         if not self.is_stored:
@@ -288,13 +287,14 @@ class History:
     def _external(self) -> tuple[FloatArray, FloatArray | None]:
         if not self.is_stored:
             return self._row_split.external_forces()
-        count, n = len(self), len(self.layout.fingers)
-        forces = (each._row_split.external_forces()[0] for each in self.parts())
-        moments = (each._row_split.external_forces()[1] for each in self.parts())
-        force = gather(count, (n, self.layout.dimensions), forces)
-        return force, gather(
-            count, (n, 3), (part for part in moments if part is not None)
-        ) if self.layout.moments else None
+        force = np.empty((len(self), len(self.layout.fingers), self.layout.dimensions))
+        moment = np.empty((*force.shape[:2], 3)) if self.layout.moments else None
+        for each in self.parts():
+            place = slice(each.start, each.start + len(each))
+            force[place], twist = each._row_split.external_forces()
+            if moment is not None:
+                moment[place] = twist
+        return force, moment
 
     @property
     def _row_split(self) -> RowSplit:

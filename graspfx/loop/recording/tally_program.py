@@ -17,7 +17,7 @@ from graspfx.compile.demand import KernelOnDemand
 FloatArray = NDArray[np.float64]
 
 LENGTHS, PLACES, MOMENTS, SHARES, DEPTHS, DISTANCES, LAWS, LARGEST = range(8)  # kinds of measures
-STEP = 12  # numbers of a measure: its kind, those of `Measure`, where its results are, and its rows
+STEP = 11  # numbers of a measure: its kind, those of `Measure`, where its results are, and its rows
 
 
 def larger(peak: float, size: float) -> float:
@@ -323,7 +323,7 @@ class Measures(Mapping[str, list[float]]):
         """
         if not pieces or not len(rows):
             return
-        table = [[*self._lines[name], float(piece.start), float(piece.stop), 0.0] for name, piece in pieces.items()]
+        table = [[*self._lines[name], float(piece.start), float(piece.stop)] for name, piece in pieces.items()]
         if self._run is None:
             self._run = MEASURE.runner(self._rows * len(table))
         lines, lists = np.array(table).reshape(-1), np.array([*self._lists, 0.0])
