@@ -53,12 +53,13 @@ class Features(Carded):
     watchdog: float | None = None  # after the last `write`, hardware drops its force [s]; None: never
     rate: float | None = None  # most exchanges of reading and writing in a second [Hz]
     latency: float | None = None  # age of a sample when `read` returns it [s]
+    switches: int | None = None  # how many switches it has, which are the bits of its `switches` after a `read`
 
     def _card(self) -> Card:
-        figures = {name: getattr(self, name) for name in UNITS}
+        figures = {name: getattr(self, name) for name in (*UNITS, "switches")}
         rows = [
             ("workspace", "" if self.workspace is None else " to ".join(str(each) for each in self.workspace) + " m"),
-            *((name, f"{value:g} {UNITS[name]}") for name, value in figures.items() if value is not None),
+            *((name, f"{value:g} {UNITS.get(name, '')}".rstrip()) for name, value in figures.items() if value is not None),
             ("not known", listed((name for name, value in figures.items() if value is None), len(figures))),
         ]
         space = counted(self.dimensions, "dimension")
