@@ -65,7 +65,7 @@ def _frame_faults(scene: SceneTable, at: Location, table: DeviceTable) -> Iterat
 
 def _deadman_faults(at: Location, table: DeviceTable, device: Device) -> Iterator[Finding]:
     deadman, switches = table.deadman, device.features.switches
-    if deadman is not None and deadman >= (switches or 0):
+    if deadman is not None and deadman >= switches:
         has = f"{table.name!r} tells {switches or 'no'} switch{'' if switches == 1 else 'es'}"
         yield (*at, "deadman"), f"expected the number of a switch of the device, counted from 0: {has}; given {deadman}"
 

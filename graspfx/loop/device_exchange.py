@@ -14,6 +14,7 @@ from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.exits import Exits, Interruption
 from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.guards import Guards
+from graspfx.loop.realtime.port_log import PortLog
 from graspfx.loop.realtime.readings import Readings
 from graspfx.loop.safety.trust import CAUSES, DEADMAN
 from graspfx.loop.tick.script import Port
@@ -55,6 +56,7 @@ class DevicePort:
         entry: of fingers that were inside an object; None without.
         fitting: to the scene.
         readings: in the device's own axes, where the port has them in the scene's.
+        log: of what it tells besides, where that is recorded; None without.
         is_gone: whether a call of it has failed: it is not read again.
         is_up: whether its deadman was up at the last reading.
         watches: whether a deadman that is up takes the force away; before a run there is none to take.
@@ -71,6 +73,7 @@ class DevicePort:
         self._since = self.fitting.every - 1  # ticks since it was called
         self.workspace = self.device.features.workspace
         self.entry: Entry | None = None
+        self.log: PortLog | None = None
         self.is_gone = self.is_up = False
         self.watches = True
         ask = getattr(self.device, "ask", None)
@@ -104,6 +107,8 @@ class DevicePort:
         """Read into the port, so many periods after the last time; what is not called in this tick stays there."""
         port, readings = self.port, self.readings
         port.memory[0] = 0.0
+        if self.log is not None:
+            self.log.clear()
         if self.is_gone:
             return ""
         self._since += periods
@@ -119,6 +124,8 @@ class DevicePort:
                 text = _take_limit(port.limit, self.device.largest_force, self.fitting.scale)
             if self.fitting.deadman is not None and not text:
                 text = self._watch(self.device, self.fitting.deadman)
+            if self.log is not None and not text:
+                text = self.log.take(self.device, is_fresh=readings.is_fresh)
         except Exception as error:  # noqa: BLE001 - as in `open`
             return self._failure("cannot be read", error)
         if text:
@@ -171,7 +178,7 @@ class DevicePort:
     def _watch(self, device: Any, deadman: int) -> str:
         """Look at the deadman; where a chain can take the force away, it does so, and then says why."""
         switches = device.switches
-        if isinstance(switches, bool) or not isinstance(switches, int):
+        if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
             return f"told {abbreviate(switches)} for its switches, expected a whole number, a bit for each"
         self.is_up = not switches >> deadman & 1
         if not (self.is_up and self.watches):
@@ -263,7 +270,7 @@ def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
 
 
 def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
-    """Take over the largest forces that a device has where it stands, over its scale; return what is wrong with them."""
+    """Take over the largest forces of a device where it stands, over its scale; return what is wrong with them."""
     if type(largest) is not np.ndarray or largest.shape != limit.shape or largest.dtype != np.float64:
         return f"told {abbreviate(largest)} for its largest force, expected an array {limit.shape} of float64"
     limit[...] = largest / scale

@@ -1,4 +1,4 @@
-"""What a scene's table says of a device besides its driver's settings: its frame, its deadman, how often it is called."""
+"""What a scene's table says of a device besides settings: its frame, its deadman, how often it is called."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class BodyGroup:
 
 @dataclass(frozen=True)
 class DeviceWiring:
-    """A device, the finger that each of its channels is (-1: a channel that the scene does not use), and its fitting."""
+    """A device, the finger that each channel is (-1: one that the scene does not use), and its fitting to the scene."""
 
     device: Device
     fingers: Index

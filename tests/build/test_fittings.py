@@ -12,17 +12,18 @@ import graspfx as gx
 from graspfx.build import pace
 from graspfx.build.mechanics import mechanics
 from graspfx.build.resolve import resolve
-from graspfx.errors import DeviceError, InputError, SceneError
+from graspfx.errors import DeviceError, SceneError
 from graspfx.loop.device import Features
 from graspfx.loop.frame import frame
-from tests.support.hardware import SETTLING, Evil, Fake, VirtualClock, driver, fakes
+from tests.support.hardware import SETTLING, Fake, VirtualClock, driver, fakes
 
 AXES = "x -z y"
 ORIGIN = [0.01, -0.02, 0.03]
 SPACE: dict[str, Any] = {
     "dimensions": 3, "period": 0.005, "duration": 0.4, "engine": "interpreted",
     "object": {
-        "mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 1e-3, "shape": {"kind": "box", "size": [0.05, 0.05, 0.05]}
+        "mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 1e-3,
+        "shape": {"kind": "box", "size": [0.05, 0.05, 0.05]},
     },
     "coupling": {
         "external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "contact": "attached", "enter": "ramp"
@@ -123,9 +124,7 @@ def test_a_run_in_a_frame_is_the_run_without_it(tmp_path: Path) -> None:
     file, place = driver(tmp_path), frame(3, ORIGIN, AXES, 2.0)
     at = np.array([-0.031, 0.002, 0.001])
     plain = gx.run(scene(file, at), real_time=True)
-    there = gx.run(
-        scene(file, place.back(at), frame={"origin": ORIGIN, "axes": AXES, "scale": 2.0}), real_time=True
-    )
+    there = gx.run(scene(file, place.back(at), frame={"origin": ORIGIN, "axes": AXES, "scale": 2.0}), real_time=True)
     assert np.abs(there.finger_position - plain.finger_position).max() < 1e-15
     assert np.abs(there.finger_force).max() > 0.01
     # the fake's limit of 1 N is 0.5 N in the scene, which is not reached
@@ -140,13 +139,16 @@ def test_limits_are_those_at_the_device(tmp_path: Path) -> None:
     file, large = driver(tmp_path), {"origin": ORIGIN, "scale": 4.0}
     far = frame(3, ORIGIN, None, 4.0).back(np.array([-0.06, 0.0, 0.0]))
     limited = scene(file, far, frame=large, safety={"force": 0.1, "rate": 8.0, "speed": 1.0, "soft_start": 0.0})
+    limited = limited.replace(FIXED)
     limits = resolve(limited).safety
     assert limits is not None
     assert (limits.force[0], limits.rate[0], limits.speed[0]) == (0.025, 2.0, 4.0)
     assert (limits.force[1], limits.rate[1], limits.speed[1]) == (0.1, 8.0, 1.0)
     gx.run(limited, real_time=True)
-    most = max(np.linalg.norm(force) for _, force in fakes(file)[-1].forces)
-    assert 0.099 < most <= 0.1 * (1.0 + 1e-12)
+    within = max(np.linalg.norm(force) for _, force in fakes(file)[-1].forces)
+    gx.run(limited.replace({"safety.force": 9.0}), real_time=True)
+    beyond = max(np.linalg.norm(force) for _, force in fakes(file)[-1].forces)
+    assert 0.03 < within <= 0.1 * (1.0 + 1e-12) < beyond
     untold = resolve(scene(file, far, frame=large, safety={})).safety
     assert untold is not None
     assert untold.force.tolist() == [0.75, 3.0]  # 3 N at the hand
@@ -214,7 +216,7 @@ def test_a_deadman_that_is_up_at_first_is_refused(tmp_path: Path, monkeypatch: p
 
 def test_a_deadman_is_a_switch_that_the_device_has(tmp_path: Path) -> None:
     file = driver(tmp_path)
-    for switches, text in ((None, "no switches"), (1, "1 switch;"), (2, "2 switches")):
+    for switches, text in ((0, "no switches"), (1, "1 switch;"), (2, "2 switches")):
         with pytest.raises(SceneError, match=rf"finger\.0\.device\.deadman: .*{text}.*given 2"):
             scene(file, [-0.031, 0.0, 0.0], deadman=2, switches=switches)
 

@@ -66,13 +66,13 @@ class Fake:
         at: int = 10,
         workspace: Any = None,
         board: object = None,
-        switches: int | None = None,
+        switches: int = 0,
     ) -> None:
         self.x = np.array(position, dtype=float)
         k, d = self.x.shape
         box = None if workspace is None else (np.array(workspace[0]), np.array(workspace[1]))
         self.features = Features(fingers=k, dimensions=d, peak_force=LIMIT, workspace=box, switches=switches)
-        self.switches: Any = (1 << (switches or 0)) - 1
+        self.switches: Any = (1 << switches) - 1
         self.velocity = np.zeros((k, d))
         self.reads, self.log = 0, list[tuple[int, Any]]()
         self.period, self.at, self.evil = 0.0, at, EVIL[evil] if evil else Evil()

@@ -62,7 +62,9 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
         trips.append(clock.now() - began)
         for i, each in enumerate(devices.ports):
             fastest[i] = max(fastest[i], float(np.abs(each.readings.velocity).max()))
-    fresh = [(each.readings.samples - n) * each.fitting.every / count for each, n in zip(devices.ports, first, strict=True)]
+    fresh = [
+        (each.readings.samples - n) * each.fitting.every / count for each, n in zip(devices.ports, first, strict=True)
+    ]
     for each, speed, part in zip(devices.ports, fastest, fresh, strict=True):
         _require([_moving(each, speed), _outside(each), _late(each, part), _up(each)])
         each.watches = True

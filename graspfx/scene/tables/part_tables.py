@@ -179,7 +179,8 @@ class Device(Table):
     name: str = Field(description="a driver's name, or the path of a .py file")
     frame: Frame | None = Field(default=None, description="of hardware in the scene; the scene's own axes if not given")
     deadman: Count | None = Field(
-        default=None, description="number of the device's switch, from 0, that has to be down: forces decay once it is up"
+        default=None,
+        description="number of the device's switch, from 0, that has to be down: forces decay once it is up",
     )
     rate: Positive | None = Field(
         default=None, description="how often hardware is called at most [Hz]; in every tick if not given"
