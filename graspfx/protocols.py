@@ -36,6 +36,7 @@ from graspfx.loop.device import (
     SwitchedDevice,
     former_settings,
 )
+from graspfx.loop.follower import Follower
 from graspfx.loop.hand import Hand as SpringHand
 from graspfx.loop.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum, Turn
 from graspfx.loop.plant import FusedHand, FusedPlant, Hand, HandKernel, HandPorts, Kernel, Plant, Ports, is_still
@@ -95,6 +96,8 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "BodyState",
     "fill_body",
     "Guest",
+    # motion behind an input that comes in steps
+    "Follower",
     # velocity from positions
     "VelocityEstimate",
     "estimate",
