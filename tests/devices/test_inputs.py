@@ -6,15 +6,15 @@ import os
 import struct
 import subprocess
 import sys
-import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import graspfx as gx
+from graspfx.build.run import run
+from graspfx.certificate.plan import plan
 from graspfx.devices._inputs.events import AXIS, AXIS_STATE, EVENT, GRAB, KEYS, READ, WRITE, is_down, request
 from graspfx.errors import DeviceError, InputError
 from graspfx.testing import check_device, driver
@@ -184,7 +184,7 @@ def test_settings_are_refused_by_their_names(kind: str, setting: dict[str, Any],
         driver(kind).connect(port="/dev/input/event0", **setting)
 
 
-def test_a_ball_is_pushed_by_a_mouse(tmp_path: Path) -> None:
+def test_a_ball_is_pushed_by_a_mouse() -> None:
     """A scene runs under real time; the object is pushed, `check` says that no force is displayed."""
     with EventWire() as wire:
         scene = gx.Scene(
@@ -199,11 +199,15 @@ def test_a_ball_is_pushed_by_a_mouse(tmp_path: Path) -> None:
                 "device": {"name": "mouse", **wire.settings, "start": [-0.021, 0.0], "speed": 0.05, "lag": 0.005},
             }],
         )  # fmt: skip
-        assert "no force is displayed by finger0 (Mouse)" in "\n".join(gx.check(scene).lines())
-        pushing = threading.Timer(0.5, wire.send, [(RELATIVE, 0, 400)])
-        pushing.start()
-        rec = gx.run(scene, real_time=True)
-        pushing.join()
+        steps = {row.step: row for row in plan(scene)}
+        assert steps["display"].why.startswith("no force is displayed by finger0 (Mouse)")
+        assert "private limit" not in steps
+
+        def push() -> bool:
+            wire.send((RELATIVE, 0, 10))
+            return False
+
+        rec = run(scene, real_time=True, stop=push)
         assert not rec.faults
         assert rec.finger_position[-1, 0, 0] > -0.0205
         assert rec.object_position[-1, 0] > 0.0
