@@ -45,6 +45,7 @@ from graspfx.numeric import LARGEST, SMALLEST, finite, number
 from graspfx.objects.body import BlockBody, Body, NativeBody, fill_body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import Guest
+from graspfx.program_lock import ProgramLock
 from graspfx.serial_port import SerialPort
 
 __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then by kind)
@@ -64,8 +65,9 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     # devices with switches, and devices that show what came over the wire
     "SwitchedDevice",
     "RawDevice",
-    # a board's serial port, for one program at a time
+    # a board's serial port, and a lock of other hardware, for one program at a time
     "SerialPort",
+    "ProgramLock",
     # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names
     "SimulatedDevice",
     "LimitedDevice",
