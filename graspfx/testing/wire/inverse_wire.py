@@ -162,9 +162,12 @@ class InverseWire(Wire):
         try:
             _greet(line, data)
             line.sendall(_frame(TEXT, self._state(first=True)))
-            while True:
+            while self._server is not None:
+                if self._damage.kind == "blocked":
+                    time.sleep(IDLE)
+                    continue
                 wait = min([IDLE, *(max(0.0, when - time.monotonic()) for when, _ in due[:1])])
-                if select.select([line], [], [], wait)[0] and self._damage.kind != "blocked":
+                if select.select([line], [], [], wait)[0]:
                     part = line.recv(1 << 16)
                     if not part:
                         return
