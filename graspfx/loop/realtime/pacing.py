@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from graspfx.loop.realtime.guards import Guards
+from graspfx.loop.realtime.lateness import Lateness
 
 SLICE = 0.005  # [s]: a sleep is cut into pieces, between which a run may be stopped
 
@@ -50,6 +51,7 @@ class Pacer:
         self.deadline: float | None = None  # of the last tick [s]
         self.skipped = self.row = 0
         self.latest = 0.0  # the most that a tick began after its deadline [s]
+        self.lateness = Lateness()
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
         """Wait for the next tick's deadline; return how many periods it leaves out.
@@ -74,6 +76,7 @@ class Pacer:
         self.skipped += skipped
         self.row = 0 if is_early and not skipped else self.row + skipped
         self.latest = max(self.latest, late - skipped * self.period)
+        self.lateness.add(late)
         return skipped
 
 
