@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.lateness import Lateness
@@ -61,6 +61,11 @@ class Pacer:
         self._start = 0.0  # of the first tick [s]
         self.latest = 0.0  # the most that a tick began after its deadline [s]
         self.lateness = Lateness()
+
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """Entries of the run's `Outcome`: periods left out, and how late ticks began."""
+        return {"skipped": self.skipped, "late": self.lateness.figures}
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
         """Wait for the next tick's deadline; return how many periods it leaves out.

@@ -34,6 +34,8 @@ class Header:
         settled: of a run with hardware, where each of its fingers met its object, by name: `position` (d,) [m], and
             `offset`, by which it was deeper than its contact and which fades out in the recorded positions (d,) [m].
         round_trip: of a reading and a writing of all hardware before the run, the median [s]; 0 without hardware.
+        scheduling: of a run with hardware, what its loop had: `loop` ("process" or "inline"), `policy` ("fifo 80" or
+            "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the processor's `governor`.
     """
 
     period: float
@@ -52,6 +54,7 @@ class Header:
     every: int = 1
     settled: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     round_trip: float = 0.0
+    scheduling: Mapping[str, Any] = field(default_factory=dict)
 
     def rows_before(self, tick: int) -> int:
         """Count the rows of the ticks before one: the number of the first row from that tick on."""
@@ -100,6 +103,8 @@ class Outcome:
     cause: str = ""  # of the end of a run that broke off: a signal's name, or an exception; empty if not known
     skipped: int = 0  # periods that a run on the wall's clock left out
     repeats: int = 0  # readings of hardware that brought no new sample
+    lost: int = 0  # rows that were not recorded in time, and are NaN
+    late: Mapping[str, float] = field(default_factory=dict)  # after the deadline, by quantile: p50, ..., max [s]
 
 
 def now() -> str:
