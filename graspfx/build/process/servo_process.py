@@ -18,6 +18,7 @@ from graspfx.build.process.relay import Relay
 from graspfx.errors import DeviceError
 from graspfx.loop.realtime import carried_errors
 from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
+from graspfx.loop.realtime.priority import REMEDY, RealTimeWarning
 from graspfx.loop.realtime.ring import Phase, Ring, Word, create
 from graspfx.progress import waiting
 
@@ -180,6 +181,12 @@ class ServoProcess:
                 report = "".join(f"; {text}" for text in self.guard.report)
                 raise DeviceError(f"the servo's process {self.cause} before the run began{report}")
 
+    def settle(self) -> None:
+        """Wait until the hardware is at rest."""
+        (self._header,) = self.expect("settled")
+        if not str(self.header.scheduling.get("policy", "")).startswith("fifo"):
+            warnings.warn(REMEDY, RealTimeWarning, stacklevel=6)
+
     def close(self) -> None:
         """Let the process close its hardware, and end."""
         self.guard.send("close")
@@ -230,7 +237,7 @@ def servo_process(
             exits.heed = guard.interrupt
             try:
                 guard.send("open")
-                (remote._header,) = remote.expect("settled")
+                remote.settle()
                 yield remote
             finally:
                 if int(ring.words[Word.PHASE]) == Phase.RUNNING:
