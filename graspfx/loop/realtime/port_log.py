@@ -61,7 +61,11 @@ class PortLog:
         if self._raw is not None:
             assert isinstance(device, RawDevice)
             raw = device.raw
-            if type(raw) is not np.ndarray or raw.shape != self._raw.shape or raw.dtype != self._kind:
+            if not self._is_raw(raw):
                 return f"told {abbreviate(raw)} for raw numbers, expected an array {self._raw.shape} of {self._kind}"
             self._raw[...] = raw
         return ""
+
+    def _is_raw(self, value: object) -> bool:
+        assert self._raw is not None
+        return isinstance(value, np.ndarray) and value.shape == self._raw.shape and value.dtype == self._kind
