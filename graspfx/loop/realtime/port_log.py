@@ -54,7 +54,7 @@ class PortLog:
             each[0] = float(is_fresh)
         if self._count:
             assert isinstance(device, SwitchedDevice)
-            bits = device.switches
+            bits: object = device.switches
             if isinstance(bits, bool) or not isinstance(bits, int | np.integer) or not 0 <= bits < 1 << self._count:
                 return f"told {abbreviate(bits)} for its switches, expected the bits of {self._count}"
             self._switches[0] = bits
