@@ -73,6 +73,9 @@ class RunFault(NamedTuple):
 
 SPLIT = "split"  # as the key of a change: how forces divide from its tick on, which follows from other keys
 
+REST = "rest"  # likewise: from its tick on forces decay, as the run ends by itself ("end") or was ended ("stop")
+OF_THE_RUN = (SPLIT, REST)  # keys of changes that are none of the scene's
+
 
 class KeyChange(NamedTuple):
     """A value of the scene that was replaced in mid-run: the first tick that it holds in, its key and the value."""
@@ -99,7 +102,7 @@ class Outcome:
     fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
     ticks: int = 0  # that were run, where not each has a row; else as many as rows
-    changes: tuple[KeyChange, ...] = ()  # of keys, and SPLIT, in mid-run; the header's tables are those of the start
+    changes: tuple[KeyChange, ...] = ()  # of keys, and OF_THE_RUN; the header's tables are the start's
     cause: str = ""  # of the end of a run that broke off: a signal's name, or an exception; empty if not known
     skipped: int = 0  # periods that a run on the wall's clock left out
     repeats: int = 0  # readings of hardware that brought no new sample
