@@ -42,7 +42,7 @@ class Service:
 
     @property
     def url(self) -> str:
-        return self._line.url
+        return str(self._line.url)
 
     def join(self, name: str | None, basis: str | None = None, damping: float = 0.0) -> str:
         """Take a device, at zero force; give its id.

@@ -16,6 +16,7 @@ from graspfx.errors import DeviceError, SceneError
 from graspfx.loop.device import Features
 from graspfx.loop.frame import frame
 from tests.support.hardware import SETTLING, Fake, VirtualClock, driver, fakes
+from tests.support.optional import require
 
 AXES = "x -z y"
 ORIGIN = [0.01, -0.02, 0.03]
@@ -30,7 +31,7 @@ SPACE: dict[str, Any] = {
     },
 }  # fmt: skip
 FIXED = {"object.free": [False] * 6}
-PARTNER = {
+PARTNER: dict[str, Any] = {
     "start": [0.025, 0.0, 0.0], "device": {"name": "simulated", "mass": 0.15, "damping": 0.2},
     "hand": {"stiffness": 60.0, "damping": 0.5},
 }  # fmt: skip
@@ -64,7 +65,7 @@ def test_power_is_kept_and_motion_goes_back() -> None:
     for s in (0.3, 1.0, 7.0):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn *= np.sign(np.linalg.det(turn))
-        own = frame(3, rng.normal(size=3), turn, s)
+        own = frame(3, rng.normal(size=3).tolist(), turn.tolist(), s)
         p, v, f = rng.normal(size=(3, 4, 3))
         assert np.sum(own.pull(f) * v) == pytest.approx(np.sum(f * own.turn(v)), rel=1e-13)
         assert own.back(own.place(p)[0]) == pytest.approx(p[0], abs=1e-14)
@@ -87,7 +88,8 @@ def test_features_are_those_of_the_scene() -> None:
     assert there.workspace is not None
     assert np.allclose(there.workspace, [[-0.19, -0.82, -0.37], [0.21, -0.02, 0.43]])
     slanted = frame(2, None, [[0.6, 0.8], [-0.8, 0.6]], 1.0)
-    lower, upper = slanted.features(Features(1, 2, workspace=(-np.array([0.1, 0.3]), np.array([0.1, 0.3])))).workspace
+    corner = np.array([0.1, 0.3])
+    lower, upper = require(slanted.features(Features(1, 2, workspace=(-corner, corner))).workspace)
     corners = np.array([[x, y] for x in (lower[0], upper[0]) for y in (lower[1], upper[1])]) @ slanted.axes
     assert np.abs(corners[:, 0]).max() <= 0.1 + 1e-12
     assert np.abs(corners[:, 1]).max() <= 0.3 + 1e-12

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 from pathlib import Path
@@ -94,7 +95,7 @@ def test_a_system_that_allows_less_is_told_what_to_add(monkeypatch: pytest.Monke
     assert priority_finding().ok
     import resource
 
-    monkeypatch.setattr(system_checks.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (65536, 65536))
     assert "memlock" in memory_finding().remedy
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
