@@ -44,18 +44,18 @@ def execute(options: Namespace) -> int:
     subject = _Subject(options)
     findings = list(system_findings())
     with waiting("waking up for three seconds"):
-        from graspfx.machine import jitter
+        from graspfx.machine import wake_jitter
 
-        findings += jitter.Jitter(subject.period, jitter.DURATION).findings()
+        findings += wake_jitter.Jitter(subject.period, wake_jitter.DURATION).findings()
     if subject.stations:
         if not options.json:
-            note([f"{', '.join(name for name, _ in subject.told)} is opened at zero force: keep it still"])
+            note([f"{', '.join(name for name, _ in subject.features)} is opened at zero force: keep it still"])
         findings += subject.round_trips()
     if options.out is not None:
         from graspfx.machine.lab_report import lab_report
 
         with placing(options.out) as file:
-            file.write_text(lab_report(machine_kind(), findings, subject.told, subject.settings))
+            file.write_text(lab_report(machine_kind(), findings, subject.features, subject.settings))
     if options.json:
         print_json([{"subject": f.subject, "text": f.text, "ok": f.ok, "remedy": f.remedy} for f in findings])
     else:
@@ -65,12 +65,12 @@ def execute(options: Namespace) -> int:
 
 
 class _Subject:
-    """What is looked at besides the machine: nothing, a device, or the hardware of a scene; connected, not opened."""
+    """The subject besides the machine: nothing, a device, or the hardware of a scene; connected, not opened."""
 
     def __init__(self, options: Namespace) -> None:
         self.period = options.period or PERIOD
         self.stations: list[DeviceWiring] = []
-        self.told: list[tuple[str, Features]] = []
+        self.features: list[tuple[str, Features]] = []
         self.settings: list[object] = []
         self.names: list[str] = []
         if options.subject is not None:
@@ -104,7 +104,7 @@ class _Subject:
             raise InputError("device", name, "hardware: a simulation is always on time")
         self.names = [f"channel{i}" for i in range(device.features.fingers)]
         self.stations = [DeviceWiring(device, np.arange(device.features.fingers))]
-        self._tell(name, device.features, settings)
+        self._note(name, device.features, settings)
 
     def _add_scene(self, options: Namespace, settings: dict[str, Any]) -> None:
         from graspfx.build.resolve import resolve
@@ -119,14 +119,14 @@ class _Subject:
             if not isinstance(wire.device, SimulatedDevice):
                 table = table_at(scene, int(wire.used[0]))[1]
                 self.stations.append(DeviceWiring(wire.device, wire.fingers, wire.fitting))
-                self._tell(table.name, wire.features, table.settings)
+                self._note(table.name, wire.features, table.settings)
         if not self.stations:
             raise InputError("scene", options.subject, "one with hardware: simulations are always on time")
 
-    def _tell(self, name: str, features: Features, settings: dict[str, Any]) -> None:
-        shown = Path(name).stem if name.endswith(".py") else name
-        self.told.append((shown, features))
-        self.settings += [each for each in (name, *settings.values()) if isinstance(each, str) and each != shown]
+    def _note(self, name: str, features: Features, settings: dict[str, Any]) -> None:
+        label = Path(name).stem if name.endswith(".py") else name
+        self.features.append((label, features))
+        self.settings += [each for each in (name, *settings.values()) if isinstance(each, str) and each != label]
         self.settings += [str(value) for key, value in settings.items() if key in ("serial", "device", "port", "url")]
 
     def round_trips(self) -> Iterator[Finding]:

@@ -31,7 +31,7 @@ def lab_report(
         settings: of the devices: texts among them, such as ports and serial numbers, are struck out.
     """
     lines = [f"# GraspFX {__version__}: report of a machine", "", f"- machine: {kind}"]
-    lines += [f"- device: {name}; {_told(features)}" for name, features in devices]
+    lines += [f"- device: {name}; {_figures(features)}" for name, features in devices]
     lines += ["", "| what | found | remedy |", "|---|---|---|"]
     lines += [f"| {_cell(each.subject)} | {_cell(each.text)} | {_cell(each.remedy)} |" for each in findings]
     lines += ["", "Seen by a person (fill in, or leave empty):", "", *(f"- {each}: " for each in PERSON), ""]
@@ -42,10 +42,10 @@ def lab_report(
     return text
 
 
-def _told(features: Features) -> str:
+def _figures(features: Features) -> str:
     figures = {name: getattr(features, name) for name in ("peak_force", "resolution", "watchdog", "rate", "latency")}
-    told = [f"{name} {value:g}" for name, value in figures.items() if value is not None]
-    return f"{features.fingers} x {features.dimensions}" + "".join(f", {each}" for each in told)
+    texts = [f"{name} {value:g}" for name, value in figures.items() if value is not None]
+    return f"{features.fingers} x {features.dimensions}" + "".join(f", {each}" for each in texts)
 
 
 def _cell(text: str) -> str:

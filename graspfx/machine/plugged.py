@@ -1,4 +1,4 @@
-"""What is plugged in or installed that drivers are for: names of files alone, none of which is opened."""
+"""Ports, libraries and services that drivers are for: names of files alone, none of which is opened."""
 
 from __future__ import annotations
 
@@ -47,15 +47,15 @@ def sightings(root: Path = Path("/")) -> list[Sighting]:
     bare = [path for pattern in BARE for path in sorted((root / "dev").glob(pattern))]
     behind = {path.resolve() for path in serial}
     serial += [path for path in bare if path.resolve() not in behind]
-    known: set[Path] = set()
+    matches: set[Path] = set()
     listing: list[Sighting] = []
     for driver in names("devices"):
         hints = hints_of(driver)
         ports = [path for path in (*serial, *inputs) if _fits(path, hints)]
-        known |= set(ports)
+        matches |= set(ports)
         listing += [_port(driver, path, root) for path in ports] or list(_rest(driver, hints, root))
-    others = [path for path in serial if path not in known]
-    return listing + [Sighting("-", f"{_shown(path, root)}: no driver's name fits", "") for path in others]
+    others = [path for path in serial if path not in matches]
+    return listing + [Sighting("-", f"{_name(path, root)}: no driver's name fits", "") for path in others]
 
 
 def hints_of(driver: str) -> Mapping[str, object]:
@@ -87,11 +87,11 @@ def _fits(path: Path, hints: Mapping[str, object]) -> bool:
 
 
 def _port(driver: str, path: Path, root: Path) -> Sighting:
-    shown = _shown(path, root)
-    return Sighting(driver, shown, f'{{ name = "{driver}", port = "{shown}" }}')
+    port = _name(path, root)
+    return Sighting(driver, port, f'{{ name = "{driver}", port = "{port}" }}')
 
 
-def _shown(path: Path, root: Path) -> str:
+def _name(path: Path, root: Path) -> str:
     return f"/{path.relative_to(root)}"
 
 

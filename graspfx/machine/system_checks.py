@@ -1,4 +1,4 @@
-"""What a system allows a loop in real time: priority, memory, clock rate, preemption, and whose machine it is."""
+"""Settings of a system for loops in real time: priority, memory, clock rate, preemption, and sharing."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from graspfx.build.mechanics import mechanics
 from graspfx.build.resolve import resolve
 from graspfx.errors import DeviceError, SceneError
 from graspfx.loop.device import Features
-from graspfx.loop.frame import frame
+from graspfx.loop.device_frame import frame
 from tests.support.hardware import SETTLING, Fake, VirtualClock, driver, fakes
 from tests.support.optional import require
 
@@ -137,7 +137,7 @@ def test_a_run_in_a_frame_is_the_run_without_it(tmp_path: Path) -> None:
 
 
 def test_limits_are_those_at_the_device(tmp_path: Path) -> None:
-    """What a scene calls 0.1 N and 1 m/s is felt as 0.1 N, and is 1 m/s of the hand."""
+    """A limit of 0.1 N in a scene is felt as 0.1 N, and 1 m/s is that of the hand."""
     file, large = driver(tmp_path), {"origin": ORIGIN, "scale": 4.0}
     far = frame(3, ORIGIN, None, 4.0).back(np.array([-0.06, 0.0, 0.0]))
     limited = scene(file, far, frame=large, safety={"force": 0.1, "rate": 8.0, "speed": 1.0, "soft_start": 0.005})

@@ -15,7 +15,7 @@ import pytest
 from graspfx.__main__ import main
 from graspfx.commands import doctor
 from graspfx.loop.parts import DeviceWiring
-from graspfx.machine import jitter, round_trip, system_checks
+from graspfx.machine import round_trip, system_checks, wake_jitter
 from graspfx.machine.finding import Finding
 from graspfx.machine.lab_report import lab_report
 from graspfx.machine.system_checks import (
@@ -42,7 +42,7 @@ GOVERNOR = "sys/devices/system/cpu/cpu{}/cpufreq/scaling_governor"
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(jitter, "DURATION", 0.1)
+    monkeypatch.setattr(wake_jitter, "DURATION", 0.1)
     monkeypatch.setattr(round_trip, "DURATION", 0.1)
 
 
@@ -103,7 +103,7 @@ def test_a_system_that_allows_less_is_told_what_to_add(monkeypatch: pytest.Monke
 
 
 def test_jitter_is_that_of_both_loops() -> None:
-    both = jitter.Jitter(0.001, 0.3)
+    both = wake_jitter.Jitter(0.001, 0.3)
     assert both.ticks == 150
     assert sum(both.pacer.counts) == sum(both.bare.counts) == both.ticks
     ours, bare = both.findings()
@@ -112,7 +112,7 @@ def test_jitter_is_that_of_both_loops() -> None:
 
 
 def test_a_loop_that_misses_ticks_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    both = jitter.Jitter(0.001, 0.01)
+    both = wake_jitter.Jitter(0.001, 0.01)
     for loop, late in ((both.pacer, 5e-5), (both.bare, 4e-5)):
         loop.counts, loop.most = [0] * len(loop.counts), 0.0
         for _ in range(1000):
@@ -156,7 +156,7 @@ def test_the_command_ends_with_1_and_the_remedy(
 ) -> None:
     good, bad = Finding("clock", "tsc"), Finding("sharing", "a virtual machine", "no place")
     monkeypatch.setattr(doctor, "system_findings", lambda: iter([good]))
-    monkeypatch.setattr(jitter.Jitter, "findings", lambda self: iter([good]))
+    monkeypatch.setattr(wake_jitter.Jitter, "findings", lambda self: iter([good]))
     assert main(["doctor"]) == 0
     assert capsys.readouterr().out.splitlines()[0].split() == ["ok", "clock", "tsc"]
     monkeypatch.setattr(doctor, "system_findings", lambda: iter([good, bad]))

@@ -1,4 +1,4 @@
-"""What is plugged in, by names of files in a root of the test's own; nothing is opened."""
+"""Things that are plugged in, by names of files in a root of the test's own; nothing is opened."""
 
 from __future__ import annotations
 

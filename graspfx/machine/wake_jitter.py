@@ -82,15 +82,15 @@ class Jitter:
     def findings(self) -> Iterator[Finding]:
         """Judge both: a machine that misses ticks, and a pacer that does so more than it would have to."""
         ours, bare = self.pacer.figures, self.bare.figures
-        text = f"{_shown(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms left out"
+        text = f"{_figures_text(ours)}; {self.missed} of {self.ticks} ticks of {1e3 * self.period:g} ms left out"
         bad = self.missed > MISSED * self.ticks
         yield Finding("jitter of the loop", text, REMEDY if bad else "")
         worse = ours["p99"] > MUCH * bare["p99"] + LITTLE and not bad
         remedy = "report it: the machine could do better than the loop does" if worse else ""
-        yield Finding("jitter of a bare loop", f"{_shown(bare)}; {self.bare_missed} left out", remedy)
+        yield Finding("jitter of a bare loop", f"{_figures_text(bare)}; {self.bare_missed} left out", remedy)
 
 
-def _shown(figures: object) -> str:
+def _figures_text(figures: object) -> str:
     values = figures if isinstance(figures, dict) else {}
     return ", ".join(f"{name} {1e6 * value:.0f} us" for name, value in values.items())
 
