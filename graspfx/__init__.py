@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from graspfx.analysis import stability as stability
     from graspfx.batch.batch import Batch as Batch
     from graspfx.batch.batch import run_batch as run_batch
+    from graspfx.build.replay import replay as replay
     from graspfx.build.run import run as run
     from graspfx.build.session import Session as Session
     from graspfx.build.session import open as open
@@ -55,6 +56,7 @@ _HOMES = {
     "open": "graspfx.build.session",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
+    "replay": "graspfx.build.replay",
     "run": "graspfx.build.run",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
@@ -75,6 +77,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "replay",
     "open",
     "Session",
     "check",
