@@ -16,7 +16,7 @@ from graspfx.build.build import build
 from graspfx.build.hardware import meet_hardware
 from graspfx.build.live import numbered
 from graspfx.build.resolve import resolve
-from graspfx.build.run import header_of, split_rules
+from graspfx.build.run_header import header_of, split_rules
 from graspfx.build.steering import Steering
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
 from graspfx.loop.played import PHASES, Playback
@@ -128,6 +128,10 @@ def _require(recording: Recording) -> None:
         )
     if not header.scene_table:
         raise RecordingError("a replay needs the scene, which this recording of an earlier format does not have")
+    if recording.outcome.lost:
+        raise RecordingError(
+            f"a replay needs every tick, and {recording.outcome.lost} rows of this recording were lost"
+        )
     if not len(recording):
         raise RecordingError("a replay needs a tick, and this recording has none")
 

@@ -25,7 +25,7 @@ from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.realtime.soft_end import SoftEnd
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
@@ -137,7 +137,7 @@ class Servo:
     def run(
         self,
         ticks: int,
-        recorder: Recorder | None,
+        recorder: RowTaker | None,
         stop: Callable[[], bool] | None = None,
         pacer: Pacer | None = None,
     ) -> None:
@@ -173,11 +173,11 @@ class Servo:
         for part in self.objects:
             part.grasped.check_activity()
 
-    def tick(self, recorder: Recorder | None) -> None:
+    def tick(self, recorder: RowTaker | None) -> None:
         """Run one sample."""
         self.run(1, recorder)
 
-    def write(self, update: Update, recorder: Recorder | None = None) -> None:
+    def write(self, update: Update, recorder: RowTaker | None = None) -> None:
         """Write new numbers into the parts, between two ticks: the next tick computes with them.
 
         Args:
@@ -219,7 +219,7 @@ class Servo:
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
-    def _run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None) -> None:
+    def _run(self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None) -> None:
         engine, tick = self._ready(), self._tick
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
@@ -240,7 +240,7 @@ class Servo:
                 recorder.drain()
 
     def _run_paced(
-        self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None, pacer: Pacer
+        self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None, pacer: Pacer
     ) -> None:  # fmt: skip
         """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault.
 
@@ -263,7 +263,7 @@ class Servo:
             end.begin(self.ticks, recorder)
             self._run(1, recorder, None)
 
-    def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
+    def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:
         """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
         rounds, last, shift = self._rounds, self.ticks + count, row - self.ticks
         rounds.k = self.ticks
@@ -290,7 +290,7 @@ class Servo:
                 latch(self._own, self.ticks - 1, MOVER, i, code)
                 self._own.stuck_bodies[i] = 1.0
 
-    def _one(self, engine: Engine, recorder: Recorder | None, row: int, periods: int = 1) -> None:
+    def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
         """Run one tick with parts that are no kernels, so many periods after the one before."""
         tick, k = self._tick, self.ticks
         self._look_ahead(1)
@@ -312,7 +312,7 @@ class Servo:
             self._advance(k, j)
         self._finish_tick(1, recorder)
 
-    def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
+    def _finish_tick(self, count: int, recorder: RowTaker | None) -> None:
         self.ticks += count
         if recorder is not None:
             recorder.take(count)
@@ -327,7 +327,7 @@ class Servo:
         if self._own.faulted:
             self._stop_faults += self._devices.stop()
 
-    def rest(self, recorder: Recorder | None = None) -> None:
+    def rest(self, recorder: RowTaker | None = None) -> None:
         """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
         try:
             self._stop_faults += self._devices.stop()
@@ -371,7 +371,7 @@ class Servo:
             self._foreign_faults.append(message)
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
-    def _notice(self, recorder: Recorder | None) -> None:
+    def _notice(self, recorder: RowTaker | None) -> None:
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:

@@ -35,6 +35,8 @@ class Header:
             `offset`, by which it was deeper than its contact and which fades out in the recorded positions (d,) [m].
         round_trip: of a reading and a writing of all hardware before the run, the median [s]; 0 without hardware.
         replays: of a replay, what was recorded and when; empty for any other recording.
+        scheduling: of a run with hardware, what its loop had: `loop` ("process" or "inline"), `policy` ("fifo 80" or
+            "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the processor's `governor`.
     """
 
     period: float
@@ -54,6 +56,7 @@ class Header:
     settled: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     round_trip: float = 0.0
     replays: str = ""
+    scheduling: Mapping[str, Any] = field(default_factory=dict)
 
     def rows_before(self, tick: int) -> int:
         """Count the rows of the ticks before one: the number of the first row from that tick on."""
@@ -73,7 +76,8 @@ class RunFault(NamedTuple):
 SPLIT = "split"  # as the key of a change: how forces divide from its tick on, which follows from other keys
 
 REST = "rest"  # likewise: from its tick on forces decay, as the run ends by itself ("end") or was ended ("stop")
-OF_THE_RUN = (SPLIT, REST)  # keys of changes that are none of the scene's
+MARK = "mark"  # as the key of a change: a text of the user's at a tick
+OF_THE_RUN = (SPLIT, REST, MARK)  # keys of changes that are none of the scene's
 
 
 class KeyChange(NamedTuple):
@@ -105,6 +109,8 @@ class Outcome:
     cause: str = ""  # of the end of a run that broke off: a signal's name, or an exception; empty if not known
     skipped: int = 0  # periods that a run on the wall's clock left out
     repeats: int = 0  # readings of hardware that brought no new sample
+    lost: int = 0  # rows that were not recorded in time, and are NaN
+    late: Mapping[str, float] = field(default_factory=dict)  # after the deadline, by quantile: p50, ..., max [s]
 
 
 def now() -> str:
