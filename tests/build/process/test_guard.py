@@ -17,7 +17,7 @@ from graspfx.build.process.quenching import Quencher, quench_all
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.recording import sink
 from graspfx.testing.wire import DiyWire
-from tests.support.hardware import driver
+from tests.support.hardware import driver, wait_until
 from tests.support.logged import LoggedRun
 from tests.support.servo_wires import Assault, boards_scene
 
@@ -35,8 +35,7 @@ def require_quenched(folder: Path) -> float:
     with DiyWire() as left, DiyWire() as right:
         assault = Assault([left, right], kill)
         rec = gx.run(boards_scene([left, right]), real_time=True, stop=assault, out=folder)
-        assert not left.torque.any()
-        assert not right.torque.any()
+        wait_until(lambda: not left.torque.any() and not right.torque.any(), 1.0)
         times = [assault.silence(wire) for wire in (left, right)]
     assert rec.outcome.cause == "the servo's process was ended by SIGKILL"
     assert not rec.outcome.complete
