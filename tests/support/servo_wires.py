@@ -15,7 +15,7 @@ import graspfx as gx
 from graspfx.testing.wire import DiyWire
 
 PRESSED = (165.0, 15.0)  # links of a 2DIY whose handle is in its object [deg]
-HOME, TIMEOUT = [0.0, 0.036], 0.0045  # of the handle [m]; until an answer is given up [s]
+HOME, TIMEOUT = [0.0, 0.036], 0.0098  # of the handle [m]; until an answer is given up [s]
 SMALL = 2e-3  # a torque that is there [N m]
 BALL: dict[str, Any] = {
     "mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 0.001, "shape": {"kind": "sphere", "radius": 0.02},
@@ -28,7 +28,7 @@ def boards_scene(wires: Sequence[DiyWire], **changes: Any) -> gx.Scene:
     names = [f"ball{i}" for i in range(len(wires))]
     scene = gx.Scene(
         dimensions=2,
-        period=0.005,
+        period=0.01,
         duration=60.0,
         object=[{**BALL, "name": name} for name in names],
         coupling={"external": {"stiffness": 100.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
