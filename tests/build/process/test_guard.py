@@ -14,6 +14,7 @@ import pytest
 import graspfx as gx
 from graspfx.build.process import quenching
 from graspfx.build.process.quenching import Quencher, quench_all
+from graspfx.certificate.plan import plan
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.recording import sink
 from graspfx.testing.wire import DiyWire
@@ -103,8 +104,21 @@ def test_hardware_without_watchdog_or_quench_is_refused(tmp_path: Path) -> None:
         coupling={"external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "absent": "follow"},
         finger=[{"start": [-0.03], "device": {"name": str(driver(tmp_path)), "position": [[-0.03]]}}],
     )
+    rows = {row.step: row for row in plan(scene)}
+    assert rows["process"].runs
+    assert not rows["guard"].runs
+    assert "refused with --real-time: features.watchdog" in rows["guard"].why
     with pytest.raises(InputError, match=r"features\.watchdog: .*quench\(\*\*settings\) in the driver of .*finger0"):
         gx.run(scene, real_time=True)
+
+
+def test_the_plan_says_who_takes_the_force_away() -> None:
+    with DiyWire() as wire:
+        [row] = [row for row in plan(boards_scene([wire])) if row.step == "guard"]
+    assert row.runs
+    assert row.why == (
+        "the device of finger0 (Haply2Diy): if the process dies its driver's quench takes the force away"
+    )
 
 
 def test_every_device_is_quenched_whatever_another_one_raises(monkeypatch: pytest.MonkeyPatch) -> None:
