@@ -17,6 +17,7 @@ from graspfx.loop.energy.observer import Observer
 from graspfx.loop.guest_rounds import GuestRounds
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
+from graspfx.loop.played import Playback
 from graspfx.loop.realtime.guards import GUARDS, Guards
 from graspfx.loop.realtime.loop_log import LoopLog
 from graspfx.loop.realtime.pacing import Pacer, late_text
@@ -86,6 +87,7 @@ class Servo:
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
         self._stop_faults: list[str] = []  # of devices that could not be stopped, not recorded yet
+        self._io: DeviceExchange | LoopLog | Playback  # that readings come from
         self._periods = 1  # of the wall's clock since the last tick
 
     @property
@@ -120,6 +122,12 @@ class Servo:
         """The tick as it runs."""
         self._ready()
         return self._tick
+
+    def play(self, playback: Playback) -> None:
+        """Read a recording instead of devices: those that it has put in their places."""
+        self._ready()
+        playback.attach(self._tick.ports, self.stations)
+        self._io = playback
 
     def prepare(self) -> DeviceExchange:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
@@ -206,7 +214,7 @@ class Servo:
                 DevicePort(port, self.stations[port.station], self.layout.fingers, self.period, self.guards)
                 for port in self._tick.ports
             )
-            self._io: DeviceExchange | LoopLog = self._devices
+            self._io = self._devices
             self._engine = engine_for(self._kind, self._tick, at_once=bool(self.hardware))
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
