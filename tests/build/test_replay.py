@@ -65,7 +65,7 @@ def test_a_session_that_was_steered(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("deed", DEEDS)
 def test_a_disturbed_run(deed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Held samples, periods left out, a decay that ends, gains that change under load, an entry, and each kind of fault.
+    """Held samples, periods left out, a decay, gains that change under load, an entry, and each kind of fault.
 
     The cart has a ledger, a tank that does not pay for all at once, a rate, and a simulated partner; the ball has four
     devices, friction, and the chain that hardware is never without.
@@ -106,7 +106,7 @@ def test_overrides_are_an_open_loop() -> None:
     assert np.abs(replay.recording.finger_force).max() > 1.2 * np.abs(rec.finger_force).max()
     with pytest.raises(InputError, match="leave fingers, dimensions and period"):
         gx.replay(rec, {"period": 0.001})
-    with pytest.raises(SceneError, match="coupling.internal.stifness"):
+    with pytest.raises(SceneError, match=r"coupling\.internal\.stifness"):
         gx.replay(rec, {"coupling.internal.stifness": 50.0})
 
 

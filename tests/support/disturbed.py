@@ -33,7 +33,9 @@ CART: dict[str, Any] = {
 }  # fmt: skip
 BALL: dict[str, Any] = {
     "dimensions": 3, "period": T, "duration": 1.0, "engine": "interpreted",
-    "object": {"mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 0.001, "shape": {"kind": "sphere", "radius": 0.03}},
+    "object": {
+        "mass": 0.1, "viscosity": 0.8, "rotational_viscosity": 0.001, "shape": {"kind": "sphere", "radius": 0.03},
+    },
     "coupling": {
         "external": {"stiffness": 30.0}, "internal": {"stiffness": 70.0}, "friction": 0.6, "absent": "follow",
         "enter": "ramp",
@@ -46,7 +48,7 @@ Deed = Callable[[Fake, int], float | None]  # of a fake at a tick: the time of i
 
 
 def samples(deed: Deed, jam: int | None = None) -> Evil:
-    """Make fingers that move, and a deed of theirs from the first tick on; no force can be written from tick `jam` on."""
+    """Make fingers that move, and a deed of theirs from the first tick on; from tick `jam` on no force is taken."""
 
     def read(fake: Fake, p: Any, v: Any, t: float) -> Any:
         k = fake.tick
@@ -69,7 +71,7 @@ def hold(fake: Fake, k: int) -> float | None:
     if not held:
         fake.new = k  # type: ignore[attr-defined]
         return None
-    return (fake.new + SETTLING + 1) * fake.period  # type: ignore[attr-defined,no-any-return]
+    return (fake.new + SETTLING + 1) * fake.period  # type: ignore[attr-defined]
 
 
 def skip(fake: Fake, k: int) -> None:
