@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,10 @@ import graspfx as gx
 from graspfx import environment, plugins
 from graspfx.build.replay import Replay, replayed_with
 from graspfx.errors import InputError, RecordingError, SceneError
+from graspfx.testing.wire import DiyWire
 from tests.support.disturbed import DEEDS, TURNS, ball, cart, disturb, steered
+from tests.support.hardware import wait_until
+from tests.support.servo_wires import PRESSED, boards_scene
 
 SHELF = sorted(p.stem.replace("_", "-") for p in plugins.shelf("scenes").iterdir() if p.suffix in (".toml", ".py"))
 OF_THE_LOOP = {"wall", "late", "io", "skipped", "fresh", "largest_force", "switches"}
@@ -86,6 +90,26 @@ def test_a_disturbed_run(deed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
         replay = same(rec)
         assert replay.recording.faults == rec.faults
         assert replay.recording.rest == rec.rest
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="processes of POSIX")
+def test_a_session_with_hardware_in_a_process_of_its_own() -> None:
+    """A 2DIY on its emulated line is pressed into a ball while the stiffness grows and falls."""
+    key = "coupling.internal.stiffness"
+    with DiyWire() as wire, gx.open(boards_scene([wire]), real_time=True, live=[key]) as session:
+        wire.place(np.array(PRESSED))
+        wait_until(lambda: bool(np.abs(wire.torque).max() > 1e-3))
+        session.set(key, 100.0)
+        session.wait(0.1)
+        session.set(key, 20.0)
+        session.wait(0.1)
+    rec = session.recording
+    assert [change.value for change in rec.changes] == [100.0, 20.0]
+    assert rec.rest == len(rec) - 4
+    assert same(rec).recording.changes == rec.changes
+    angles = rec.raw["finger0"]  # what the board answered
+    assert angles.shape == (len(rec), 2)
+    assert np.rad2deg(angles[-1]) == pytest.approx(PRESSED, abs=0.1)
 
 
 def test_tank_of_the_disturbed_run_is_empty_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
