@@ -48,7 +48,7 @@ def slow_writing(fake: Fake, forces: Any) -> None:
 
 
 def test_times_of_ticks_and_devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Readings of 1 ms and writings of 0.5 ms; one reading takes 2.5 periods more, so that the next tick leaves one out."""
+    """Readings of 1 ms and writings of 0.5 ms; one reading takes 2.5 periods more: the next tick leaves one out."""
     monkeypatch.setitem(EVIL, "slow", Evil(read=late_reading, write=slow_writing))
     scene = cart(driver(tmp_path), **{"finger.0.device.evil": "slow", "finger.0.device.at": -SETTLING})
     rec = gx.run(scene, real_time=True, out=tmp_path / "out")
