@@ -16,7 +16,7 @@ from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.port_log import PortLog
 from graspfx.loop.realtime.readings import Readings
-from graspfx.loop.safety.trust import CAUSES, DEADMAN
+from graspfx.loop.safety.trust import DEADMAN
 from graspfx.loop.tick.script import Port
 
 FloatArray = NDArray[np.float64]
@@ -183,12 +183,7 @@ class DevicePort:
         self.is_up = not switches >> deadman & 1
         if not (self.is_up and self.watches):
             return ""
-        cause = self.port.cause
-        if cause is None:
-            return f"has its deadman, switch {deadman}, up"
-        if cause[0] == 0.0:
-            cause[0] = DEADMAN + CAUSES * self.port.station
-        return ""
+        return "" if self.port.let_go(DEADMAN) else f"has its deadman, switch {deadman}, up"
 
     def _failure(self, action: str, error: Exception) -> str:
         """Say that a call has failed; a simulation's own words for it stand alone."""

@@ -203,6 +203,26 @@ def test_a_deadman_that_is_up_takes_the_force(tmp_path: Path, monkeypatch: pytes
     assert not np.any(last)
 
 
+def test_a_run_in_a_frame_at_a_rate_with_a_deadman_let_go_is_replayed_to_the_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, place, read = driver(tmp_path), frame(3, ORIGIN, AXES, 2.0), Fake.read
+
+    def unsteady(fake: Fake) -> Any:
+        fake.switches = 0 if fake.reads == 50 else 1
+        p, v, _ = read(fake)
+        return p, v, fake.period * {30: 29, 36: 35, 37: 35}.get(fake.reads, fake.reads)  # some bring no new sample
+
+    monkeypatch.setattr(Fake, "read", unsteady)
+    own = place.back(np.array([-0.031, 0.002, 0.001]))
+    keys: dict[str, Any] = {"frame": {"origin": ORIGIN, "axes": AXES, "scale": 2.0}, "rate": 100.0, "deadman": 0}
+    rec = gx.run(scene(file, own, switches=1, **keys), real_time=True)
+    assert "the deadman switch of" in rec.faults[0].message
+    again = gx.replay(rec)
+    assert again.differences == ()
+    assert np.array_equal(again.recording.displayed_force, rec.displayed_force)
+
+
 def test_a_deadman_that_is_up_at_first_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, read = driver(tmp_path), Fake.read
 
