@@ -20,7 +20,7 @@ from graspfx.build.run_header import header_of, split_rules
 from graspfx.build.steering import Steering
 from graspfx.errors import GraspFXError, InputError, RecordingError, SceneError, message
 from graspfx.loop.played import PHASES, Playback
-from graspfx.loop.recording.differences import Difference, differences
+from graspfx.loop.recording.differences import Difference, compared, differences
 from graspfx.loop.recording.header import OF_THE_RUN, REST, SPLIT, KeyChange
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
@@ -90,6 +90,11 @@ class Replay:
     recording: Recording
     is_open_loop: bool
     differences: Sequence[Difference]
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns that are compared."""
+        return compared(self.original, self.recording)
 
 
 def replayed_with(original: Recording, overrides: Mapping[str, Any]) -> Replay:

@@ -112,7 +112,8 @@ class Playback:
         if "true_position" not in self._sources:
             return stations, []
         plant = PlayedPlant(n, d)
-        self._tips = plant.position
+        if self._tips is None:  # a servo that is built for its numbers plays nothing
+            self._tips = plant.position
         devices: list[Any] = [stations[0].device]
         return stations, [PlantWiring(plant, None, devices, np.arange(n))]  # type: ignore[arg-type]
 
@@ -157,5 +158,7 @@ class Playback:
 
 
 def _played(device: Device, d: int) -> PlayedDevice:
+    """Put a played device in the place of another one, whose class it has in messages."""
     kind = LimitedPlayedDevice if isinstance(device, LimitedDevice) else PlayedDevice
-    return kind(device.features, d)
+    named: type[PlayedDevice] = type(type(device).__qualname__, (kind,), {})
+    return named(device.features, d)

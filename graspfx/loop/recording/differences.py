@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -32,21 +31,19 @@ class Difference(NamedTuple):
         return f"{self.column}: up to {self.largest:.3g} {self.unit}, from tick {self.tick} on"
 
 
-def differences(one: Recording, other: Recording, leave_out: Collection[str] = ()) -> list[Difference]:
-    """Compare the columns that two recordings have, but for those that say when ticks were.
+def compared(one: Recording, other: Recording) -> list[str]:
+    """List the columns that two recordings have, but for those that say when ticks were."""
+    columns = [name for name in one.layout.columns if name in other.layout.columns]
+    return [name for name in columns if name not in TIMED and not name.startswith("raw/")]
+
+
+def differences(one: Recording, other: Recording) -> list[Difference]:
+    """Compare the columns that two recordings of as many rows have, but for those that say when ticks were.
 
     Numbers differ where their bits do: zeros by their signs too, and no number from any other.
-
-    Args:
-        one, other: of as many rows.
-        leave_out: names of columns that are not compared.
     """
-    return [
-        each
-        for name in one.layout.columns
-        if name in other.layout.columns and name not in (*TIMED, *leave_out) and not name.startswith("raw/")
-        if (each := _difference(one, other, name)) is not None
-    ]
+    each = (_difference(one, other, name) for name in compared(one, other))
+    return [difference for difference in each if difference is not None]
 
 
 def _difference(one: Recording, other: Recording, name: str) -> Difference | None:
