@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from graspfx.analysis import stability as stability
     from graspfx.batch.batch import Batch as Batch
     from graspfx.batch.batch import run_batch as run_batch
+    from graspfx.build.open_session import open as open
+    from graspfx.build.real_time_session import RealTimeSession as RealTimeSession
+    from graspfx.build.replay import replay as replay
     from graspfx.build.run import run as run
     from graspfx.build.session import Session as Session
-    from graspfx.build.session import open as open
     from graspfx.certificate.certify import Certificates as Certificates
     from graspfx.certificate.certify import certify as certify
     from graspfx.certificate.verdict import Report as Report
@@ -45,6 +47,7 @@ _HOMES = {
     "Recording": "graspfx.loop.recording.record",
     "Report": "graspfx.certificate.verdict",
     "Scene": "graspfx.scene.model",
+    "RealTimeSession": "graspfx.build.real_time_session",
     "Session": "graspfx.build.session",
     "Split": "graspfx.grasp.split",
     "certify": "graspfx.certificate.certify",
@@ -52,9 +55,10 @@ _HOMES = {
     "errors": "graspfx.errors",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
-    "open": "graspfx.build.session",
+    "open": "graspfx.build.open_session",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
+    "replay": "graspfx.build.replay",
     "run": "graspfx.build.run",
     "run_batch": "graspfx.batch.batch",
     "stability": "graspfx.analysis",
@@ -75,7 +79,9 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "load",
     "run",
     "Recording",
+    "replay",
     "open",
+    "RealTimeSession",
     "Session",
     "check",
     "Report",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,7 @@ from graspfx.progress import waiting
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts
     from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.recorder import Recorder
+    from graspfx.loop.recording.row_taker import RowTaker
     from graspfx.loop.servo import Servo
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Hardware:
         }
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
-    def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+    def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
         """Arm and run; whatever happens, zero force is the first that comes after it.
 
         A signal ends the run like `stop`.
@@ -77,8 +77,8 @@ class Hardware:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`: the signal that ended it, and readings without a new sample."""
-        return {"cause": self._exits.cause, "repeats": self._devices.repeats}
+        """Entries of the run's `Outcome`: the signal that ended it, readings without a new sample, and lateness."""
+        return {"cause": self._exits.cause, "repeats": self._devices.repeats, **self.pacer.outcome}
 
     def _stops(self, stop: Callable[[], bool] | None) -> Callable[[], bool]:
         numbers = self._exits.numbers
@@ -89,6 +89,8 @@ class Hardware:
         periods = 1 + int((self._clock.now() - self._time) / self._servo.period)
         look_again(self._devices, self._rest, periods)
         for each in self._devices.ports:
+            if each.port.misses is not None:
+                each.port.misses[0] = 0.0  # counted from the first tick on
             offset = np.array([self._offset[f] if f >= 0 else 0.0 * self._offset[0] for f in each.channels])
             if offset.any():
                 each.entry = Entry(offset, self._servo.period, self._servo.guards.soft_start)
@@ -99,28 +101,49 @@ class Hardware:
         Raises:
             InputError: a finger that is inside its object, unless `coupling.enter` lets it in.
         """
-        servo, scene = self._servo, self._parts.scene
-        start = self._parts.start.copy()
-        for f, position in positions.items():
-            start[f] = position
-        meet(self._parts, servo.objects, servo.movers, start)
-        offset = np.zeros_like(start)
-        for part in servo.objects:
-            depth = part.grasped.depths(start[part.fingers])
-            for f, each in zip(part.fingers.tolist(), depth, strict=True):
-                if f in positions:
-                    offset[f] = each
-                    if scene.coupling.enter == "refuse" and np.linalg.norm(each) > TOUCH:
-                        raise _refusal(self._devices, servo.layout.fingers[f], f, part.name, each, servo)
-        if offset.any():
-            meet(self._parts, servo.objects, servo.movers, start - offset)
-        servo.watch.note()
+        servo = self._servo
+        offset = meet_hardware(servo, self._parts, positions)
+        if self._parts.scene.coupling.enter == "refuse":
+            for part in servo.objects:
+                for f in part.fingers.tolist():
+                    if np.linalg.norm(offset[f]) > TOUCH:
+                        raise _refusal(self._devices, servo.layout.fingers[f], f, part.name, offset[f], servo)
         return offset
 
 
+def meet_hardware(servo: Servo, parts: Parts, positions: Mapping[int, FloatArray]) -> FloatArray:
+    """Let fingers that hardware has at these positions meet their objects there, or a depth above, (n, d) [m].
+
+    Returns:
+        By how much each of them is deeper than where it meets its object, (n, d) [m].
+    """
+    start = parts.start.copy()
+    for f, position in positions.items():
+        start[f] = position
+    meet(parts, servo.objects, servo.movers, start)
+    offset = np.zeros_like(start)
+    for part in servo.objects:
+        depth = part.grasped.depths(start[part.fingers])
+        for f, each in zip(part.fingers.tolist(), depth, strict=True):
+            if f in positions:
+                offset[f] = each
+    if offset.any():
+        meet(parts, servo.objects, servo.movers, start - offset)
+    servo.watch.note()
+    return offset
+
+
 @contextmanager
-def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
+def at_hardware(
+    servo: Servo, parts: Parts, clock: Clock, *, ready: Callable[[Exits], None] | None = None
+) -> Iterator[Hardware]:
     """Open a scene's hardware, and close it in the end: all that takes time has been done before.
+
+    Args:
+        servo: that is ready to tick.
+        parts: of its scene.
+        clock: of the run.
+        ready: called when all is there but the hardware, which is opened after it.
 
     Raises:
         DeviceError: a device that does not open or is not at rest.
@@ -132,6 +155,8 @@ def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
     with frozen_memory(), signals_end() as exits:
         devices.exits = exits
         hardware = devices.hardware
+        if ready is not None:
+            ready(exits)
         with opened(hardware, servo.period):
             yield Hardware(servo, parts, hardware, clock, exits)
 

@@ -11,6 +11,7 @@ from graspfx.build.grasps import grasps
 from graspfx.build.holdings import descriptions, holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.resolve import Parts, resolve
+from graspfx.certificate.loop_plan import loop_rows
 from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
 from graspfx.certificate.safety_plan import safety_rows
 from graspfx.coupling import block as at
@@ -85,6 +86,7 @@ def _rows(parts: Parts) -> Iterator[Row]:
     yield "reaction", True, f"acts at the {'fingertip' if scene.coupling.reaction == 'fingertip' else 'contact point'}"
     yield _energy(scene)
     yield from safety_rows(parts)
+    yield from loop_rows(parts)
     yield "write", True, "the negative of each finger's force, as it is recorded (displayed_force)"
     for thing in scene.object:
         yield _of_object(scene, thing, "move"), True, _body(scene, thing)

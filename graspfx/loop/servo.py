@@ -17,12 +17,15 @@ from graspfx.loop.energy.observer import Observer
 from graspfx.loop.guest_rounds import GuestRounds
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
+from graspfx.loop.played import Playback
 from graspfx.loop.realtime.guards import GUARDS, Guards
+from graspfx.loop.realtime.loop_log import LoopLog
 from graspfx.loop.realtime.pacing import Pacer, late_text
 from graspfx.loop.realtime.refusal import require_simulations
+from graspfx.loop.realtime.soft_end import SoftEnd
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
@@ -84,6 +87,7 @@ class Servo:
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
         self._stop_faults: list[str] = []  # of devices that could not be stopped, not recorded yet
+        self._io: DeviceExchange | LoopLog | Playback  # that readings come from
         self._periods = 1  # of the wall's clock since the last tick
 
     @property
@@ -119,6 +123,12 @@ class Servo:
         self._ready()
         return self._tick
 
+    def play(self, playback: Playback) -> None:
+        """Read a recording instead of devices: those that it has put in their places."""
+        self._ready()
+        playback.attach(self._tick.ports, self.stations)
+        self._io = playback
+
     def prepare(self) -> DeviceExchange:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
         rehearse(self._ready(), self._tick, self.layout.width)
@@ -127,7 +137,7 @@ class Servo:
     def run(
         self,
         ticks: int,
-        recorder: Recorder | None,
+        recorder: RowTaker | None,
         stop: Callable[[], bool] | None = None,
         pacer: Pacer | None = None,
     ) -> None:
@@ -163,11 +173,11 @@ class Servo:
         for part in self.objects:
             part.grasped.check_activity()
 
-    def tick(self, recorder: Recorder | None) -> None:
+    def tick(self, recorder: RowTaker | None) -> None:
         """Run one sample."""
         self.run(1, recorder)
 
-    def write(self, update: Update, recorder: Recorder | None = None) -> None:
+    def write(self, update: Update, recorder: RowTaker | None = None) -> None:
         """Write new numbers into the parts, between two ticks: the next tick computes with them.
 
         Args:
@@ -204,11 +214,12 @@ class Servo:
                 DevicePort(port, self.stations[port.station], self.layout.fingers, self.period, self.guards)
                 for port in self._tick.ports
             )
+            self._io = self._devices
             self._engine = engine_for(self._kind, self._tick, at_once=bool(self.hardware))
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
-    def _run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None) -> None:
+    def _run(self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None) -> None:
         engine, tick = self._ready(), self._tick
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
@@ -229,20 +240,30 @@ class Servo:
                 recorder.drain()
 
     def _run_paced(
-        self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None, pacer: Pacer
+        self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None, pacer: Pacer
     ) -> None:  # fmt: skip
-        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault."""
-        last = self.ticks + ticks
-        while self.ticks < last:
+        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault.
+
+        With hardware forces decay in the last ticks, or in some more once `stop` says so.
+        """
+        end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
+        if self._tick.loop is not None:
+            self._io = log = LoopLog(self._tick.loop, self.layout, self._devices, pacer)
+        while self.ticks < end.last:
             self._periods = 1 + pacer.wait(stop)
+            if stop is not None and stop():
+                if not end.stop(self.ticks, faulted=self.faulted):
+                    return
+                stop = None  # the rest are few
+                pacer.finish()
+            if log is not None:
+                log.begin()
             if self.hardware and pacer.row > self.guards.late:
                 self._tell(self.ticks, late_text(pacer, self.guards))
-            before = self.ticks
-            self._run(1, recorder, stop)
-            if self.ticks == before:
-                return
+            end.begin(self.ticks, recorder)
+            self._run(1, recorder, None)
 
-    def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
+    def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:
         """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
         rounds, last, shift = self._rounds, self.ticks + count, row - self.ticks
         rounds.k = self.ticks
@@ -269,7 +290,7 @@ class Servo:
                 latch(self._own, self.ticks - 1, MOVER, i, code)
                 self._own.stuck_bodies[i] = 1.0
 
-    def _one(self, engine: Engine, recorder: Recorder | None, row: int, periods: int = 1) -> None:
+    def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
         """Run one tick with parts that are no kernels, so many periods after the one before."""
         tick, k = self._tick, self.ticks
         self._look_ahead(1)
@@ -277,7 +298,7 @@ class Servo:
             if any(self.objects[o].grasped.implicit for o in self.movers[i].objects):
                 self.movers[i].body.free_motion(self.period)
         if tick.ports:
-            for text in self._devices.read(periods):
+            for text in self._io.read(periods):
                 self._tell(k, text)
             engine.begin(k)
             self._display(k)
@@ -291,7 +312,7 @@ class Servo:
             self._advance(k, j)
         self._finish_tick(1, recorder)
 
-    def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
+    def _finish_tick(self, count: int, recorder: RowTaker | None) -> None:
         self.ticks += count
         if recorder is not None:
             recorder.take(count)
@@ -301,12 +322,12 @@ class Servo:
 
     def _display(self, k: int) -> None:
         """Hand the devices their forces; none is written to once there is a fault, and all are stopped."""
-        if not self._own.faulted and (text := self._devices.write()):
+        if not self._own.faulted and (text := self._io.write()):
             self._tell(k, text)
         if self._own.faulted:
             self._stop_faults += self._devices.stop()
 
-    def rest(self, recorder: Recorder | None = None) -> None:
+    def rest(self, recorder: RowTaker | None = None) -> None:
         """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
         try:
             self._stop_faults += self._devices.stop()
@@ -350,7 +371,7 @@ class Servo:
             self._foreign_faults.append(message)
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
-    def _notice(self, recorder: Recorder | None) -> None:
+    def _notice(self, recorder: RowTaker | None) -> None:
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:

@@ -116,6 +116,7 @@ def test_positions_and_forces_are_those_of_the_arms() -> None:
         time.sleep(0.3)  # until the hands hold still
         device.write(forces)
         for _ in range(20):  # the window of the velocity passes the way that the hands gave
+            time.sleep(PERIOD)
             device.ask()
             position, velocity, _ = device.read()
         assert np.abs(position - wire.position).max() < 2.0 * device.features.resolution

@@ -22,20 +22,23 @@ NAMES = (
     "predicted",
     "absent",
     "omitted",
+    "devices",
 )  # of a layout's fields that are tuples
-OF_HARDWARE = ("settled", "round_trip")  # fields of a header that stand in recordings of hardware only
+RARE = ("settled", "round_trip", "scheduling", "replays")  # fields of a header that stand where they are not empty
 
-GUARDED = "guarded"  # of a layout's fields: written where it is true, so that other recordings are as they were
+# of a layout's fields: written where they are not empty, so that other recordings are as they were
+WHERE_THEY_ARE = ("guarded", "timed", "varying", "switched", "devices", "raw")
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
     """Describe a recording before its first row."""
     attributes: dict[str, str | float] = {"format": f"graspfx recording {FORMAT}"}
     for key, value in asdict(header).items():
-        if key in OF_HARDWARE and not value:
+        if key in RARE and not value:
             continue
         attributes[key] = value if isinstance(value, str | float) else _json(value)
-    attributes["layout"] = _json({key: value for key, value in asdict(layout).items() if key != GUARDED or value})
+    fields = {key: value for key, value in asdict(layout).items() if value or key not in WHERE_THEY_ARE}
+    attributes["layout"] = _json(fields)
     return attributes
 
 
@@ -53,6 +56,8 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
         **({"cause": outcome.cause} if outcome.cause else {}),
         **({"skipped": int(outcome.skipped)} if outcome.skipped else {}),
         **({"repeats": int(outcome.repeats)} if outcome.repeats else {}),
+        **({"lost": int(outcome.lost)} if outcome.lost else {}),
+        **({"late": _json(outcome.late)} if outcome.late else {}),
     }
 
 
@@ -91,13 +96,14 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
     fields: dict[str, Any] = json.loads(attributes["layout"])
     for key in NAMES:
         fields[key] = tuple(fields.get(key, ()))
+    fields["raw"] = tuple((str(name), int(count), str(kind)) for name, count, kind in fields.get("raw", ()))
     return Layout(**fields)
 
 
 def header_of(attributes: Mapping[str, Any]) -> Header:
     """Read the header; a field that came later than the recording has its default."""
     fields = {key: attributes[key] for key in Header.__dataclass_fields__ if key in attributes}
-    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split", "settled"):
+    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split", "settled", "scheduling"):
         fields[key] = json.loads(fields.get(key, "{}"))
     fields["period"] = float(fields["period"])
     fields["every"] = int(fields.get("every", 1))
@@ -125,6 +131,8 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
         cause=_text(attributes.get("cause", "")),
         skipped=int(attributes.get("skipped", 0)),
         repeats=int(attributes.get("repeats", 0)),
+        lost=int(attributes.get("lost", 0)),
+        late=json.loads(_text(attributes.get("late", "{}"))),
     )
 
 
