@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, stability, warmup, bench, list, schema, plot, picture, replay and export."""
+"""The graspfx command: run, check, stability, warmup, bench, devices, doctor, list, schema, plot, picture, replay..."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
     "completion": "print a script with which a shell completes commands, options, scenes and recordings",
+    "devices": "list the drivers, and what is plugged in or installed for them; nothing is opened",
+    "doctor": "say whether this machine, and the hardware of a scene, can do a loop in real time",
     "list": "name the scenes, devices, hands and dynamics there are, a line about each",
     "schema": "print the JSON schema of a scene",
     "plot": "draw one recording, or several side by side",

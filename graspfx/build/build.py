@@ -76,7 +76,7 @@ def build(
         ]
         movers = list(make_movers(parts, [member.grasped.body_state for member in objects], stack))
         inward = meet(parts, objects, movers)
-        stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
+        stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in wired]
         if playback is not None:
             stations, plants = playback.wirings(stations)
         else:

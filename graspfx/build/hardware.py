@@ -93,7 +93,8 @@ class Hardware:
                 each.port.misses[0] = 0.0  # counted from the first tick on
             offset = np.array([self._offset[f] if f >= 0 else 0.0 * self._offset[0] for f in each.channels])
             if offset.any():
-                each.entry = Entry(offset, self._servo.period, self._servo.guards.soft_start)
+                period = self._servo.period * each.fitting.every
+                each.entry = Entry(offset, period, self._servo.guards.soft_start)
 
     def _meet(self, positions: dict[int, FloatArray]) -> FloatArray:
         """Let the fingers meet their objects where they are; give by how much each is deeper, (n, d) [m].

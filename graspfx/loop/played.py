@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.device import Device, Features, LimitedDevice
+from graspfx.loop.fitting import Fitting
 from graspfx.loop.parts import DeviceWiring, PlantWiring
 from graspfx.loop.recording.record import Recording
+from graspfx.loop.safety.trust import DEADMAN
 from graspfx.loop.tick.script import Port
 
 FloatArray = NDArray[np.float64]
@@ -94,7 +96,7 @@ class Playback:
     def __init__(self, recording: Recording, largest: Recording | None, phase: Phase) -> None:
         self._recording, self._phase = recording, phase
         columns = recording.layout.columns
-        names = [name for name in ("fresh", "true_position") if name in columns]
+        names = [name for name in ("fresh", "skipped", "switches", "true_position") if name in columns]
         self._sources = dict.fromkeys(("finger_position", "finger_velocity", *names), recording)
         if "largest_force" in columns or largest is not None:
             self._sources["largest_force"] = largest or recording
@@ -102,13 +104,14 @@ class Playback:
         self._first, self._rows = 0, dict[str, FloatArray]()
         self._k = -1
         self._ports: list[tuple[Port, NDArray[np.intp], NDArray[np.intp]]] = []
+        self._misses, self._deadmen = list[_Misses](), list[int | None]()
         self._tips: FloatArray | None = None
 
     def wirings(self, wired: Sequence[DeviceWiring]) -> tuple[list[DeviceWiring], list[PlantWiring]]:
         """Put played devices in the places of others, and one plant under them where their fingertips are recorded."""
         layout = self._recording.layout
         n, d = len(layout.fingers), layout.dimensions
-        stations = [DeviceWiring(_played(each.device, d), each.fingers) for each in wired]
+        stations = [DeviceWiring(_played(each.device, d), each.fingers, _calls(each.fitting)) for each in wired]
         if "true_position" not in self._sources:
             return stations, []
         plant = PlayedPlant(n, d)
@@ -122,21 +125,28 @@ class Playback:
         for port in ports:
             fingers = stations[port.station].fingers
             channels = np.flatnonzero(fingers >= 0)
+            fitting = stations[port.station].fitting
             self._ports.append((port, channels, fingers[channels]))
+            self._misses.append(_Misses(fitting.every))
+            self._deadmen.append(fitting.deadman)
 
     def read(self, periods: int = 1) -> list[str]:
         """Take the next tick's readings; list the fault that a device had before it was read."""
         self._k += 1
         row = self._row(self._k)
         position, velocity = row["finger_position"], row["finger_velocity"]
-        fresh, largest = row.get("fresh"), row.get("largest_force")
-        for port, channels, fingers in self._ports:
+        fresh, largest, switches = row.get("fresh"), row.get("largest_force"), row.get("switches")
+        periods = 1 + int(row.get("skipped", 0))
+        for (port, channels, fingers), misses, deadman in zip(self._ports, self._misses, self._deadmen, strict=True):
             port.position[channels], port.velocity[channels] = position[fingers], velocity[fingers]
             port.memory[0] = 1.0
             if port.limit is not None and largest is not None:
                 port.limit[channels] = largest[fingers]
             if port.misses is not None:
-                port.misses[0] = 0.0 if fresh is None or fresh[fingers].any() else port.misses[0] + 1.0
+                is_fresh = fresh is None or bool(fresh[fingers].any())
+                port.misses[0] = misses.count(port.misses[0], periods, is_fresh=is_fresh)
+            if deadman is not None and switches is not None and not int(switches[port.station]) >> deadman & 1:
+                port.let_go(DEADMAN)
         if self._tips is not None:
             self._tips[...] = row["true_position"]
         return list(self._faults(0 if self._phase == "read" else 1)) if self._phase != "write" else []
@@ -155,6 +165,28 @@ class Playback:
             stop = min(k + ROWS, len(self._recording))
             self._rows = {name: source.read(name, k, stop) for name, source in self._sources.items()}
         return MappingProxyType({name: rows[k - self._first] for name, rows in self._rows.items()})
+
+
+class _Misses:
+    """The count of samples in a row without a new reading, of a device that is called every so many ticks."""
+
+    def __init__(self, every: int) -> None:
+        self._every, self._since = every, 0
+
+    def count(self, misses: float, periods: int, *, is_fresh: bool) -> float:
+        """Count on, so many periods after the last tick."""
+        self._since = 0 if is_fresh else self._since + periods
+        if is_fresh:
+            return 0.0
+        if self._since < self._every:
+            return misses  # nobody called it
+        self._since = 0
+        return misses + 1.0
+
+
+def _calls(fitting: Fitting) -> Fitting:
+    """Keep of a fitting when a device is called, and not its frame: rows are in the scene's axes."""
+    return Fitting(None, fitting.deadman, fitting.every)
 
 
 def _played(device: Device, d: int) -> PlayedDevice:

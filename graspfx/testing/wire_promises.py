@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError
-from graspfx.loop.device import Device, LimitedDevice, QuenchableDriver
+from graspfx.loop.device import Device, Features, LimitedDevice, QuenchableDriver
 from graspfx.testing.conformance import BlindSpot
 from graspfx.testing.promise import Promise, Promises
 from graspfx.testing.wire_bench import PATIENCE, WireBench
@@ -53,9 +53,10 @@ def check_wire(device: Device, wire: Wire, promises: Promises, period: float, fo
     bench = WireBench(device, wire, period, force)
     try:
         _check_motion(bench, promises)
-        _check_forces(bench, promises)
-        _check_zero(bench, promises)
-        _check_alone(bench, promises)
+        if displays(bench.features):
+            _check_forces(bench, promises)
+            _check_zero(bench, promises)
+            _check_alone(bench, promises)
         for kind in sorted(wire.kinds, key=lambda kind: (kind == "unplugged", kind)):
             _check_failure(bench, promises, kind)
     finally:
@@ -86,9 +87,14 @@ def check_second(one: Device, two: Device, promises: Promises, period: float) ->
 INTERVALS = ("periods", "whole periods", "times")
 
 
-def unseen(wire: Wire) -> Iterator[BlindSpot]:
+def displays(features: Features) -> bool:
+    """Tell whether a device displays a force, as far as it tells."""
+    return features.continuous_force != 0.0
+
+
+def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
     """List what this wire cannot show."""
-    if wire.force is None:
+    if wire.force is None and displays(features):
         yield BlindSpot(NEWTONS, "the emulator knows torques, and not the mechanism between them and the finger")
     if wire.position is None:
         yield BlindSpot(METRES, "the emulator does not know the mechanism: it sees that a moving finger is seen")

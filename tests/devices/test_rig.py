@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from shutil import which
 
 import numpy as np
 import pytest
@@ -67,6 +68,55 @@ def test_the_firmware_builds_without_a_warning_and_without_a_library(tmp_path: P
     for call in (alone, whole):
         answer = subprocess.run(call, cwd=FIRMWARE, capture_output=True, text=True, check=False)
         assert (answer.returncode, answer.stderr) == (0, "")
+
+
+BOARD = """
+#pragma once
+#include <stddef.h>
+#include <stdint.h>
+enum { LOW, HIGH, OUTPUT, INPUT_PULLUP };
+uint32_t micros();
+void pinMode(int pin, int mode);
+void digitalWrite(int pin, int level);
+int digitalRead(int pin);
+void digitalToggle(int pin);
+void analogWrite(int pin, int value);
+void analogWriteResolution(int bits);
+void analogWriteFrequency(int pin, float hertz);
+template <class T> T constrain(T x, T low, T high) { return x < low ? low : x > high ? high : x; }
+struct Port {
+    void begin(long baud);
+    int available();
+    int availableForWrite();
+    int read();
+    size_t write(const uint8_t *bytes, size_t count);
+    void send_now();
+};
+extern Port Serial;
+"""
+ENCODER = """
+#pragma once
+#include <stdint.h>
+struct QuadEncoder {
+    QuadEncoder(int channel, int a, int b);
+    void setInitConfig();
+    void init();
+    int32_t read();
+};
+"""
+
+
+@pytest.mark.skipif(which("g++") is None, reason="no compiler of C++")
+def test_the_port_to_the_teensy_is_whole_but_for_its_libraries(tmp_path: Path) -> None:
+    """Its board's own functions are stood in for by their declarations: it says what rig.h asks for, and no more."""
+    (tmp_path / "board.h").write_text(BOARD)
+    (tmp_path / "QuadEncoder.h").write_text(ENCODER)
+    call = [
+        "g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-I", str(tmp_path), "-I", str(FIRMWARE),
+        "-include", "board.h", "-x", "c++", "teensy/teensy.ino",
+    ]  # fmt: skip
+    answer = subprocess.run(call, cwd=FIRMWARE, capture_output=True, text=True, check=False)
+    assert (answer.returncode, answer.stderr) == (0, "")
 
 
 @needs_compiler
