@@ -120,6 +120,7 @@ class Port:
     limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
     misses: FloatArray | None = None  # samples in a row without a new reading, where a safety chain counts them, (1,)
     time: float | None = None  # of the last reading [s]
+    cause: FloatArray | None = None  # why forces decay, where a safety chain lets them, (1,)
 
     def note(self, time: float) -> None:
         """Note the time of a reading: one that is not new is a sample without a new reading."""
@@ -143,6 +144,7 @@ class Tick:
 
     script: Script
     own: FloatArray = field(default_factory=lambda: np.zeros(0))  # the servo's memory
+    loop: FloatArray | None = None  # of a loop on the wall's clock, `LoopState`
     begin: list[str] = field(default_factory=list)  # read, couple, limit, display
     end: list[str] = field(default_factory=list)  # let go after a fault, record, move
     ports: list[Port] = field(default_factory=list)
