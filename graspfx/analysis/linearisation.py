@@ -218,17 +218,26 @@ class Linearisable(Protocol):
 Subject = Linearisation | Linearisable | str | PathLike[str]
 
 
-def linear_of(subject: Subject) -> Linearisation:
+def linear_of(subject: Subject, recording: object = None) -> Linearisation:
     """Take a linearisation as it is, or that of a scene, or of the scene behind a name or a path.
 
+    Args:
+        subject: one of these.
+        recording: of the scene, or its path, for the rest that it ended with.
+
     Raises:
-        InputError: none of these; others as `gx.load` and `Scene.linearise` have them.
+        InputError: none of these, or a recording of none of them; others as `gx.load` and `Scene.linearise` have them.
     """
     if isinstance(subject, Linearisation):
+        if recording is not None:
+            raise InputError("recording", recording, "None beside a Linearisation", "give the scene of the recording")
         return subject
     scene = plugins.upward("Linearisation.scene")(subject) if isinstance(subject, str | PathLike) else subject
     if not isinstance(scene, Linearisable):
         raise InputError("linear", subject, "a Linearisation, a scene, or the name or path of one")
+    if recording is not None:
+        recorded: Linearisation = plugins.upward("Linearisation.recorded")(scene, recording)
+        return recorded
     return scene.linearise()
 
 

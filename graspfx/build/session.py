@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from graspfx import plugins
 from graspfx.build.build import build
+from graspfx.build.late_simulations import require_prompt_simulations
 from graspfx.build.live import keys_of, numbered, require_value, value_of
 from graspfx.build.resolve import resolve
 from graspfx.build.run import header_of, require_memory, split_rules, warn_of_axes
@@ -118,6 +119,7 @@ class Session(Carded):
         keys = [numbered(scene, key) for key in keys_of(live)]
         parts = resolve(scene)
         require_simulations(parts.hardware)
+        require_prompt_simulations(parts)
         warn_of_axes(parts)
         if out is not None and not overwrite:
             require_vacancy_of(recording_path(out, "out") / NAME)

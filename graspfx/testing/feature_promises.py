@@ -20,7 +20,7 @@ def check_features(device: Device, promises: Promises) -> Features:
         for name in ("continuous_force", "peak_force", "stiffness", "mass", "resolution", "watchdog", "rate"):
             value = getattr(features, name)
             promise.holds(value is None or (math.isfinite(value) and value > 0.0), f"{name} = {value!r}")
-        for name in ("damping", "friction", "latency"):
+        for name in ("damping", "friction", "latency", "lateness"):
             value = getattr(features, name)
             promise.holds(value is None or (math.isfinite(value) and value >= 0.0), f"{name} = {value!r}")
         delay = features.delay
