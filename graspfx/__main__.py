@@ -1,4 +1,4 @@
-"""The graspfx command: run, check, stability, warmup, bench, list, schema, plot, picture and export."""
+"""The graspfx command: run, check, stability, calibrate, warmup, bench, list, schema, plot, picture and export."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ COMMANDS = {  # modules of graspfx.commands, with EXAMPLE, add_arguments(parser)
     "run": "simulate a scene, record it and sum it up",
     "check": "show a scene's faults, or what each sample will do and why",
     "stability": "say how far gains can go, also over ranges of keys",
+    "calibrate": "measure a scene's hardware: how late its forces are, mass, friction, axes",
     "export": "write a recording as comma-separated text or netCDF, for other programs",
     "warmup": "compile scenes before they are needed",
     "bench": "measure run time against error, beside peers",
