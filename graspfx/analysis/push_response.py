@@ -62,7 +62,7 @@ class Response:
 
 
 def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
-    """Fit x(t) = x_0 + v_0 t + W f g(t - t_0), g'' + p g' = 1 from t_0 on, x_0 and v_0 of each push its own.
+    """Fit x(t) = x_0 + v_0 h(t) + W f g(t - t_0), h'' + p h' = 0, g'' + p g' = 1 from t_0 on, x_0, v_0 of each push.
 
     Args:
         pushes: along every axis.
@@ -101,7 +101,7 @@ def mean_mass(mobility: FloatArray) -> float:
 
 
 class _Table:
-    """Pushes as arrays of one length, (N, n), and with what is left of them without their own x_0 + v_0 t."""
+    """Pushes as arrays of one length, (N, n), and what is left of them without their own coasting x_0 + v_0 h(t)."""
 
     def __init__(self, pushes: Sequence[Push], drag: float) -> None:
         n = max(len(push.time) for push in pushes)
@@ -113,15 +113,17 @@ class _Table:
             count = len(push.time)
             self.time[i, :count], self.weight[i, :count] = push.time, 1.0
             position[i, :count] = push.position
+        slow = drag * float(np.abs(self.time).max()) < SLOW
+        self.coast = self.time if slow else -np.expm1(-drag * self.time) / drag  # of a finger at 1 m/s at time zero
         self.position = self._free(position)
         self.size = float((self.position**2).sum())
 
     def _free(self, values: FloatArray) -> FloatArray:
-        """Take the best constant and slope out of values (N, n, ...)."""
+        """Take the best place and speed of a finger that coasts out of values (N, n, ...)."""
         w = self.weight
         count = w.sum(axis=1)
-        mean = (w * self.time).sum(axis=1) / count
-        t = w * (self.time - mean[:, None])
+        mean = (w * self.coast).sum(axis=1) / count
+        t = w * (self.coast - mean[:, None])
         spread = (t * t).sum(axis=1)
         wide = w[..., None] * values
         level = wide.sum(axis=1) / count[:, None]
