@@ -36,6 +36,7 @@ from graspfx.loop.device import (
     SwitchedDevice,
     former_settings,
 )
+from graspfx.loop.follower import Follower
 from graspfx.loop.hand import Hand as SpringHand
 from graspfx.loop.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum, Turn
 from graspfx.loop.plant import FusedHand, FusedPlant, Hand, HandKernel, HandPorts, Kernel, Plant, Ports, is_still
@@ -44,6 +45,7 @@ from graspfx.numeric import LARGEST, SMALLEST, finite, number
 from graspfx.objects.body import BlockBody, Body, NativeBody, fill_body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import Guest
+from graspfx.program_lock import ProgramLock
 from graspfx.serial_port import SerialPort
 
 __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then by kind)
@@ -63,8 +65,9 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     # devices with switches, and devices that show what came over the wire
     "SwitchedDevice",
     "RawDevice",
-    # a board's serial port, for one program at a time
+    # a board's serial port, and a lock of other hardware, for one program at a time
     "SerialPort",
+    "ProgramLock",
     # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names
     "SimulatedDevice",
     "LimitedDevice",
@@ -95,6 +98,8 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "BodyState",
     "fill_body",
     "Guest",
+    # motion behind an input that comes in steps
+    "Follower",
     # velocity from positions
     "VelocityEstimate",
     "estimate",

@@ -24,7 +24,7 @@ from graspfx.progress import waiting
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts
     from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.recorder import Recorder
+    from graspfx.loop.recording.row_taker import RowTaker
     from graspfx.loop.servo import Servo
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Hardware:
         }
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
-    def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+    def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
         """Arm and run; whatever happens, zero force is the first that comes after it.
 
         A signal ends the run like `stop`.
@@ -77,8 +77,8 @@ class Hardware:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`: the signal that ended it, and readings without a new sample."""
-        return {"cause": self._exits.cause, "repeats": self._devices.repeats}
+        """Entries of the run's `Outcome`: the signal that ended it, readings without a new sample, and lateness."""
+        return {"cause": self._exits.cause, "repeats": self._devices.repeats, **self.pacer.outcome}
 
     def _stops(self, stop: Callable[[], bool] | None) -> Callable[[], bool]:
         numbers = self._exits.numbers
@@ -119,8 +119,16 @@ class Hardware:
 
 
 @contextmanager
-def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
+def at_hardware(
+    servo: Servo, parts: Parts, clock: Clock, *, ready: Callable[[Exits], None] | None = None
+) -> Iterator[Hardware]:
     """Open a scene's hardware, and close it in the end: all that takes time has been done before.
+
+    Args:
+        servo: that is ready to tick.
+        parts: of its scene.
+        clock: of the run.
+        ready: called when all is there but the hardware, which is opened after it.
 
     Raises:
         DeviceError: a device that does not open or is not at rest.
@@ -132,6 +140,8 @@ def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
     with frozen_memory(), signals_end() as exits:
         devices.exits = exits
         hardware = devices.hardware
+        if ready is not None:
+            ready(exits)
         with opened(hardware, servo.period):
             yield Hardware(servo, parts, hardware, clock, exits)
 

@@ -21,9 +21,10 @@ from graspfx.loop.realtime.guards import GUARDS, Guards
 from graspfx.loop.realtime.loop_log import LoopLog
 from graspfx.loop.realtime.pacing import Pacer, late_text
 from graspfx.loop.realtime.refusal import require_simulations
+from graspfx.loop.realtime.soft_end import SoftEnd
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
@@ -128,7 +129,7 @@ class Servo:
     def run(
         self,
         ticks: int,
-        recorder: Recorder | None,
+        recorder: RowTaker | None,
         stop: Callable[[], bool] | None = None,
         pacer: Pacer | None = None,
     ) -> None:
@@ -164,11 +165,11 @@ class Servo:
         for part in self.objects:
             part.grasped.check_activity()
 
-    def tick(self, recorder: Recorder | None) -> None:
+    def tick(self, recorder: RowTaker | None) -> None:
         """Run one sample."""
         self.run(1, recorder)
 
-    def write(self, update: Update, recorder: Recorder | None = None) -> None:
+    def write(self, update: Update, recorder: RowTaker | None = None) -> None:
         """Write new numbers into the parts, between two ticks: the next tick computes with them.
 
         Args:
@@ -210,7 +211,7 @@ class Servo:
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
-    def _run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None) -> None:
+    def _run(self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None) -> None:
         engine, tick = self._ready(), self._tick
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
@@ -231,24 +232,30 @@ class Servo:
                 recorder.drain()
 
     def _run_paced(
-        self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None, pacer: Pacer
+        self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None, pacer: Pacer
     ) -> None:  # fmt: skip
-        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault."""
-        last, log = self.ticks + ticks, None
+        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault.
+
+        With hardware forces decay in the last ticks, or in some more once `stop` says so.
+        """
+        end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
         if self._tick.loop is not None:
             self._io = log = LoopLog(self._tick.loop, self.layout, self._devices, pacer)
-        while self.ticks < last:
+        while self.ticks < end.last:
             self._periods = 1 + pacer.wait(stop)
+            if stop is not None and stop():
+                if not end.stop(self.ticks, faulted=self.faulted):
+                    return
+                stop = None  # the rest are few
+                pacer.finish()
             if log is not None:
                 log.begin()
             if self.hardware and pacer.row > self.guards.late:
                 self._tell(self.ticks, late_text(pacer, self.guards))
-            before = self.ticks
-            self._run(1, recorder, stop)
-            if self.ticks == before:
-                return
+            end.begin(self.ticks, recorder)
+            self._run(1, recorder, None)
 
-    def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
+    def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:
         """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
         rounds, last, shift = self._rounds, self.ticks + count, row - self.ticks
         rounds.k = self.ticks
@@ -275,7 +282,7 @@ class Servo:
                 latch(self._own, self.ticks - 1, MOVER, i, code)
                 self._own.stuck_bodies[i] = 1.0
 
-    def _one(self, engine: Engine, recorder: Recorder | None, row: int, periods: int = 1) -> None:
+    def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
         """Run one tick with parts that are no kernels, so many periods after the one before."""
         tick, k = self._tick, self.ticks
         self._look_ahead(1)
@@ -297,7 +304,7 @@ class Servo:
             self._advance(k, j)
         self._finish_tick(1, recorder)
 
-    def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
+    def _finish_tick(self, count: int, recorder: RowTaker | None) -> None:
         self.ticks += count
         if recorder is not None:
             recorder.take(count)
@@ -312,7 +319,7 @@ class Servo:
         if self._own.faulted:
             self._stop_faults += self._devices.stop()
 
-    def rest(self, recorder: Recorder | None = None) -> None:
+    def rest(self, recorder: RowTaker | None = None) -> None:
         """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
         try:
             self._stop_faults += self._devices.stop()
@@ -356,7 +363,7 @@ class Servo:
             self._foreign_faults.append(message)
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
-    def _notice(self, recorder: Recorder | None) -> None:
+    def _notice(self, recorder: RowTaker | None) -> None:
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -18,16 +18,19 @@ class Interruption(BaseException):
 class Exits:
     """Signals that ask a run to end, in the order in which they came.
 
-    Between the calls of drivers a signal is only noted, and the next tick is not begun; a driver that has the thread
-    may wait for long, and is broken off by an exception.
+    Between the calls of drivers a signal is only noted: forces decay in the ticks that follow. A driver that has the
+    thread may wait for long, and is broken off by an exception.
 
     Attributes:
         inside: whether a driver has the thread.
+        heed: called with the number of each signal, at once; None for nobody.
+        at_once: whether no force may come any more: a driver had the thread, or it is the second signal.
     """
 
     def __init__(self) -> None:
-        self.inside = False
+        self.inside = self.at_once = False
         self.numbers: list[int] = []
+        self.heed: Callable[[int], object] | None = None
 
     @property
     def cause(self) -> str:
@@ -37,6 +40,9 @@ class Exits:
     def ask(self, number: int, frame: FrameType | None) -> None:
         """Note a signal, as its handler."""
         self.numbers.append(number)
+        if self.heed is not None:
+            self.heed(number)
+        self.at_once = self.at_once or self.inside or len(self.numbers) > 1
         if self.inside:
             raise Interruption(signal.Signals(number).name)
 
