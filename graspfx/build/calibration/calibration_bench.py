@@ -112,9 +112,9 @@ class Bench:
         """Mean over the last samples, (k, d) [m/s]: a device's own estimate may be taken from two counts."""
         recent = self.samples[-1 - max(1, round(WINDOW / self.period)) :]
         if len(recent) < 2:
-            return 0.0 * self.home
-        mean: FloatArray = (recent[-1].position - recent[0].position) / (recent[-1].asked - recent[0].asked)
-        return mean
+            return np.zeros_like(self.home)
+        passed = recent[-1].asked - recent[0].asked
+        return np.asarray((recent[-1].position - recent[0].position) / passed)
 
     def _stay(self) -> None:
         away = float(np.linalg.norm(self.port.readings.position - self.home, axis=1).max())
@@ -157,7 +157,7 @@ def on_bench(parts: Parts, wire: Wire, clock: Clock) -> Iterator[Bench]:
     plain = replace(wire.fitting, frame=None, every=1)
     port = DevicePort(
         Port(0, arrays[0], arrays[1], arrays[2], memory),
-        DeviceWiring(wire.device, wire.fingers, plain), scene.finger_names, period, guards_of(scene),
+        DeviceWiring(wire.device, wire.fingers, plain), scene.finger_names, period, guards_of(parts),
     )  # fmt: skip
     exchange = DeviceExchange([port])
     with frozen_memory(), signals_end() as exits:
