@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.analysis.discrete import ONE_PLUS, S, plus, power, thing, times
-from graspfx.analysis.lateness import late_device
+from graspfx.analysis.fractional_delay import late_device
 from graspfx.errors import InputError
 
 LATEST = 20  # samples of delay: beyond, coefficients lose the digits of the roots (4e-9 of |z| at 20, 1e-4 at 25)

@@ -86,9 +86,9 @@ def response(pushes: Sequence[Push], drag: float, longest: float) -> Response:
     groups[np.argsort([push.axis for push in pushes], kind="stable")] = order
     delays, masses = [], []
     for group in range(GROUPS):
-        kept = groups != group
-        delays.append(_least(lambda t, kept=kept: table.fit(t, kept)[1], longest))  # type: ignore[misc]
-        masses.append(mean_mass(table.fit(delays[-1], kept)[0]))
+        selection = groups != group
+        delays.append(_least(lambda t, selection=selection: table.fit(t, selection)[1], longest))  # type: ignore[misc]
+        masses.append(mean_mass(table.fit(delays[-1], selection)[0]))
     mass = Estimate(mean_mass(mobility), _jackknife(masses))
     return Response(Estimate(delay, _jackknife(delays)), mobility, mass, explained)
 
@@ -130,13 +130,13 @@ class _Table:
         slope = (t[..., None] * values).sum(axis=1) / spread[:, None]
         return np.asarray(wide - w[..., None] * level[:, None] - t[..., None] * slope[:, None])
 
-    def fit(self, delay: float, kept: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    def fit(self, delay: float, selection: NDArray[np.bool_]) -> tuple[FloatArray, float]:
         """Give the best W for a delay, and the sum of squares that is left."""
         basis = self._free((self.force[:, None] * _travel(self.time - delay, self.drag))[..., None])[..., 0]
         d = self.position.shape[2]
         W, left = np.zeros((d, d)), 0.0
         for axis in range(d):
-            rows = kept & (self.axis == axis)
+            rows = selection & (self.axis == axis)
             b, x = basis[rows], self.position[rows]
             size = float((b * b).sum())
             W[:, axis] = np.einsum("ij,ijk->k", b, x) / size if size > 0.0 else 0.0

@@ -98,12 +98,12 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
 
 def _assumed(wire: Wire, names: Sequence[str]) -> Iterator[str]:
     """Say what of a device is not known, or not as its simulation has it."""
-    told, who = wire.features, ", ".join(names)
-    if told.delay is None and told.lateness is None:
+    features, who = wire.features, ", ".join(names)
+    if features.delay is None and features.lateness is None:
         yield "no output delay, where devices tell none"
-    if told.resolution:
+    if features.resolution:
         yield "encoders too fine to be felt"
-    late = (told.lateness or 0.0) + (told.latency or 0.0)
+    late = (features.lateness or 0.0) + (features.latency or 0.0)
     if late and isinstance(wire.device, SimulatedDevice):
         yield f"forces of {who} {1e3 * late:.3g} ms late, as measured: their simulation is not, and does not run so"
 

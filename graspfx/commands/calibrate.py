@@ -27,7 +27,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    from graspfx.build.calibration.calibration import calibrate
+    from graspfx.build.calibration.device_calibration import calibrate
     from graspfx.scene.load import load
 
     file = options.out or Path(f"{Path(options.scene).stem}-measures.toml")

@@ -42,7 +42,8 @@ def test_displayed_forces_do_not_scale_with_the_period() -> None:
     forces = []
     for period in (0.005, 0.0025, 0.001):
         changes = {
-            "engine": "interpreted", "period": period, "coupling.internal.stiffness": 30.0, "finger.*.hand.damping": 3.0,
+            "engine": "interpreted", "period": period,
+            "coupling.internal.stiffness": 30.0, "finger.*.hand.damping": 3.0,
             "finger.0.hand.rest": [0.01], "finger.1.hand.rest": [-0.01],
         }  # fmt: skip
         recording = gx.run(gx.load("reference-1dof", changes), duration=4.0)

@@ -106,11 +106,11 @@ class Plant:
         entry[: 2 * m] = self.hold
         if self.late is not None and self.late.readings:
             start = 2 * sum(self.linear.coordinates) + (m if self.differenced else 0)
-            held = self.late.age_forced
-            entry[start : start + m] = held[:m]
+            push = self.late.age_forced
+            entry[start : start + m] = push[:m]
             if self.linear.rate == "state":
                 start += m * self.late.readings
-                entry[start : start + m] = held[m:]
+                entry[start : start + m] = push[m:]
         return entry
 
     def coupling(self) -> tuple[FloatArray, FloatArray]:

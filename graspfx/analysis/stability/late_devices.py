@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.analysis.lateness import samples_and_part
+from graspfx.analysis.fractional_delay import samples_and_part
 from graspfx.analysis.linearisation import Linearisation
 from graspfx.analysis.stability.held_devices import held_devices
 
@@ -74,16 +74,16 @@ class LateDevices:
         if not self.readings:
             return state, []
         m = len(self._phi)
-        taken = state.copy()
+        newest = state.copy()
         for part in np.unique(self._psi[self._psi > 0.0]).tolist():
             E, Gamma = self._step(1.0 - part)
             fresh = self._fresh(1.0 - part, Gamma)
             between = E @ motion - fresh @ new - (Gamma - fresh) @ old
             rows = np.flatnonzero(np.tile(self._psi == part, 2))
-            taken[rows] = between[rows]
-        rows_ = [taken[:m], *(at[f"y{i}"] for i in range(self.readings - 1))]
+            newest[rows] = between[rows]
+        rows_ = [newest[:m], *(at[f"y{i}"] for i in range(self.readings - 1))]
         if self._linear.rate == "state":
-            rows_ += [taken[m:], *(at[f"dy{i}"] for i in range(self.readings - 1))]
+            rows_ += [newest[m:], *(at[f"dy{i}"] for i in range(self.readings - 1))]
         return state, rows_
 
     @property

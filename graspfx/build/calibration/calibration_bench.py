@@ -37,14 +37,14 @@ class Sample:
 
     Attributes:
         due: its deadline [s].
-        asked: when its reading began, `written` when its forces had been written [s].
+        start: of its reading, `end` of its writing [s].
         position: of the fingers, (k, d) [m].
         is_fresh: whether the reading brought a new sample.
     """
 
     due: float
-    asked: float
-    written: float
+    start: float
+    end: float
     position: FloatArray
     is_fresh: bool
 
@@ -88,7 +88,7 @@ class Bench:
         skipped = pacer.wait(lambda: bool(exchange.exits.numbers))
         if exchange.exits.numbers:
             raise Interruption(exchange.exits.cause)
-        asked = self.clock.now()
+        start = self.clock.now()
         _require(exchange.read(1 + skipped))
         self._stay()
         command[...] = 0.0
@@ -98,7 +98,7 @@ class Bench:
         _require([exchange.write()])
         readings = self.port.readings
         sample = Sample(
-            pacer.deadline or asked, asked, self.clock.now(), readings.position.copy(), readings.is_fresh
+            pacer.deadline or start, start, self.clock.now(), readings.position.copy(), readings.is_fresh
         )  # fmt: skip
         self.samples.append(sample)
         return sample
@@ -113,7 +113,7 @@ class Bench:
         recent = self.samples[-1 - max(1, round(WINDOW / self.period)) :]
         if len(recent) < 2:
             return np.zeros_like(self.home)
-        passed = recent[-1].asked - recent[0].asked
+        passed = recent[-1].start - recent[0].start
         return np.asarray((recent[-1].position - recent[0].position) / passed)
 
     def _stay(self) -> None:
@@ -132,12 +132,12 @@ class Bench:
     @property
     def round_trip(self) -> float:
         """Median time of a reading and a writing [s]."""
-        return median(each.written - each.asked for each in self.samples)
+        return median(each.end - each.start for each in self.samples)
 
     @property
     def lateness(self) -> tuple[float, float]:
         """Ends of 98 % of the times from a deadline to the end of the writing [s]."""
-        low, high = np.percentile([each.written - each.due for each in self.samples], (1.0, 99.0))
+        low, high = np.percentile([each.end - each.due for each in self.samples], (1.0, 99.0))
         return float(low), float(high)
 
 

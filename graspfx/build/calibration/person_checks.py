@@ -16,7 +16,7 @@ PATIENCE = 20.0  # for a person [s]
 PUSH = 0.01  # that is asked for [m]
 CLEAR = 0.8  # of a motion that is along one axis
 STILL = 5e-4  # within which a finger stands still [m]
-HELD = 1.0  # for so long [s]
+LONG_ENOUGH = 1.0  # for so long [s]
 AWAY = 2e-3  # that it was moved at all [m]
 WAYS = {
     1: ("to the right",),
@@ -40,12 +40,12 @@ def axis_checks(bench: Bench, channel: int, finger: str, frame: Frame | None, pr
             shift = _placed(bench, channel, frame) - start
             if float(np.linalg.norm(shift)) > PUSH:
                 break
-        answers["xyz"[axis]] = _said(shift, axis)
+        answers["xyz"[axis]] = _answer(shift, axis)
         prompt(f"  {answers['xyz'[axis]]}")
     return answers
 
 
-def _said(shift: FloatArray, axis: int) -> str:
+def _answer(shift: FloatArray, axis: int) -> str:
     size = float(np.linalg.norm(shift))
     if size <= PUSH:
         return "not checked: nobody pushed"
@@ -61,17 +61,17 @@ def _said(shift: FloatArray, axis: int) -> str:
 def zero_check(bench: Bench, channel: int, finger: str, frame: Frame | None, prompt: Prompt) -> FloatArray | None:
     """Have a person put a finger at the scene's origin; give where it was read, (d,) [m], or None without anybody."""
     bench.watched = False
-    prompt(f"put {finger} where the scene's origin is to be, and hold it there for {HELD:g} s")
+    prompt(f"put {finger} where the scene's origin is to be, and hold it there for {LONG_ENOUGH:g} s")
     start = _placed(bench, channel, frame)
-    there, since, moved = start, 0, False
+    there, since, is_away = start, 0, False
     for _ in range(round(PATIENCE / bench.period)):
         bench.tick()
         now = _placed(bench, channel, frame)
-        moved = moved or float(np.linalg.norm(now - start)) > AWAY
+        is_away = is_away or float(np.linalg.norm(now - start)) > AWAY
         if float(np.linalg.norm(now - there)) > STILL:
             there, since = now, 0
         since += 1
-        if moved and since * bench.period >= HELD:
+        if is_away and since * bench.period >= LONG_ENOUGH:
             prompt(f"  read at {np.round(1e3 * now, 2).tolist()} mm")
             return now
     prompt("  not checked: nobody moved it")

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 UNTOLD = 1e-5  # resolution of a device that tells none, for the length of a push [m]
 SEEN = 4.0  # steps of the encoder that are a motion
-WANTED = 60.0  # of a pulse
+STEPS = 60.0  # of a pulse
 LONGEST_TRIAL = 0.15  # [s]
 LONGEST_PULSE, SHORTEST_PULSE = 0.08, 6  # [s], and periods
 MOST_SPEED = 0.1  # at the end of a pulse [m/s]
@@ -76,8 +76,8 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
         DeviceError: a finger that does not move, or a fault of the device.
     """
     d = bench.shape[1]
-    told = bench.port.device.features.resolution
-    step = told or UNTOLD
+    own = bench.port.device.features.resolution
+    step = own or UNTOLD
     accelerations = [_trial(bench, channel, axis, force, step) for axis in range(d)]
     coasts = [
         _coast(bench, channel, axis, sign * force, acceleration)
@@ -99,7 +99,7 @@ def finger_figures(bench: Bench, channel: int, force: float, pulses: int) -> Fin
         )
     friction = friction_of(answer.mobility, drag, others)
     return FingerFigures(
-        answer.delay, answer.mass, friction, answer.mobility, told or _least_step(bench, channel), len(done), force
+        answer.delay, answer.mass, friction, answer.mobility, own or _least_step(bench, channel), len(done), force
     )
 
 
@@ -108,9 +108,9 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
     bench.rest(BEFORE)
     push = force * np.eye(bench.shape[1])[axis]
     first = last = bench.tick(channel, push)
-    while last.asked - first.written < LONGEST_TRIAL and _shift(first, last, channel, axis) <= 3.0 * SEEN * step:
+    while last.start - first.end < LONGEST_TRIAL and _shift(first, last, channel, axis) <= 3.0 * SEEN * step:
         last = bench.tick(channel, push)
-    took, shift = last.asked - first.written, float((last.position - first.position)[channel, axis])
+    took, shift = last.start - first.end, float((last.position - first.position)[channel, axis])
     _take_back(bench, channel, push, took)
     if abs(shift) <= SEEN * step:
         raise DeviceError(
@@ -125,11 +125,11 @@ def _trial(bench: Bench, channel: int, axis: int, force: float, step: float) -> 
 
 def _take_back(bench: Bench, channel: int, push: FloatArray, duration: float) -> None:
     """Undo a push of so long: twice as long the other way, then once more as it was, so that it ends where it began."""
-    began = bench.samples[-1].written
-    while bench.samples[-1].written - began < 2.0 * duration:
+    began = bench.samples[-1].end
+    while bench.samples[-1].end - began < 2.0 * duration:
         bench.tick(channel, -push)
-    began = bench.samples[-1].written
-    while bench.samples[-1].written - began < duration:
+    began = bench.samples[-1].end
+    while bench.samples[-1].end - began < duration:
         bench.tick(channel, push)
     bench.tick()
 
@@ -141,26 +141,26 @@ def _shift(first: Sample, last: Sample, channel: int, axis: int) -> float:
 def _pulse(bench: Bench, channel: int, axis: int, force: float, step: float, acceleration: float) -> Push:
     """Push, and take the motion back."""
     samples = bench.rest(BEFORE)
-    duration = math.sqrt(2.0 * WANTED * step / acceleration)
+    duration = math.sqrt(2.0 * STEPS * step / acceleration)
     duration = min(max(duration, SHORTEST_PULSE * bench.period), LONGEST_PULSE, MOST_SPEED / acceleration)
     push = force * np.eye(bench.shape[1])[axis]
     first = bench.tick(channel, push)
     samples.append(first)
-    while samples[-1].written - first.written < duration:
+    while samples[-1].end - first.end < duration:
         samples.append(bench.tick(channel, push))
     samples.append(bench.tick(channel, -push))  # read before the push ends
-    _take_back(bench, channel, push, samples[-1].written - first.written)
+    _take_back(bench, channel, push, samples[-1].end - first.end)
     _bring_home(bench, channel, abs(force), abs(force) / acceleration)
     fresh = [each for each in samples if each.is_fresh]
-    time = np.array([each.asked for each in fresh]) - first.written
+    time = np.array([each.start for each in fresh]) - first.end
     return Push(axis, force, time, np.array([each.position[channel] for each in fresh]))
 
 
 def _bring_home(bench: Bench, channel: int, force: float, mass: float) -> None:
     """Lead a finger to where it was at first by a weak spring and damper of at most a force."""
     readings, home = bench.port.readings, bench.home[channel]
-    began = bench.tick().asked
-    while bench.samples[-1].asked - began < LONGEST_WAY:
+    began = bench.tick().start
+    while bench.samples[-1].start - began < LONGEST_WAY:
         away, speed = readings.position[channel] - home, bench.velocity[channel]
         if np.linalg.norm(away) < NEAR and np.linalg.norm(speed) < CALM:
             break
@@ -178,24 +178,24 @@ def _coast(
     bench.rest(BEFORE)
     push = force * np.eye(bench.shape[1])[axis]
     first = bench.tick(channel, push)
-    while bench.samples[-1].written - first.written < duration:
+    while bench.samples[-1].end - first.end < duration:
         bench.tick(channel, push)
     began = bench.tick()
     samples: list[Sample] = []
-    while bench.samples[-1].asked - began.asked < COAST:
+    while bench.samples[-1].start - began.start < COAST:
         last = bench.tick()
-        if last.asked - began.asked > MOST_DELAY:
+        if last.start - began.start > MOST_DELAY:
             samples.append(last)
         if float(np.linalg.norm((last.position - began.position)[channel])) > TRAVEL and len(samples) > LEAST:
             break
     _bring_home(bench, channel, abs(force), abs(force) / acceleration)
     fresh = [each for each in samples if each.is_fresh]
-    return np.array([each.asked for each in fresh]), np.array([each.position[channel] for each in fresh])
+    return np.array([each.start for each in fresh]), np.array([each.position[channel] for each in fresh])
 
 
 def _least_step(bench: Bench, channel: int) -> float:
     """Find the least step between two readings of a finger that were not the same."""
     positions = np.array([each.position[channel] for each in bench.samples])
     steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(positions)]
-    moved = [each for each in steps if each > 0.0]
-    return min(moved, default=0.0)
+    changes = [each for each in steps if each > 0.0]
+    return min(changes, default=0.0)

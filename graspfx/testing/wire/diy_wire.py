@@ -54,7 +54,7 @@ class DiyWire(SerialWire):
         seed: int = 0,
     ) -> None:
         self.links, self.distance, self.inertia, self.friction = links, distance, inertia, friction
-        self._speed, self._moved, self._step = np.zeros(2), time.monotonic(), 0.0  # [rad/s], [s], and a count [deg]
+        self._speed, self._clock, self._step = np.zeros(2), time.monotonic(), 0.0  # [rad/s], [s], and a count [deg]
         self.frames: deque[tuple[float, tuple[float, float]]] = deque(maxlen=MOST_FRAMES)
         self._angles, self._offset = np.array(HOME), np.zeros(2)
         self._torque: FloatArray = np.zeros(2)  # of motors 1 and 2, which stand at ports 2 and 1
@@ -110,7 +110,7 @@ class DiyWire(SerialWire):
     def _move_on(self) -> None:
         """Turn the links as torques have had them since the last time: I a'' + c a' = torque, exactly."""
         now = time.monotonic()
-        passed, self._moved = now - self._moved, now
+        passed, self._clock = now - self._clock, now
         if self.inertia is None or passed <= 0.0:
             return
         p = self.friction / self.inertia
@@ -125,12 +125,12 @@ class DiyWire(SerialWire):
         if self._buffer and time.monotonic() - self._began > PATIENCE:
             self._buffer = b""  # what came of the frame is given up
 
-    def _told(self) -> FloatArray:
+    def _encoders(self) -> FloatArray:
         """Give what the encoders tell, (2,) [deg]."""
         if self._step == 0.0:
             return self._angles + self._offset
-        told: FloatArray = np.round(self._angles / self._step) * self._step + self._offset
-        return told
+        angles: FloatArray = np.round(self._angles / self._step) * self._step + self._offset
+        return angles
 
     def _size(self) -> int:
         """Count the bytes of the frame that begins the buffer; the board does not wait for the second one."""
@@ -159,5 +159,5 @@ class DiyWire(SerialWire):
             wished = np.nan_to_num(np.array([first, second], dtype=float), posinf=CLAMP, neginf=-CLAMP)
             self._torque = np.clip(wished, -CLAMP, CLAMP)
             self.frames.append((time.monotonic(), (float(self._torque[0]), float(self._torque[1]))))
-            first, second = self._told()
+            first, second = self._encoders()
             yield struct.pack("<B2f", frame[1], second, first)

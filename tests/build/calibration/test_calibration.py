@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import graspfx as gx
-from graspfx.build.calibration import calibration
-from graspfx.build.calibration.calibration import Calibration, calibrate
+from graspfx.build.calibration import device_calibration
+from graspfx.build.calibration.device_calibration import Calibration, calibrate
 from graspfx.devices.two_link import connect as two_link
 from graspfx.errors import DeviceError, InputError
 from graspfx.loop.realtime.exits import Exits
@@ -36,7 +36,7 @@ SQUARE: dict[str, Any] = {
 @pytest.fixture
 def virtual(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no time pass but what the device takes."""
-    monkeypatch.setattr(calibration, "WallClock", VirtualClock)
+    monkeypatch.setattr(device_calibration, "WallClock", VirtualClock)
     VirtualClock.time = 1.0
 
 
