@@ -1,0 +1,44 @@
+"""C functions of a device, for loops in which no Python runs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol, runtime_checkable
+
+FRESH, HELD = 0, 1  # what the functions return; less than zero is a fault
+
+
+class Calls(NamedTuple):
+    """Addresses of C functions `int64 f(void *context, double *block)`: 0 fresh, 1 held, less than zero a fault.
+
+    The block of `ask` and `read` has room for positions (k, d) [m], then velocities (k, d) [m/s]: a `read` that returns
+    0 has filled both. That of `write` and `stop` has the forces (k, d) [N]; `write` is told finite ones within
+    `features.peak_force` only. `stop` is zero force, whatever stands in the block. A function that waits makes the loop
+    wait.
+
+    Attributes:
+        ask: sends the request that the next `read` takes the answer of; 0 for a device that is not asked.
+        read, write, stop: as the methods of these names do.
+        context: the first argument of each.
+        keep: whatever has to live as long as somebody may call.
+    """
+
+    ask: int
+    read: int
+    write: int
+    stop: int
+    context: int
+    keep: object
+
+
+@runtime_checkable
+class CallsDevice(Protocol):
+    """A device that offers C functions once it is open, so that no Python runs in its loop.
+
+    It has all methods of a `Device` too: they are what opens it, reads it before the run and stops it afterwards, and
+    they go on where the C functions stop.
+    """
+
+    @property
+    def calls(self) -> Calls | None:
+        """The functions, as long as the device is open; None before."""
+        ...
