@@ -22,7 +22,7 @@ from graspfx.loop.realtime.pacing import Pacer, late_text
 from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
 from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
@@ -127,7 +127,7 @@ class Servo:
     def run(
         self,
         ticks: int,
-        recorder: Recorder | None,
+        recorder: RowTaker | None,
         stop: Callable[[], bool] | None = None,
         pacer: Pacer | None = None,
     ) -> None:
@@ -163,11 +163,11 @@ class Servo:
         for part in self.objects:
             part.grasped.check_activity()
 
-    def tick(self, recorder: Recorder | None) -> None:
+    def tick(self, recorder: RowTaker | None) -> None:
         """Run one sample."""
         self.run(1, recorder)
 
-    def write(self, update: Update, recorder: Recorder | None = None) -> None:
+    def write(self, update: Update, recorder: RowTaker | None = None) -> None:
         """Write new numbers into the parts, between two ticks: the next tick computes with them.
 
         Args:
@@ -208,7 +208,7 @@ class Servo:
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
 
-    def _run(self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None) -> None:
+    def _run(self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None) -> None:
         engine, tick = self._ready(), self._tick
         apart = bool(tick.ports or tick.bodies or tick.plants or (tick.tables and tick.guests))
         last = self.ticks + ticks
@@ -229,7 +229,7 @@ class Servo:
                 recorder.drain()
 
     def _run_paced(
-        self, ticks: int, recorder: Recorder | None, stop: Callable[[], bool] | None, pacer: Pacer
+        self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None, pacer: Pacer
     ) -> None:  # fmt: skip
         """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault."""
         last = self.ticks + ticks
@@ -242,7 +242,7 @@ class Servo:
             if self.ticks == before:
                 return
 
-    def _with_guests(self, engine: Engine, recorder: Recorder | None, row: int, count: int) -> None:
+    def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:
         """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
         rounds, last, shift = self._rounds, self.ticks + count, row - self.ticks
         rounds.k = self.ticks
@@ -269,7 +269,7 @@ class Servo:
                 latch(self._own, self.ticks - 1, MOVER, i, code)
                 self._own.stuck_bodies[i] = 1.0
 
-    def _one(self, engine: Engine, recorder: Recorder | None, row: int, periods: int = 1) -> None:
+    def _one(self, engine: Engine, recorder: RowTaker | None, row: int, periods: int = 1) -> None:
         """Run one tick with parts that are no kernels, so many periods after the one before."""
         tick, k = self._tick, self.ticks
         self._look_ahead(1)
@@ -291,7 +291,7 @@ class Servo:
             self._advance(k, j)
         self._finish_tick(1, recorder)
 
-    def _finish_tick(self, count: int, recorder: Recorder | None) -> None:
+    def _finish_tick(self, count: int, recorder: RowTaker | None) -> None:
         self.ticks += count
         if recorder is not None:
             recorder.take(count)
@@ -306,7 +306,7 @@ class Servo:
         if self._own.faulted:
             self._stop_faults += self._devices.stop()
 
-    def rest(self, recorder: Recorder | None = None) -> None:
+    def rest(self, recorder: RowTaker | None = None) -> None:
         """Set the force of every device in plain Python to zero, now; one that does not answer is a fault."""
         try:
             self._stop_faults += self._devices.stop()
@@ -350,7 +350,7 @@ class Servo:
             self._foreign_faults.append(message)
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
-    def _notice(self, recorder: Recorder | None) -> None:
+    def _notice(self, recorder: RowTaker | None) -> None:
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:

@@ -1,0 +1,148 @@
+"""Rows on their way from a servo to who records them, through memory that two processes share: neither ever waits.
+
+The memory begins with whole numbers, a line of the processor's cache each (`Word`); notes and letters follow, then the
+rows. Whoever writes rows publishes `HEAD` after the row, so that a reader who sees it sees the row too.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import platform
+import tempfile
+from collections.abc import Mapping
+from enum import IntEnum
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.loop.realtime.notes import Notes
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SLOTS = 1 << 14  # rows of the ring: 16 s at 1 kHz
+PAGE = 4096  # bytes of the whole numbers
+NOTES = 1 << 18  # bytes of notes
+LETTERS = 1 << 18  # bytes of each of the two letters
+IN_ORDER = platform.machine().lower() in ("x86_64", "amd64", "i386", "i686")  # processors that keep stores in order
+
+
+class Word(IntEnum):
+    """Places of the whole numbers at the beginning of the memory, counted in numbers of 8 bytes."""
+
+    HEAD = 0  # ticks whose rows are there; the servo's
+    TAIL = 8  # ticks whose rows were taken; the recorder's
+    STOP = 16  # not zero: rest; the recorder's side
+    BEAT = 24  # time.monotonic_ns of who recorded last; the recorder's side
+    PHASE = 32  # of the servo, as `Phase`
+    NOTES = 40  # bytes of notes that are there; the servo's
+    MAIL = 48  # number of the last letter; the recorder's side
+    SKIPPED = 56  # periods left out; the servo's
+
+
+class Phase(IntEnum):
+    """Phases of a servo in a process of its own."""
+
+    STARTING = 0
+    OPEN = 1  # hardware is being opened, or is open: its force is not known if the process dies
+    RESTED = 2  # every device was told zero, and none is told another force
+    CLOSED = 3
+
+
+def fence() -> None:
+    """Let what was stored before be seen by whoever sees what is stored after."""
+    if not IN_ORDER:
+        for _ in range(2):
+            with _LOCK:
+                pass
+
+
+_LOCK = Lock()
+
+
+class Ring:
+    """Memory that a servo and its recorder share.
+
+    Args:
+        file: descriptor of the memory, from `create`.
+        width: numbers of a row.
+        every: ticks from one row to the next.
+
+    Attributes:
+        words: (64,), at the places of `Word`.
+        rows: (SLOTS, width); that of tick k is k / every modulo SLOTS, where `every` divides k.
+        notes: of the servo.
+        letters: the two halves of the mail box, bytes each.
+    """
+
+    def __init__(self, file: int, width: int, every: int = 1) -> None:
+        self.file, self.width, self.every = file, width, every
+        self.memory = mmap.mmap(file, size_of(width))
+        self.words: IntArray = np.frombuffer(self.memory, np.int64, PAGE // 8)
+        self.notes = Notes(memoryview(self.memory)[PAGE : PAGE + NOTES], self.words, Word.NOTES)
+        start = PAGE + NOTES
+        self.letters = [memoryview(self.memory)[start + i * LETTERS : start + (i + 1) * LETTERS] for i in range(2)]
+        rows = np.frombuffer(self.memory, np.float64, SLOTS * width, start + 2 * LETTERS)
+        self.rows: FloatArray = rows.reshape(SLOTS, width)
+
+    @property
+    def span(self) -> int:
+        """Count the ticks after which a row is written over."""
+        return SLOTS * self.every
+
+
+def size_of(width: int) -> int:
+    """Count the bytes of a ring."""
+    return PAGE + NOTES + 2 * LETTERS + 8 * SLOTS * width
+
+
+def create(width: int) -> int:
+    """Make the memory of a ring, which goes with the last process that has it; give its descriptor."""
+    if hasattr(os, "memfd_create"):
+        file = os.memfd_create("graspfx-ring", getattr(os, "MFD_CLOEXEC", 0))
+    else:
+        with tempfile.TemporaryFile() as temporary:
+            file = os.dup(temporary.fileno())
+    os.ftruncate(file, size_of(width))
+    return file
+
+
+class RingRecorder:
+    """A recorder of ticks into a ring: it never waits, and who does not read in time loses the oldest rows.
+
+    Args:
+        ring: to write into.
+    """
+
+    def __init__(self, ring: Ring) -> None:
+        self._ring, self.ticks = ring, 0
+        self._words = memoryview(ring.memory).cast("q")
+
+    @property
+    def row(self) -> FloatArray:
+        """The last row that a tick wrote."""
+        row: FloatArray = self._ring.rows[(max(self.ticks, 1) - 1) // self._ring.every % SLOTS]
+        return row
+
+    def space(self) -> tuple[FloatArray, int, int]:
+        """Give the rows, the place in them of the next tick, and how many ticks there are to the end."""
+        place = self.ticks % self._ring.span
+        return self._ring.rows, place, self._ring.span - place
+
+    def take(self, count: int) -> None:
+        """Publish what that many ticks more have written."""
+        self.ticks += count
+        fence()
+        self._words[Word.HEAD] = self.ticks
+
+    def drain(self) -> None:
+        """Do nothing: the reader comes by himself."""
+
+    def fault(self, k: int, message: str) -> None:
+        self._ring.notes.add(("fault", k, message))
+
+    def change(self, k: int, values: Mapping[str, Any]) -> None:
+        self._ring.notes.add(("change", k, dict(values)))
