@@ -31,7 +31,9 @@ from graspfx.loop.device import (
     FusedDevice,
     LimitedDevice,
     QuenchableDriver,
+    RawDevice,
     SimulatedDevice,
+    SwitchedDevice,
     former_settings,
 )
 from graspfx.loop.hand import Hand as SpringHand
@@ -58,6 +60,9 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     # devices that are asked for an answer, and drivers that take the force from hardware whose program has died
     "AskedDevice",
     "QuenchableDriver",
+    # devices with switches, and devices that show what came over the wire
+    "SwitchedDevice",
+    "RawDevice",
     # a board's serial port, for one program at a time
     "SerialPort",
     # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names

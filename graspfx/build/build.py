@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from graspfx.build.fading import set_fade
 from graspfx.build.live import live_fields
+from graspfx.build.loop_layout import loop_fields
 from graspfx.build.movers import make_movers
 from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts, resolve
@@ -38,6 +39,7 @@ def build(
     record: bool = True,
     selected: bool = False,
     live: Collection[str] = (),
+    real_time: bool = False,
 ) -> Iterator[Servo]:
     """Build a servo ready to tick; simulated devices and bodies are closed at the end, whatever happens.
 
@@ -50,6 +52,7 @@ def build(
         record: whether its ticks are recorded.
         selected: whether they write the columns and ticks alone that the scene's `record` asks for; else all.
         live: keys that may change in mid-run (`graspfx.build.live`): no program folds in what they reach.
+        real_time: whether its ticks are on the wall's clock, and record what they say of it.
 
     Raises:
         InputError: a live key that cannot change in mid-run.
@@ -74,7 +77,7 @@ def build(
                 wire.device.open(scene.period)
         stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
         observers, safety = list(_observers(parts, objects, movers)), _safety(parts, objects, fields)
-        layout, every = make_layout(parts), 1
+        layout, every = make_layout(parts, real_time=real_time), 1
         if selected:
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         yield Servo(
@@ -107,8 +110,13 @@ def meet(
     return inward
 
 
-def make_layout(parts: Parts) -> Layout:
-    """Lay out the columns of a recording; simulated devices also tell their true positions."""
+def make_layout(parts: Parts, *, real_time: bool = False) -> Layout:
+    """Lay out the columns of a recording; simulated devices also tell their true positions.
+
+    Args:
+        parts: of the scene.
+        real_time: whether the run is on the wall's clock.
+    """
     scene = parts.scene
     soft = any(finger.model == "soft" for finger in scene.finger)
     return Layout(
@@ -127,6 +135,7 @@ def make_layout(parts: Parts) -> Layout:
         normals=soft,
         torsion_axes=soft and scene.coupling.reaction == "fingertip",
         predicted=_predicted(parts),
+        **(loop_fields(parts.wires, scene.finger_names) if real_time else {}),
     )
 
 

@@ -94,7 +94,7 @@ def run(
         require_simulations(parts.hardware)
     log.info("scene %s; objects: %d, fingers: %d", scene_.source.name, len(scene_.object), len(scene_.finger))
     warn_of_axes(parts)
-    layout = chosen_layout(make_layout(parts), scene_.record.columns)
+    layout = chosen_layout(make_layout(parts, real_time=real_time), scene_.record.columns)
     every = scene_.record.every
     size = 8 * layout.width / every  # bytes of a tick
     ticks = ticks_of(scene_.duration if duration is None else duration, scene_.period)
@@ -108,7 +108,7 @@ def run(
         require_vacancy_of(recording_path(out, "out") / NAME)
     file = None
     with ExitStack() as stack:
-        servo = stack.enter_context(build(scene_, selected=True))
+        servo = stack.enter_context(build(scene_, selected=True, real_time=real_time))
         header = header_of(parts, servo.objects)
         if out is not None:
             from graspfx.loop.recording.sink import FileSink

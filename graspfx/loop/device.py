@@ -53,12 +53,14 @@ class Features(Carded):
     watchdog: float | None = None  # after the last `write`, hardware drops its force [s]; None: never
     rate: float | None = None  # most exchanges of reading and writing in a second [Hz]
     latency: float | None = None  # age of a sample when `read` returns it [s]
+    switches: int = 0  # count of switches, whose state a `SwitchedDevice` tells
 
     def _card(self) -> Card:
         figures = {name: getattr(self, name) for name in UNITS}
         rows = [
             ("workspace", "" if self.workspace is None else " to ".join(str(each) for each in self.workspace) + " m"),
             *((name, f"{value:g} {UNITS[name]}") for name, value in figures.items() if value is not None),
+            *([("switches", str(self.switches))] if self.switches else []),
             ("not known", listed((name for name, value in figures.items() if value is None), len(figures))),
         ]
         space = counted(self.dimensions, "dimension")
@@ -156,6 +158,29 @@ class LimitedDevice(Protocol):
         """Largest force that each fingertip can display in every direction at the last reading, (k,), above zero [N].
 
         Of a `FusedDevice` it is a piece of its block, which `reading` keeps up to date.
+        """
+        ...
+
+
+@runtime_checkable
+class SwitchedDevice(Protocol):
+    """A device with switches: buttons, pedals, a switch that its user's hand closes."""
+
+    @property
+    def switches(self) -> int:
+        """Switches at the last reading as bits: bit i is 1 while switch i of `features.switches` is closed."""
+        ...
+
+
+@runtime_checkable
+class RawDevice(Protocol):
+    """A device that shows what came over the wire, such as counts of encoders: a recording keeps it."""
+
+    @property
+    def raw(self) -> NDArray[np.int64] | NDArray[np.float64]:
+        """Raw numbers of the last reading, (m,), m at least 1: the same array for the device's life.
+
+        Whole numbers are recorded exactly up to 2^53.
         """
         ...
 

@@ -13,6 +13,7 @@ from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.realtime.exits import Exits, Interruption
 from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.guards import Guards
+from graspfx.loop.realtime.port_log import PortLog
 from graspfx.loop.realtime.readings import Readings
 from graspfx.loop.tick.script import Port
 
@@ -51,6 +52,7 @@ class DevicePort:
         channels: the finger that each channel is, -1 for none.
         workspace: lower and upper corner [m], None where the device tells none.
         entry: of fingers that were inside an object; None without.
+        log: of what it tells besides, where that is recorded; None without.
         is_gone: whether a call of it has failed: it is not read again.
     """
 
@@ -63,6 +65,7 @@ class DevicePort:
         self.readings = Readings(port.position.shape, period, guards if self.hardware else None)
         self.workspace = self.device.features.workspace
         self.entry: Entry | None = None
+        self.log: PortLog | None = None
         self.is_gone = False
         ask = getattr(self.device, "ask", None)
         self._ask: Callable[[], object] | None = ask if callable(ask) else None
@@ -95,6 +98,8 @@ class DevicePort:
         """Read into the port, so many periods after the last time."""
         port, readings = self.port, self.readings
         port.memory[0] = 0.0
+        if self.log is not None:
+            self.log.clear()
         if self.is_gone:
             return ""
         try:
@@ -103,6 +108,8 @@ class DevicePort:
             if port.limit is not None and not text:
                 assert isinstance(self.device, LimitedDevice)
                 text = _take_limit(port.limit, self.device.largest_force)
+            if self.log is not None and not text:
+                text = self.log.take(self.device, is_fresh=readings.is_fresh)
         except Exception as error:  # noqa: BLE001 - as in `open`
             return self._failure("cannot be read", error)
         if text:

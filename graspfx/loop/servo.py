@@ -18,6 +18,7 @@ from graspfx.loop.guest_rounds import GuestRounds
 from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, PlantWiring
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.realtime.guards import GUARDS, Guards
+from graspfx.loop.realtime.loop_log import LoopLog
 from graspfx.loop.realtime.pacing import Pacer, late_text
 from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.recording.header import RunFault
@@ -204,6 +205,7 @@ class Servo:
                 DevicePort(port, self.stations[port.station], self.layout.fingers, self.period, self.guards)
                 for port in self._tick.ports
             )
+            self._io: DeviceExchange | LoopLog = self._devices
             self._engine = engine_for(self._kind, self._tick, at_once=bool(self.hardware))
             log.info("engine %s; ports that are called in a tick: %d", self._kind, len(self._tick.ports))
         return self._engine
@@ -232,9 +234,13 @@ class Servo:
         self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None, pacer: Pacer
     ) -> None:  # fmt: skip
         """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault."""
-        last = self.ticks + ticks
+        last, log = self.ticks + ticks, None
+        if self._tick.loop is not None:
+            self._io = log = LoopLog(self._tick.loop, self.layout, self._devices, pacer)
         while self.ticks < last:
             self._periods = 1 + pacer.wait(stop)
+            if log is not None:
+                log.begin()
             if self.hardware and pacer.row > self.guards.late:
                 self._tell(self.ticks, late_text(pacer, self.guards))
             before = self.ticks
@@ -277,7 +283,7 @@ class Servo:
             if any(self.objects[o].grasped.implicit for o in self.movers[i].objects):
                 self.movers[i].body.free_motion(self.period)
         if tick.ports:
-            for text in self._devices.read(periods):
+            for text in self._io.read(periods):
                 self._tell(k, text)
             engine.begin(k)
             self._display(k)
@@ -301,7 +307,7 @@ class Servo:
 
     def _display(self, k: int) -> None:
         """Hand the devices their forces; none is written to once there is a fault, and all are stopped."""
-        if not self._own.faulted and (text := self._devices.write()):
+        if not self._own.faulted and (text := self._io.write()):
             self._tell(k, text)
         if self._own.faulted:
             self._stop_faults += self._devices.stop()

@@ -48,8 +48,14 @@ def quantities(recording: Recording, works: Mapping[str, NDArray[Any]] | None = 
     """
     layout = recording.layout
     for column in layout.columns.values():
-        if "/" not in column.name:
-            yield Quantity(column.name, _stored(recording, column), column.dimensions, column.unit, column.meaning)
+        if not column.name.startswith("objects/"):
+            yield Quantity(
+                column.name.replace("/", "_"),
+                _stored(recording, column),
+                column.dimensions,
+                column.unit,
+                column.meaning,
+            )
     for column in layout.derived:
         if (values := _derived(recording, column.name)) is not None:
             yield Quantity(column.name, values, column.dimensions, column.unit, column.meaning)
@@ -92,7 +98,11 @@ def components(quantity: Quantity, names: Mapping[str, tuple[str, ...]]) -> Iter
 
 def _stored(recording: Recording, column: Column) -> NDArray[Any]:
     values = recording.array(column.name)
-    return np.not_equal(values, 0.0) if column.name in LOGICAL else values.astype(stored_type(column.name))
+    return (
+        np.not_equal(values, 0.0)
+        if column.name in LOGICAL
+        else values.astype(stored_type(column.name, recording.layout))
+    )
 
 
 def _derived(recording: Recording, name: str) -> NDArray[Any] | None:

@@ -43,12 +43,20 @@ class Pacer:
     Args:
         period: T [s].
         clock: to wait on.
+
+    Attributes:
+        wall: time of the last tick since that of the first [s].
+        late: of it, after its deadline [s].
+        left_out: periods before it that were left out.
     """
 
     def __init__(self, period: float, clock: Clock | None = None) -> None:
         self.period, self.clock = period, clock or WallClock()
         self.deadline: float | None = None  # of the last tick [s]
         self.skipped = self.row = 0
+        self.wall = self.late = 0.0
+        self.left_out = 0
+        self._start = 0.0  # of the first tick [s]
         self.latest = 0.0  # the most that a tick began after its deadline [s]
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
@@ -61,7 +69,7 @@ class Pacer:
         """
         clock = self.clock
         if self.deadline is None:
-            self.deadline = clock.now()
+            self.deadline = self._start = clock.now()
             return 0
         self.deadline += self.period
         is_early = False
@@ -73,7 +81,9 @@ class Pacer:
         self.deadline += skipped * self.period
         self.skipped += skipped
         self.row = 0 if is_early and not skipped else self.row + skipped
-        self.latest = max(self.latest, late - skipped * self.period)
+        self.late, self.left_out = late - skipped * self.period, skipped
+        self.wall = self.deadline + self.late - self._start
+        self.latest = max(self.latest, self.late)
         return skipped
 
 

@@ -22,10 +22,12 @@ NAMES = (
     "predicted",
     "absent",
     "omitted",
+    "devices",
 )  # of a layout's fields that are tuples
 OF_HARDWARE = ("settled", "round_trip")  # fields of a header that stand in recordings of hardware only
 
-GUARDED = "guarded"  # of a layout's fields: written where it is true, so that other recordings are as they were
+# of a layout's fields: written where they are not empty, so that other recordings are as they were
+WHERE_THEY_ARE = ("guarded", "timed", "varying", "switched", "devices", "raw")
 
 
 def description(layout: Layout, header: Header) -> dict[str, str | float]:
@@ -35,7 +37,8 @@ def description(layout: Layout, header: Header) -> dict[str, str | float]:
         if key in OF_HARDWARE and not value:
             continue
         attributes[key] = value if isinstance(value, str | float) else _json(value)
-    attributes["layout"] = _json({key: value for key, value in asdict(layout).items() if key != GUARDED or value})
+    fields = {key: value for key, value in asdict(layout).items() if value or key not in WHERE_THEY_ARE}
+    attributes["layout"] = _json(fields)
     return attributes
 
 
@@ -91,6 +94,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
     fields: dict[str, Any] = json.loads(attributes["layout"])
     for key in NAMES:
         fields[key] = tuple(fields.get(key, ()))
+    fields["raw"] = tuple((str(name), int(count), str(kind)) for name, count, kind in fields.get("raw", ()))
     return Layout(**fields)
 
 

@@ -208,7 +208,7 @@ def _variables(
             places.append(start)
             start += prod(column.shape)
     for column, place in zip(columns, places, strict=True):
-        _variable(file, column, place, scales, count, sources)
+        _variable(file, column, stored_type(column.name, layout), place, scales, count, sources)
 
 
 def _scales(file: Any, layout: Layout, header: Header, count: int) -> dict[str, Any]:
@@ -228,12 +228,13 @@ def _scales(file: Any, layout: Layout, header: Header, count: int) -> dict[str, 
 def _variable(
     file: Any,
     column: Column,
+    kind: DTypeLike,
     place: int,
     scales: Mapping[str, Any],
     count: int,
     sources: Sequence[tuple[Any, int, int]],
 ) -> None:
-    shape, kind = (count, *column.shape), stored_type(column.name)
+    shape = count, *column.shape
     if count:
         data = _virtual(file, column.name, shape, kind, slice(place, place + prod(column.shape)), sources)
     else:

@@ -14,6 +14,7 @@ ESSENTIAL = ("finger_position", "finger_velocity", "contact_position", "finger_f
 ESSENTIAL_OF_OBJECTS = ("position", "velocity", "wrench")
 DISPLAYED = "on the operator, after every limit, before output delay"
 SCALE = "left of the law's force: by the soft start, by trust in readings, of what squeezes, of a finger's whole force"
+TIMED = ("wall", "late", "io", "skipped", "fresh", "largest_force", "switches")  # columns of runs in real time only
 WRENCH = {1: ("fx",), 2: ("fx", "fy", "tz"), 3: ("fx", "fy", "fz", "tx", "ty", "tz")}
 
 
@@ -48,6 +49,11 @@ class Layout:
         guarded: whether forces pass a safety chain.
         normals: whether contacts' normals and the torsion held at them are known, of soft fingers.
         torsion_axes: whether torsion acts along another axis than the normal.
+        timed: whether the run is on the wall's clock.
+        varying: whether its devices tell largest forces that depend on where they stand, which are recorded then.
+        switched: whether some of its devices have switches.
+        devices: their names, of such a run.
+        raw: what came over the wire to some of them: a name, a count of numbers, and "int64" or "float64" each.
         predicted: numbers of the objects whose split needs where the implicit integrator predicts their centre.
         absent: names of columns that a recording of an earlier format does not have.
         omitted: names of columns that the scene's `record` leaves out.
@@ -67,6 +73,11 @@ class Layout:
     guarded: bool = False
     normals: bool = False
     torsion_axes: bool = False
+    timed: bool = False
+    varying: bool = False
+    switched: bool = False
+    devices: tuple[str, ...] = ()
+    raw: tuple[tuple[str, int, str], ...] = ()
     predicted: tuple[int, ...] = ()
     absent: tuple[str, ...] = ()
     omitted: tuple[str, ...] = ()
@@ -163,6 +174,8 @@ class Layout:
         if self.simulated:
             yield "true_position", (n, axis), "m", "of the simulated fingertip"
         yield "device_energy", (n,), "J", "work done so far on the fingertip by the displayed force"
+        if self.timed:
+            yield from self._times(n)
         for k, name in enumerate(self.objects):
             at = f"objects/{name}/"
             yield at + "position", (axis,), "m", "of the object's centre"
@@ -181,8 +194,23 @@ class Layout:
             yield at + "wrench", (wrench,), "N, N m", "of the fingers on the object, about its centre, in world axes"
             if self.guarded:
                 yield at + "scale", (("share", 4),), "1", SCALE
+                yield at + "tank", (), "J", "energy that pays for stiffness"
             if self.observed:
                 yield from self._energies(at + "energy/")
+
+    def _times(self, n: tuple[str, int]) -> Iterator[tuple[str, tuple[tuple[str, int], ...], str, str]]:
+        """List what a run on the wall's clock records of its ticks and of its devices."""
+        yield "wall", (), "s", "time of the tick on the wall's clock since that of the first"
+        yield "late", (), "s", "after the tick's deadline"
+        yield "io", (("call", 2),), "s", "to ask and read all devices, and to write them"
+        yield "skipped", (), "1", "periods left out before the tick"
+        yield "fresh", (n,), "1", "whether the reading brought a new sample"
+        if self.varying:
+            yield "largest_force", (n,), "N", "that the device told it could display where it was read"
+        if self.switched:
+            yield "switches", (("device", len(self.devices)),), "1", "bits, the first switch of a device is bit 0"
+        for name, count, _ in self.raw:
+            yield f"raw/{name}", ((f"{name}_raw", count),), "1", "numbers as they came over the wire"
 
     def _energies(self, at: str) -> Iterator[tuple[str, tuple[tuple[str, int], ...], str, str]]:
         """List the energies: totals since the start but for `stored` and `kinetic`, which are momentary."""

@@ -13,7 +13,7 @@ from graspfx.compile.records import entries_of, size_for
 from graspfx.coupling.entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
-from graspfx.loop.safety.safety_state import FingerLimits, Goal, Pace, SafetyState, Scale
+from graspfx.loop.safety.safety_state import FingerLimits, Goal, Pace, SafetyState, Scale, Tank
 from graspfx.loop.safety.trust import CAUSES, DECAY, QUICK, STALE
 
 FloatArray = NDArray[np.float64]
@@ -78,8 +78,11 @@ class SafetyChain:
         pace.devices, pace.hold, pace.trust = devices, float(limits.hold), 1.0
         pace.ramp, pace.fading = limits.soft_start / period, min(period / DECAY, 1.0)
         self.buffers = [self._buffer(each, fingers, period, live) for each, fingers in grasped]
-        first = SafetyState(np.zeros(size_for(SafetyState, count=0))).scale.offset
-        self.where = {"scale": np.array(entries_of(Scale, "soft", "trust", "squeeze", "outer", at=first), np.intp)}
+        empty = SafetyState(np.zeros(size_for(SafetyState, count=0)))
+        self.where = {
+            "scale": np.array(entries_of(Scale, "soft", "trust", "squeeze", "outer", at=empty.scale.offset), np.intp),
+            "tank": np.array(entries_of(Tank, "level", at=empty.tank.offset), np.intp),
+        }
 
     def _buffer(self, grasped: GraspedObject, fingers: Index, period: float, live: Collection[str]) -> FloatArray:
         buffer = np.zeros(size_for(SafetyState, count=grasped.fingers))

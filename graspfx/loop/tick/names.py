@@ -14,6 +14,7 @@ from graspfx.coupling.grasp_state import GraspState
 from graspfx.loop.device import FusedDevice
 from graspfx.loop.parts import Parts, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
+from graspfx.loop.realtime.loop_state import LoopState
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import ServoState
@@ -44,7 +45,7 @@ class Names:
         self._declarations = {
             arrays[id(array)]: declaration for array, declaration in _declarations(parts) if id(array) in arrays
         }
-        entries = [_servo(parts, tick.own), _ports(parts, tick)]
+        entries = [_servo(parts, tick.own), _ports(parts, tick), _loop(tick)]
         entries += [each(parts) for each in (_devices, _plants, _hands, _guests)]
         self._entries = {(arrays[id(array)], k): name for array, k, name in chain(*entries) if id(array) in arrays}
 
@@ -125,6 +126,11 @@ def _servo(parts: Parts, servo: FloatArray) -> Iterator[NamedEntry]:
     ):
         for f in range(n):
             yield from _vectors(servo, array.offset + f * width, f"finger[{f}].{quantity}", 1, width)
+
+
+def _loop(tick: Tick) -> Iterator[NamedEntry]:
+    if tick.loop is not None:
+        yield from ((tick.loop, k, f"loop.{name_of(LoopState, k, tick.loop)}") for k in range(len(tick.loop)))
 
 
 def _devices(parts: Parts) -> Iterator[NamedEntry]:

@@ -143,6 +143,7 @@ class Tick:
 
     script: Script
     own: FloatArray = field(default_factory=lambda: np.zeros(0))  # the servo's memory
+    loop: FloatArray | None = None  # of a loop on the wall's clock, `LoopState`
     begin: list[str] = field(default_factory=list)  # read, couple, limit, display
     end: list[str] = field(default_factory=list)  # let go after a fault, record, move
     ports: list[Port] = field(default_factory=list)

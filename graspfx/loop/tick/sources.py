@@ -7,8 +7,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from graspfx.compile.records import start_of
 from graspfx.loop.energy.observer import BY_MODE, OF_OBJECT
 from graspfx.loop.parts import Parts
+from graspfx.loop.realtime.loop_state import LoopState
+from graspfx.loop.recording.layout import Layout
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -51,5 +54,20 @@ def sources(
     if parts.safety is not None:
         for part, buffer in zip(parts.objects, parts.safety.buffers, strict=True):
             yield from pairs(f"objects/{part.name}/scale", buffer, parts.safety.where["scale"])
+            yield from pairs(f"objects/{part.name}/tank", buffer, parts.safety.where["tank"])
     for column, (first, count) in own.items():
         yield from pairs(column, servo, np.arange(first, first + count))
+
+
+def loop_columns(layout: Layout, memory: FloatArray) -> Iterator[tuple[str, int]]:
+    """List the columns that a loop on the wall's clock tells, each with its first entry of the loop's memory."""
+    loop = LoopState(memory)
+    for name in ("wall", "late", "skipped"):
+        yield name, start_of(LoopState, name)
+    yield "io", start_of(LoopState, "io_read")
+    for name, numbers in (("fresh", loop.fresh), ("largest_force", loop.largest), ("switches", loop.switches)):
+        yield name, numbers.offset
+    first = loop.raw.offset
+    for device, count, _ in layout.raw:
+        yield f"raw/{device}", first
+        first += count

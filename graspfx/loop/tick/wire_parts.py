@@ -17,10 +17,11 @@ from graspfx.loop.energy.books import LedgerState
 from graspfx.loop.energy.observer import MET
 from graspfx.loop.parts import BodyGroup, DeviceWiring, Parts, PlantWiring, guest_of
 from graspfx.loop.plant import FusedHand, FusedPlant
+from graspfx.loop.realtime.loop_state import LoopState, loop_memory
 from graspfx.loop.safety.safety_state import Pace, SafetyState
 from graspfx.loop.tick.memory import CHUNK, ServoState
 from graspfx.loop.tick.script import Port, Table, Tick
-from graspfx.loop.tick.sources import sources
+from graspfx.loop.tick.sources import loop_columns, sources
 from graspfx.loop.tick.wires import (
     BodyWires,
     Channel,
@@ -62,6 +63,10 @@ class Wirer:
             setattr(servo, name, number)
         servo.period = parts.period
         self.script.memory("servo", tick.own, entries_of(ServoState, *whole), entries_of(ServoState, "period"))
+        if parts.layout.timed:
+            tick.loop = loop_memory(parts.layout)
+            self.script.memory("loop", tick.loop, entries_of(LoopState, "fingers", "devices", "raws"))
+        self.largest: dict[int, tuple[FloatArray, int]] = {}  # where a device tells a finger's largest force
         for part in parts.objects:
             self.script.memory("object", part.grasped.block, part.grasped.structure)
         for observer in parts.observers:
@@ -186,6 +191,9 @@ class Wirer:
 
         def vector(start: int, c: int) -> FloatArray:
             return memory[start + c * self.d :][: self.d]
+
+        if limit is not None:
+            self.largest |= {f: (memory, limit + c) for c, f in enumerate(station.fingers.tolist()) if f >= 0}
 
         return [
             Channel(
@@ -331,7 +339,23 @@ class Wirer:
             "device_energy": (servo.energy.offset, self.n),
             "true_position": (servo.before.offset, size),
         }
-        return sorted(sources(self.parts, self.tick.own, own), key=lambda column: column[0])
+        columns = [*sources(self.parts, self.tick.own, own), *self._loop_columns()]
+        return sorted(columns, key=lambda column: column[0])
+
+    def _loop_columns(self) -> Iterator[tuple[int, FloatArray, int]]:
+        """List the numbers of a row that a loop on the wall's clock tells."""
+        loop = self.tick.loop
+        if loop is None:
+            return
+        own = dict(loop_columns(self.parts.layout, loop))
+        places = np.arange(self.parts.layout.width)
+        for name, column in self.parts.layout.columns.items():
+            if name in own:
+                for i, place in enumerate(places[column.where].tolist()):
+                    memory, entry = loop, own[name] + i
+                    if name == "largest_force":
+                        memory, entry = self.largest.get(i, (memory, entry))
+                    yield place, memory, entry
 
 
 def _target(memory: FloatArray, position: int, velocity: int, size: int) -> Target:
