@@ -15,7 +15,6 @@ from graspfx.compile.c_calls.trampoline import (
     FLOATS,
     MISSED,
     STATE,
-    VALUE,
     Estimation,
     Role,
     Trampolines,
@@ -38,12 +37,13 @@ class Adapter:
     """
 
     def __init__(self, parts: Trampolines, context: np.ndarray[Any, Any], *owners: object) -> None:
-        self._faults, self.context, self._owners = parts.faults, context, owners
+        self._faults, self._values = parts.faults, parts.plan.values
+        self.context, self._owners = context, owners
 
     def fault_text(self, code: int) -> str:
         """Say what a code below zero means."""
         function, says = self._faults[-code - 1]
-        value = float(self.context[VALUE : VALUE + 1].view(np.float64)[0])
+        value = float(self.context.view(np.float64)[self._values[-code - 1]])
         number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"
         return f"{function} {says}{number}"
 

@@ -48,14 +48,14 @@ class Role:
 class ContextPlan:
     """Where the words of a context are: addresses of functions, settings, buffers, and what went wrong.
 
-    The first word is the number that a fault was judged by, as a float; the second is the address of the count of
-    samples that were missed, the third that of the estimator's state.
+    The first word is the address of the count of samples that were missed, the second that of the estimator's state.
     """
 
     functions: dict[str, int] = field(default_factory=dict)
     settings: dict[str, tuple[str, int]] = field(default_factory=dict)
     buffers: dict[str, tuple[str, int]] = field(default_factory=dict)
-    size: int = 3
+    values: list[int] = field(default_factory=list)
+    size: int = 2
 
     def function(self, name: str) -> int:
         if name not in self.functions:
@@ -72,12 +72,17 @@ class ContextPlan:
             self.buffers[name] = type_, self._room((count * width(type_) + 63) // 64)
         return self.buffers[name]
 
+    def value(self) -> int:
+        """Make room for the number that one more fault is judged by, a float."""
+        self.values.append(self._room(1))
+        return self.values[-1]
+
     def _room(self, words: int) -> int:
         self.size += words
         return self.size - words
 
 
-VALUE, MISSED, STATE = range(3)  # words of every context
+MISSED, STATE = range(2)  # words of every context
 
 
 class Trampolines:
@@ -234,7 +239,7 @@ class Trampolines:
         self._put(f"br i1 {bad}, label %{here}, label %{fine if role.name != 'stop' else end}")
         before = self._block()
         self._lines.append(f"{here}:")
-        self._put(f"store double {value}, ptr {self._at(VALUE)}")
+        self._put(f"store double {value}, ptr {self._at(self.plan.value())}")
         if role.name != "stop":
             self._put(f"ret i64 {code}")
             self._lines.append(f"{fine}:")

@@ -1,0 +1,142 @@
+"""Samples and forces of a device that C functions read and write: the rule of `Readings`, as kernels."""
+
+from __future__ import annotations
+
+import math
+
+from graspfx.compile.kernel import kernel
+from graspfx.compile.records import Floats, Record, floats
+from graspfx.loop.device_calls import HELD
+
+NEAR = 1e-3  # of a position that was zero to the last bit only by chance [m]
+FAST, FAR, ZEROS, STALE, NOT_FINITE, FORCE, NO_ASK, NO_READ, NO_WRITE, LATE = range(1, 11)  # why a device is a fault
+
+
+class PortState(Record):
+    """A device between its C functions and the tick."""
+
+    fingers: int  # k
+    dimensions: int  # d
+    entries: int  # k d
+    hold: int  # readings in a row without a new sample that are let pass
+    period: float  # T [s]
+    speed: float  # the fastest motion of a finger along an axis [m/s]
+    force: float  # the largest force of a finger [N]
+    is_begun: bool  # whether there has been a sample
+    is_gone: bool  # whether a function has failed: it is not read again
+    is_fresh: bool  # whether the last reading brought a sample
+    samples: int
+    repeats: int  # readings without one
+    row: int  # those in a row
+    periods: int  # since the last sample
+    why: int  # it is a fault; 0 for none
+    code: int  # that a function returned
+    figure: float  # that was too much
+    bound: float  # it was compared with
+    stop_code: int  # of `stop`, if it failed while the device answered; 0 for none
+    ramp: float  # over which the depth at the start is let in [s]
+    ramp_ticks: int  # of it so far
+    raw: Floats = floats("2 * entries")  # as `read` wrote them: positions [m], velocities [m/s]
+    sample: Floats = floats("2 * entries")  # the last one
+    position: Floats = floats("entries")  # as the tick takes them [m]
+    velocity: Floats = floats("entries")  # [m/s]
+    offset: Floats = floats("entries")  # depth at the start, of which less and less is taken off [m]
+    forces: Floats = floats("entries")  # for `write` [N]
+
+
+@kernel
+def fail(port: PortState, why: int, code: int) -> int:
+    """Note the first failure of a device, which is gone from then on; give why."""
+    port.is_gone = True
+    if port.why == 0:
+        port.why = why
+        port.code = code
+    return why
+
+
+@kernel
+def take_sample(port: PortState, code: int, periods: int) -> int:
+    """Take a reading over, whole or not at all; give why it is a fault, 0 for none.
+
+    Args:
+        port: whose `raw` has the reading.
+        code: that `read` returned.
+        periods: that have passed since the one before.
+    """
+    if code < 0:
+        return fail(port, NO_READ, code)
+    raw, last = port.raw, port.sample
+    half = port.entries
+    for i in range(2 * half):
+        if not math.isfinite(raw[i]):
+            return fail(port, NOT_FINITE, i)
+    port.periods += periods
+    port.is_fresh = code != HELD
+    if code == HELD:
+        port.repeats += 1
+        port.row += 1
+        if port.row > port.hold:
+            return fail(port, STALE, port.row)
+        return enter(port)
+    fastest = 0.0
+    empty = True
+    for i in range(half):
+        fastest = max(fastest, abs(raw[half + i]))
+        if raw[i] != 0.0 or raw[half + i] != 0.0:
+            empty = False
+    port.bound = port.speed
+    port.figure = fastest
+    if fastest > port.speed:
+        return fail(port, FAST, 0)
+    if port.is_begun:
+        step = 0.0
+        for i in range(half):
+            step = max(step, abs(raw[i] - last[i]))
+        port.figure = step
+        port.bound = port.speed * port.period * max(port.periods, 1)
+        if step > NEAR and empty:
+            return fail(port, ZEROS, 0)
+        if step > port.bound:
+            return fail(port, FAR, max(port.periods, 1))
+    for i in range(2 * half):
+        last[i] = raw[i]
+    port.is_begun = True
+    port.samples += 1
+    port.row = 0
+    port.periods = 0
+    return enter(port)
+
+
+@kernel
+def enter(port: PortState) -> int:
+    """Set the last sample off by what is not let in yet (`Entry`)."""
+    last, half = port.sample, port.entries
+    for i in range(half):
+        port.position[i] = last[i]
+        port.velocity[i] = last[half + i]
+    time = port.ramp_ticks * port.period
+    if time < port.ramp:
+        u = time / port.ramp
+        for i in range(half):
+            port.position[i] -= (1.0 - u * u * (3.0 - 2.0 * u)) * port.offset[i]
+            port.velocity[i] += 6.0 * u * (1.0 - u) / port.ramp * port.offset[i]
+        port.ramp_ticks += 1
+    return 0
+
+
+@kernel
+def limit_forces(port: PortState) -> int:
+    """Limit each finger's force to the device's largest, whole; give why none may be displayed, 0 for no reason."""
+    forces, d = port.forces, port.dimensions
+    for i in range(port.entries):
+        if not math.isfinite(forces[i]):
+            return fail(port, FORCE, 0)
+    for j in range(port.fingers):
+        square = 0.0
+        for a in range(d):
+            square += forces[j * d + a] * forces[j * d + a]
+        size = math.sqrt(square)
+        if size > port.force:
+            for a in range(d):
+                forces[j * d + a] *= port.force / size
+    return 0
