@@ -119,8 +119,16 @@ class Hardware:
 
 
 @contextmanager
-def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
+def at_hardware(
+    servo: Servo, parts: Parts, clock: Clock, *, ready: Callable[[Exits], None] | None = None
+) -> Iterator[Hardware]:
     """Open a scene's hardware, and close it in the end: all that takes time has been done before.
+
+    Args:
+        servo: that is ready to tick.
+        parts: of its scene.
+        clock: of the run.
+        ready: called when all is there but the hardware, which is opened after it.
 
     Raises:
         DeviceError: a device that does not open or is not at rest.
@@ -132,6 +140,8 @@ def at_hardware(servo: Servo, parts: Parts, clock: Clock) -> Iterator[Hardware]:
     with frozen_memory(), signals_end() as exits:
         devices.exits = exits
         hardware = devices.hardware
+        if ready is not None:
+            ready(exits)
         with opened(hardware, servo.period):
             yield Hardware(servo, parts, hardware, clock, exits)
 

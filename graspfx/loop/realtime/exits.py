@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -23,11 +23,13 @@ class Exits:
 
     Attributes:
         inside: whether a driver has the thread.
+        heed: called with the number of each signal, at once; None for nobody.
     """
 
     def __init__(self) -> None:
         self.inside = False
         self.numbers: list[int] = []
+        self.heed: Callable[[int], object] | None = None
 
     @property
     def cause(self) -> str:
@@ -37,6 +39,8 @@ class Exits:
     def ask(self, number: int, frame: FrameType | None) -> None:
         """Note a signal, as its handler."""
         self.numbers.append(number)
+        if self.heed is not None:
+            self.heed(number)
         if self.inside:
             raise Interruption(signal.Signals(number).name)
 

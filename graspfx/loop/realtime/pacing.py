@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from graspfx.loop.realtime.guards import Guards
+from graspfx.loop.realtime.lateness import Lateness
 
 SLICE = 0.005  # [s]: a sleep is cut into pieces, between which a run may be stopped
 
@@ -48,6 +49,7 @@ class Pacer:
         wall: time of the last tick since that of the first [s].
         late: of it, after its deadline [s].
         left_out: periods before it that were left out.
+        lateness: of all ticks but the first, with the periods that they left out.
     """
 
     def __init__(self, period: float, clock: Clock | None = None) -> None:
@@ -58,6 +60,7 @@ class Pacer:
         self.left_out = 0
         self._start = 0.0  # of the first tick [s]
         self.latest = 0.0  # the most that a tick began after its deadline [s]
+        self.lateness = Lateness()
 
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
         """Wait for the next tick's deadline; return how many periods it leaves out.
@@ -84,6 +87,7 @@ class Pacer:
         self.late, self.left_out = late - skipped * self.period, skipped
         self.wall = self.deadline + self.late - self._start
         self.latest = max(self.latest, self.late)
+        self.lateness.add(late)
         return skipped
 
 

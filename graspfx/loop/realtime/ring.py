@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.loop.realtime.notes import Notes
+from graspfx.loop.realtime.servo_notes import Notes
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -41,15 +41,18 @@ class Word(IntEnum):
     NOTES = 40  # bytes of notes that are there; the servo's
     MAIL = 48  # number of the last letter; the recorder's side
     SKIPPED = 56  # periods left out; the servo's
+    TAKEN = 64  # number of the last letter that the servo has taken
+    TICK = 72  # the tick from which on it holds; the servo's
 
 
 class Phase(IntEnum):
     """Phases of a servo in a process of its own."""
 
     STARTING = 0
-    OPEN = 1  # hardware is being opened, or is open: its force is not known if the process dies
-    RESTED = 2  # every device was told zero, and none is told another force
-    CLOSED = 3
+    OPEN = 1  # hardware is being opened, or settles: it is told zero
+    RUNNING = 2  # hardware is told forces
+    RESTED = 3  # every device was told zero, and none is told another force
+    CLOSED = 4
 
 
 def fence() -> None:
