@@ -42,3 +42,23 @@ class CallsDevice(Protocol):
     def calls(self) -> Calls | None:
         """The functions, as long as the device is open; None before."""
         ...
+
+
+@runtime_checkable
+class DrivingDevice(Protocol):
+    """A device whose maker's thread has the clock: it calls once a period, and its functions may be called only there.
+
+    Devices that share such a thread are driven by one of them.
+    """
+
+    def drive(self, function: int, context: int) -> None:
+        """Let the thread call `unsigned function(void *context)` from now on: 1 for a tick, 0 for none."""
+
+    def release(self, wait: float) -> bool:
+        """Let the thread call the function no more; tell whether it has come back from it within so long [s]."""
+        ...
+
+    @property
+    def drives(self) -> bool:
+        """Whether the thread goes on to call."""
+        ...

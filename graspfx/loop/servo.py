@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,24 @@ from graspfx.loop.parts import BodyGroup, DeviceWiring, GraspedPart, Parts, Plan
 from graspfx.loop.plant import FusedPlant
 from graspfx.loop.realtime.guards import GUARDS, Guards
 from graspfx.loop.realtime.loop_log import LoopLog
-from graspfx.loop.realtime.pacing import Pacer, late_text
+from graspfx.loop.realtime.native_choice import why_python
+from graspfx.loop.realtime.pacing import Pacer, WallClock, late_text
 from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.engine import engine_for
-from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, OBJECT_, SAFETY, STATION, ServoState, latch
+from graspfx.loop.tick.memory import CHUNK, FOREIGN, MOVER, NATIVE, OBJECT_, SAFETY, STATION, ServoState, latch
 from graspfx.loop.tick.number_watch import Watch
-from graspfx.loop.tick.programs import Engine, Generic, Interpreted
+from graspfx.loop.tick.programs import Engine, Generic, Interpreted, MachineCode
 from graspfx.loop.tick.rehearsal import rehearse
 from graspfx.loop.tick.script import Tick
 from graspfx.loop.tick.text import write
 from graspfx.loop.update import Update
+
+if TYPE_CHECKING:
+    from graspfx.loop.realtime.native_loop import NativeLoop
 
 FloatArray = NDArray[np.float64]
 
@@ -85,6 +89,7 @@ class Servo:
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
         self._stop_faults: list[str] = []  # of devices that could not be stopped, not recorded yet
+        self._native: NativeLoop | None = None  # made ready by `prepare`
         self._periods = 1  # of the wall's clock since the last tick
 
     @property
@@ -122,8 +127,20 @@ class Servo:
 
     def prepare(self) -> DeviceExchange:
         """Make ready all that takes time, before hardware is opened; give the devices in Python."""
-        rehearse(self._ready(), self._tick, self.layout.width)
+        engine = self._ready()
+        rehearse(engine, self._tick, self.layout.width)
+        if self._record and isinstance(engine, MachineCode) and not self.why_python:
+            from graspfx.loop.realtime.native_loop import NativeLoop
+
+            width, every = self.layout.width, self.every
+            self._native = NativeLoop(self._tick, engine, self._devices, width, every, self.period, self.guards)
         return self._devices
+
+    @property
+    def why_python(self) -> str:
+        """Why Python runs between two ticks on the wall's clock; empty if it does not."""
+        self._ready()
+        return why_python(self.stations, self.layout.fingers, self._tick, self._kind)
 
     def run(
         self,
@@ -157,6 +174,8 @@ class Servo:
         engine.expect(ticks)
         if pacer is None:
             self._run(ticks, recorder, stop)
+        elif self._native is not None and recorder is not None and isinstance(pacer.clock, WallClock):
+            self._run_native(self._native, ticks, recorder, stop, pacer)
         else:
             self._run_paced(ticks, recorder, stop, pacer)
         self._settle()
@@ -242,11 +261,24 @@ class Servo:
             if log is not None:
                 log.begin()
             if self.hardware and pacer.row > self.guards.late:
-                self._tell(self.ticks, late_text(pacer, self.guards))
+                self._tell(self.ticks, late_text(pacer.row, pacer.period, self.guards.late))
             before = self.ticks
             self._run(1, recorder, stop)
             if self.ticks == before:
                 return
+
+    def _run_native(
+        self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None, pacer: Pacer
+    ) -> None:  # fmt: skip
+        """Run ticks on the wall's clock by machine code alone, which Python looks at from time to time."""
+
+        def look(done: int) -> None:
+            self.ticks = done
+            self._stop_faults += native.stop_texts
+            self._notice(recorder)
+
+        native.run(self.ticks, ticks, recorder, stop, pacer, look)
+        self.row = recorder.row
 
     def _with_guests(self, engine: Engine, recorder: RowTaker | None, row: int, count: int) -> None:
         """Run ticks with an exchange with guests after each, many by one call where all of it is machine code."""
@@ -371,6 +403,8 @@ class Servo:
         """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
         servo = ServoState(own)
         kind, index, code = servo.kind, servo.index, servo.code
+        if kind == NATIVE and self._native is not None:
+            return self._native.why(index, code)
         if kind == FOREIGN:
             return self._foreign_faults[code]
         if kind == SAFETY and self.safety is not None:

@@ -23,12 +23,12 @@ class ClockState(Record):
     start: float  # of the first [s]
     late: float  # this tick after its deadline [s]
     wall: float  # this tick since the first [s]
-    latest: float  # the most that one was late [s]
+    latest: float  # the most that one was late, with the periods that it left out [s]
     longest: float  # the most that a tick took, from its reading to its row [s]
     left_out: int  # periods before this tick
     skipped: int  # all of them
     row: int  # those in a row
-    lateness: Floats = floats("4096")  # counts of ticks by their lateness, a microsecond a bin; the last has the rest
+    lateness: Floats = floats("4096")  # counts of ticks by how late they began, as `Lateness` has them
     duration: Floats = floats("4096")  # by how long they took
 
 
@@ -71,10 +71,11 @@ def arrive(clock: ClockState, time: float) -> int:
     else:
         clock.row += skipped
     clock.left_out = skipped
+    count_in(clock.lateness, late)
+    if late > clock.latest:
+        clock.latest = late
     clock.late = late - skipped * clock.period
     clock.wall = clock.deadline + clock.late - clock.start
-    if clock.late > clock.latest:
-        clock.latest = clock.late
     if clock.mode == DRIVEN:  # the caller's clock is no slave of this one
         clock.deadline = time
     return skipped
@@ -82,8 +83,7 @@ def arrive(clock: ClockState, time: float) -> int:
 
 @kernel
 def count_tick(clock: ClockState, duration: float) -> None:
-    """Count a tick by its lateness and by how long it took [s]."""
-    count_in(clock.lateness, clock.late)
+    """Count a tick by how long it took [s]."""
     count_in(clock.duration, duration)
     if duration > clock.longest:
         clock.longest = duration

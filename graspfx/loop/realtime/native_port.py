@@ -40,7 +40,7 @@ class PortState(Record):
     sample: Floats = floats("2 * entries")  # the last one
     position: Floats = floats("entries")  # as the tick takes them [m]
     velocity: Floats = floats("entries")  # [m/s]
-    offset: Floats = floats("entries")  # depth at the start, of which less and less is taken off [m]
+    depth: Floats = floats("entries")  # depth at the start, of which less and less is taken off [m]
     forces: Floats = floats("entries")  # for `write` [N]
 
 
@@ -118,8 +118,8 @@ def enter(port: PortState) -> int:
     if time < port.ramp:
         u = time / port.ramp
         for i in range(half):
-            port.position[i] -= (1.0 - u * u * (3.0 - 2.0 * u)) * port.offset[i]
-            port.velocity[i] += 6.0 * u * (1.0 - u) / port.ramp * port.offset[i]
+            port.position[i] -= (1.0 - u * u * (3.0 - 2.0 * u)) * port.depth[i]
+            port.velocity[i] += 6.0 * u * (1.0 - u) / port.ramp * port.depth[i]
         port.ramp_ticks += 1
     return 0
 

@@ -81,6 +81,23 @@ class Readings:
         self._last[...] = copy
         return ""
 
+    @property
+    def standing(self) -> tuple[bool, int, int]:
+        """Whether there was a sample, readings in a row without one, and periods since the last."""
+        return bool(self._entries), self._row, self._periods
+
+    def go_on(self, sample: FloatArray, *, samples: int, repeats: int, row: int) -> None:
+        """Go on from what others have read meanwhile.
+
+        Args:
+            sample: the last one, positions and velocities, (2 k d,).
+            samples, repeats: counts so far.
+            row: readings in a row without a new sample.
+        """
+        self._last[...] = sample.reshape(self._last.shape)
+        self._entries = sample.tolist() if samples else self._entries
+        self.samples, self.repeats, self._row = samples, repeats, row
+
     def _repeat(self, time: float, guards: Guards) -> str:
         """Count a reading without a new sample; return what is wrong with it, or nothing."""
         if time < self.time:

@@ -1,0 +1,57 @@
+"""The choice between a loop of machine code alone and one of Python."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+
+from graspfx.compile.kernel_checks import foreign_kernels
+from graspfx.loop.device import LimitedDevice, RawDevice
+from graspfx.loop.device_calls import CallsDevice
+from graspfx.loop.device_exchange import device_name
+from graspfx.loop.parts import DeviceWiring
+from graspfx.loop.tick.script import Tick
+
+
+def why_python(stations: Sequence[DeviceWiring], fingers: Sequence[str], tick: Tick, engine: str) -> str:
+    """Say why Python runs between two ticks of a scene on the wall's clock; nothing if machine code runs alone.
+
+    Args:
+        stations: the scene's devices.
+        fingers: by name.
+        tick: of the scene.
+        engine: by name.
+    """
+    if not tick.ports:
+        return "its devices are simulated"
+    if not sys.platform.startswith("linux"):
+        return f"the loop of machine code alone is for Linux, this is {sys.platform}"
+    if engine == "interpreted":
+        return "the engine is 'interpreted'"
+    if find_spec("llvmlite") is None:
+        return "llvmlite is not installed"
+    for port in tick.ports:
+        station = stations[port.station]
+        why = _why_device(station)
+        if why:
+            return f"{device_name(station, fingers)} {why}"
+    for what, parts in (
+        ("a hand", tick.tables), ("a plant", tick.plants), ("a body", tick.bodies), ("a body", tick.guests)
+    ):  # fmt: skip
+        if parts:
+            return f"{what} is moved by plain Python or other software"
+    if foreign_kernels(tick.script.kernels):
+        return "kernels of others are checked in the first ticks"
+    return ""
+
+
+def _why_device(station: DeviceWiring) -> str:
+    device = station.device
+    if not isinstance(device, CallsDevice):
+        return "offers no C functions (`calls`)"
+    if isinstance(device, LimitedDevice):
+        return "has a largest force that depends on where it stands, which C functions do not tell"
+    if isinstance(device, RawDevice) or device.features.switches:
+        return "tells switches or raw numbers, which C functions do not"
+    return ""

@@ -1,0 +1,280 @@
+"""The loop without Python: machine code runs the ticks in a thread of its own, and Python looks on."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Thread
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.compile.emission import address
+from graspfx.errors import DeviceError
+from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
+from graspfx.loop.device_exchange import DeviceExchange, DevicePort
+from graspfx.loop.realtime.guards import Guards
+from graspfx.loop.realtime.native_clock import DRIVEN, PACED, ClockState
+from graspfx.loop.realtime.native_machine import DRIVEN as CALLBACK
+from graspfx.loop.realtime.native_machine import engine
+from graspfx.loop.realtime.native_port import PortState
+from graspfx.loop.realtime.native_program import LAST, PAUSE, NativeProgram
+from graspfx.loop.realtime.native_texts import clock_text, port_text, stop_text
+from graspfx.loop.realtime.pacing import Pacer
+from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
+from graspfx.loop.recording.row_taker import RowTaker
+from graspfx.loop.tick.programs import MachineCode
+from graspfx.loop.tick.script import Tick
+
+IntArray = NDArray[np.int64]
+
+POLL = 0.005  # between two looks [s]
+PATIENCE = 1.0  # for a tick that goes on, before a device is stopped beside it [s]
+ADDRESS, TABLE, TICK, END, BUSY = range(5)  # words of a callback
+_LOST: list[object] = []  # memories of loops that did not end: a vendor's function may still write there
+
+
+class NativeLoop:
+    """Ticks of a scene whose every device offers C functions: no Python runs between two of them.
+
+    Args:
+        tick: of the scene.
+        code: its program.
+        devices: all of them, in their order.
+        width: of a row.
+        every: ticks from one row to the next.
+        period: T [s].
+        guards: of hardware.
+    """
+
+    def __init__(
+        self,
+        tick: Tick,
+        code: MachineCode,
+        devices: DeviceExchange,
+        width: int,
+        every: int,
+        period: float,
+        guards: Guards,
+    ) -> None:
+        self._code, self._ports, self._period, self._guards = code, devices.ports, period, guards
+        self._ring = Ring(create(width), width, every)
+        self._driver = next((each.device for each in self._ports if isinstance(each.device, DrivingDevice)), None)
+        self.program = NativeProgram(tick, self._ports, self._ring, nested=self._driver is not None)
+        self._calls: list[Calls] = []
+        self._told = [False] * len(self._ports)  # whether a device could not be stopped
+        self._taken = 0  # ticks whose rows the recorder has
+
+    def run(
+        self,
+        k: int,
+        ticks: int,
+        recorder: RowTaker,
+        stop: Callable[[], bool] | None,
+        pacer: Pacer,
+        look: Callable[[int], None],
+        mode: int = PACED,
+    ) -> int:
+        """Run ticks from k on, as many if nothing ends them before; give how many there were.
+
+        Args:
+            k: the first tick.
+            ticks: to run.
+            recorder: of the rows.
+            stop: asked every few milliseconds, whether to end.
+            pacer: of the run, which is as if it had waited for each tick.
+            look: called every few milliseconds with the count of ticks so far.
+            mode: PACED, or FREE for ticks that follow one another at once.
+
+        Raises:
+            DeviceError: a device without functions.
+        """
+        ring = recorder.ring if isinstance(recorder, RingRecorder) else self._ring
+        self._begin(k, k + ticks, ring, pacer, DRIVEN if self._driver is not None else mode)
+        worker: _Worker | _Driven
+        if self._driver is None:
+            worker = _Worker(self.program, k, ticks)
+        else:
+            worker = _Driven(self.program, k, ticks, self._driver)
+        try:
+            worker.start()
+            while worker.goes_on(POLL):
+                look(self._drain(recorder, ring))
+                if stop is not None and stop():
+                    break
+        finally:
+            self.program.words[PAUSE] = 1
+            if not worker.end(PATIENCE):
+                _LOST.append((self, ring, recorder, worker))
+            done = self._drain(recorder, ring) - k
+            self._finish(pacer)
+            look(k + done)
+        return done
+
+    @property
+    def stop_texts(self) -> list[str]:
+        """Devices that could not be stopped and were not told before."""
+        texts = []
+        for i, (port, state) in enumerate(zip(self._ports, self.program.states, strict=True)):
+            if state.stop_code and not self._told[i]:
+                self._told[i] = True
+                texts.append(stop_text(port, state, self._calls[i]))
+        return texts
+
+    def why(self, index: int, code: int) -> str:
+        """Say why a device is a fault; the one after the last is the clock."""
+        if index == len(self._ports):
+            return clock_text(self.program.clock)
+        return port_text(self._ports[index], self.program.states[index], self._calls[index], code)
+
+    def _begin(self, k: int, last: int, ring: Ring, pacer: Pacer, mode: int) -> None:
+        """Make all memories what Python's own loop would begin with."""
+        self._calls = [_calls(each) for each in self._ports]
+        for i, calls in enumerate(self._calls):
+            self.program.connect(i, calls)
+            _hand_over(self._ports[i], self.program.states[i], self._period, self._guards)
+        self.program.write_to(ring, *self._code.halves(ring.rows))
+        if ring is self._ring:
+            ring.words[Word.HEAD] = k
+        self._taken = k
+        clock = self.program.clock
+        clock.mode, clock.period, clock.most = mode, self._period, self._guards.late
+        clock.is_begun = pacer.deadline is not None
+        clock.deadline, clock.start = pacer.deadline or 0.0, pacer.start
+        clock.row, clock.skipped, clock.latest = pacer.row, pacer.skipped, pacer.lateness.most
+        for field in (ClockState.lateness, ClockState.duration):
+            clock.array(field)[:] = 0.0
+        self.program.words[[PAUSE, LAST]] = 0, last
+
+    def _finish(self, pacer: Pacer) -> None:
+        """Make pacer and readings what they would be after Python's own loop."""
+        clock = self.program.clock
+        if clock.is_begun:
+            pacer.deadline, pacer.start = clock.deadline, clock.start
+        pacer.row, pacer.skipped, pacer.left_out = clock.row, clock.skipped, clock.left_out
+        pacer.wall, pacer.late = clock.wall, clock.late
+        pacer.lateness.merge(clock.array(ClockState.lateness).astype(int).tolist(), clock.latest)
+        for port, state in zip(self._ports, self.program.states, strict=True):
+            port.is_gone = port.is_gone or bool(state.is_gone)
+            port.entry = None
+            port.readings.go_on(
+                state.array(PortState.sample), samples=state.samples, repeats=state.repeats, row=state.row
+            )  # fmt: skip
+
+    def _drain(self, recorder: RowTaker, ring: Ring) -> int:
+        """Hand the recorder the rows that it has not got; give the count of ticks so far."""
+        head = int(ring.words[Word.HEAD])
+        if isinstance(recorder, RingRecorder):
+            recorder.ticks = head  # whoever reads the ring has them already
+            return head
+        lost = max(0, head - self._taken - ring.span + ring.every)
+        if lost:
+            recorder.fault(self._taken, f"{lost} rows are lost: the recorder was not there for {ring.span} ticks")
+        while self._taken < head:
+            rows, place, left = recorder.space()
+            at = self._taken % ring.span
+            count = min(left, head - self._taken, ring.span - at)
+            first = -self._taken % ring.every  # ticks to the first one with a row
+            if first < count:
+                n = (count - first - 1) // ring.every + 1
+                to, source = (place + first) // ring.every, (at + first) // ring.every
+                rows[to : to + n] = ring.rows[source : source + n] if lost <= 0 else np.nan
+            lost -= count
+            self._taken += count
+            recorder.take(count)
+            recorder.drain()
+        return head
+
+
+class _Worker:
+    """A thread in which the loop runs."""
+
+    def __init__(self, program: NativeProgram, k: int, ticks: int) -> None:
+        priority = _priority()
+        self._error: BaseException | None = None
+
+        def run() -> None:
+            try:
+                if priority is not None:
+                    with suppress(OSError):
+                        os.sched_setscheduler(0, priority[0], os.sched_param(priority[1]))
+                program.run(k, ticks)
+            except BaseException as error:  # noqa: BLE001 - told to who waits for the thread
+                self._error = error
+
+        self._thread = Thread(target=run, name="graspfx-loop", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def goes_on(self, wait: float) -> bool:
+        self._thread.join(wait)
+        return self._thread.is_alive()
+
+    def end(self, wait: float) -> bool:
+        """Wait for the thread's end, so long; tell whether it has ended."""
+        if self._thread.ident is not None:
+            self._thread.join(wait)
+        if self._error is not None:
+            raise self._error
+        return not self._thread.is_alive()
+
+
+class _Driven:
+    """A vendor's thread, which calls the loop once a period."""
+
+    def __init__(self, program: NativeProgram, k: int, ticks: int, driver: DrivingDevice) -> None:
+        spread = program.spread
+        self.words: IntArray = np.zeros(5, dtype=np.int64)
+        self.words[[ADDRESS, TABLE, TICK]] = spread.address, ctypes.addressof(spread.table), k
+        self._owner, self._driver, self._last = spread, driver, k + ticks
+        self._pause = program.words
+
+    def start(self) -> None:
+        self._driver.drive(address(engine(), CALLBACK), self.words.ctypes.data)
+
+    def goes_on(self, wait: float) -> bool:
+        import time
+
+        time.sleep(wait)
+        return int(self.words[TICK]) < self._last and self._driver.drives
+
+    def end(self, wait: float) -> bool:
+        """Take the loop back from the thread; tell whether it has let go."""
+        self.words[END] = 1
+        return self._driver.release(wait)
+
+
+def _calls(port: DevicePort) -> Calls:
+    calls = port.device.calls if isinstance(port.device, CallsDevice) else None
+    if calls is None:
+        raise DeviceError(f"{port.name} offers C functions and gives none once it is open")
+    return calls
+
+
+def _hand_over(port: DevicePort, state: PortState, period: float, guards: Guards) -> None:
+    """Let a device's memory in the loop go on from its readings so far."""
+    readings, peak = port.readings, port.device.features.peak_force
+    state.hold, state.speed, state.period = guards.hold, guards.speed, period
+    state.force = np.inf if peak is None else peak
+    state.is_begun, state.row, state.periods = readings.standing
+    state.samples, state.repeats, state.is_gone = readings.samples, readings.repeats, port.is_gone
+    state.array(PortState.sample)[:] = np.concatenate([readings.position.ravel(), readings.velocity.ravel()])
+    state.array(PortState.raw)[:] = state.array(PortState.sample)
+    state.ramp = 0.0
+    if port.entry is not None:
+        state.ramp, state.ramp_ticks = port.entry.duration, port.entry.ticks
+        state.array(PortState.depth)[:] = port.entry.offset.ravel()
+
+
+def _priority() -> tuple[Any, int] | None:
+    """Give the real-time policy and priority of this thread; None without."""
+    if not hasattr(os, "sched_getscheduler"):
+        return None
+    policy = os.sched_getscheduler(0) & ~getattr(os, "SCHED_RESET_ON_FORK", 0)
+    if policy not in (os.SCHED_FIFO, os.SCHED_RR):
+        return None
+    return policy, os.sched_getparam(0).sched_priority
