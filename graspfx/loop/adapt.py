@@ -37,7 +37,7 @@ class Adapter:
     """
 
     def __init__(self, parts: Trampolines, context: np.ndarray[Any, Any], *owners: object) -> None:
-        self._faults, self._values = parts.faults, parts.plan.values
+        self._faults, self._values, self._buffers = parts.faults, parts.plan.values, parts.plan.buffers
         self.context, self._owners = context, owners
 
     def fault_text(self, code: int) -> str:
@@ -46,6 +46,12 @@ class Adapter:
         value = float(self.context.view(np.float64)[self._values[-code - 1]])
         number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"
         return f"{function} {says}{number}"
+
+    def buffer(self, name: str) -> np.ndarray[Any, Any]:
+        """Give a buffer's numbers as they are now."""
+        type_, word = self._buffers[name]
+        kind = np.dtype(type_.replace("float", "f4").replace("double", "f8") if type_ in FLOATS else f"{type_[0]}{width(type_) // 8}")
+        return self.context[word:].view(kind)
 
 
 def adapt(
