@@ -22,7 +22,8 @@ from graspfx.batch.single_runs import Ended
 from graspfx.batch.statistics import STATISTICS, Statistics, statistic
 from graspfx.batch.variants import Variants
 from graspfx.build.resolve import resolve
-from graspfx.build.run import header_of, require_memory, ticks_of, warn_of_axes
+from graspfx.build.run import require_memory, ticks_of, warn_of_axes
+from graspfx.build.run_header import header_of
 from graspfx.card import Card, Carded, counted, listed
 from graspfx.coupling import block as at
 from graspfx.environment import processors

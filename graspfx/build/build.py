@@ -82,7 +82,7 @@ def build(
             layout, every = chosen_layout(layout, scene.record.columns), scene.record.every
         yield Servo(
             scene.period, layout, stations, objects, movers, plants, observers, engine or scene.engine,
-            record=record, every=every, guards=guards_of(scene), safety=safety,
+            record=record, every=every, guards=guards_of(parts), safety=safety,
         )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from graspfx.progress import waiting
 if TYPE_CHECKING:
     from graspfx.build.resolve import Parts
     from graspfx.loop.recording.header import Header
-    from graspfx.loop.recording.recorder import Recorder
+    from graspfx.loop.recording.row_taker import RowTaker
     from graspfx.loop.servo import Servo
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Hardware:
         }
         return replace(header, settled=settled, round_trip=self._rest.round_trip)
 
-    def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+    def run(self, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None) -> None:
         """Arm and run; whatever happens, zero force is the first that comes after it.
 
         A signal ends the run like `stop`.
@@ -77,8 +77,8 @@ class Hardware:
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """Entries of the run's `Outcome`: the signal that ended it, and readings without a new sample."""
-        return {"cause": self._exits.cause, "repeats": self._devices.repeats}
+        """Entries of the run's `Outcome`: the signal that ended it, readings without a new sample, and lateness."""
+        return {"cause": self._exits.cause, "repeats": self._devices.repeats, **self.pacer.outcome}
 
     def _stops(self, stop: Callable[[], bool] | None) -> Callable[[], bool]:
         numbers = self._exits.numbers

@@ -13,7 +13,8 @@ from graspfx.loop.device import RawDevice
 def loop_fields(wired: Sequence[Wire], fingers: Sequence[str]) -> dict[str, Any]:
     """Give the fields of a `Layout` that such a run has."""
     devices = device_names(wired, fingers)
-    raw = [(name, wire.device.raw) for name, wire in zip(devices, wired, strict=True) if _is_raw(wire)]
+    own = [(name, wire.device) for name, wire in zip(devices, wired, strict=True)]
+    raw = [(name, device.raw) for name, device in own if isinstance(device, RawDevice)]
     return {
         "timed": True,
         "varying": any(changes(wire) for wire in wired),
@@ -26,7 +27,3 @@ def loop_fields(wired: Sequence[Wire], fingers: Sequence[str]) -> dict[str, Any]
 def device_names(wired: Sequence[Wire], fingers: Sequence[str]) -> tuple[str, ...]:
     """Name each device by the first finger that it moves."""
     return tuple(fingers[int(wire.used[0])] for wire in wired)
-
-
-def _is_raw(wire: Wire) -> bool:
-    return isinstance(wire.device, RawDevice)

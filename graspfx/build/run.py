@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import shutil
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
@@ -16,15 +15,14 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from graspfx import log, plugins
-from graspfx.build.build import build, make_layout
+from graspfx.build.build import make_layout
 from graspfx.build.pace import pace_of
 from graspfx.build.resolve import Parts, resolve
+from graspfx.build.run_header import source_name
 from graspfx.compile.kernel import keep_lowerings
 from graspfx.environment import to_path
 from graspfx.errors import InputError
-from graspfx.loop.parts import GraspedPart
 from graspfx.loop.realtime.refusal import require_simulations
-from graspfx.loop.recording.header import Header, machine, now, versions
 from graspfx.loop.recording.places import NAME, make_folder, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
@@ -35,7 +33,6 @@ from graspfx.scene.tables.reading import Readable
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
-    from graspfx.scene.source import Source
 
 
 def run(
@@ -108,30 +105,23 @@ def run(
         require_vacancy_of(recording_path(out, "out") / NAME)
     file = None
     with ExitStack() as stack:
-        servo = stack.enter_context(build(scene_, selected=True, real_time=real_time))
-        header = header_of(parts, servo.objects)
         if out is not None:
             from graspfx.loop.recording.sink import FileSink
-
-            file = make_folder(out) / NAME
-        pace = pace_of(stack, servo, parts, real_time=real_time)
-        header = pace.header(header)
+        pace = pace_of(stack, parts, layout, ticks, real_time=real_time)
+        header = pace.header
         sinks: list[Sink] = []
-        if file is not None:
-            packed = scene_.record.compression
-            sinks.append(FileSink(file, servo.layout, header, overwrite=overwrite, compression=packed))
+        if out is not None:
+            file, packed = make_folder(out) / NAME, scene_.record.compression
+            sinks.append(FileSink(file, pace.layout, header, overwrite=overwrite, compression=packed))
         with Recorder(
-            servo.layout, header, sinks, keep=out is None, ticks=ticks, real_time=real_time
+            pace.layout, header, sinks, keep=out is None, ticks=ticks, real_time=real_time
         ) as recorder:  # fmt: skip
             began = perf_counter()
-            with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: servo.ticks):
+            with waiting(f"running {source_name(scene_.source)}", ticks, "ticks", lambda: pace.ticks):
                 pace.run(ticks, recorder, stop)
-            took, complete = perf_counter() - began, servo.ticks == ticks
+            took, complete = perf_counter() - began, pace.ticks == ticks
             keep_lowerings()  # of kernels that were called
-            recording = recorder.finish(
-                took if complete else None, complete=complete, engine=servo.engine.name, **pace.outcome,
-                **servo.coupling,
-            )  # fmt: skip
+            recording = recorder.finish(took if complete else None, complete=complete, **pace.outcome)
     finished = recording if file is None else Recording.load(file)
     if file is not None:
         log.info("wrote %s", file)
@@ -202,38 +192,3 @@ def _memory() -> float:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return float(sys.maxsize)
-
-
-def header_of(parts: Parts, objects: Sequence[GraspedPart] = ()) -> Header:
-    """Say for a run's recording what the scene, the time and the machine are, and how the objects' forces divide."""
-    scene, source, meshes = parts.scene, parts.scene.source, parts.mesh_frames
-    return Header(
-        period=scene.period,
-        scene=source_name(source),
-        scene_text=source.text or json.dumps(scene.to_dict(), indent=1),
-        scene_table=scene.to_dict(),
-        scene_folder=str(source.folder.absolute()) if source.folder is not None else "",
-        overrides=source.changes,
-        preset=source.preset,
-        title=scene.title,
-        created=now(),
-        versions=versions(
-            "scipy",
-            *(("pybullet",) if any(thing.dynamics == "bullet" for thing in scene.object) else ()),
-            *(("trimesh",) if meshes else ()),
-        ),
-        machine=machine(),
-        frames=meshes,
-        every=scene.record.every,
-        split=split_rules(objects),
-    )
-
-
-def source_name(source: Source) -> str:
-    """Name a scene as on the shelf: after its file, or as it stands in messages."""
-    return source.path.stem.replace("_", "-") if source.path is not None else source.name
-
-
-def split_rules(objects: Sequence[GraspedPart]) -> dict[str, dict[str, Any]]:
-    """Write for a header how the forces of each object's grasp divide, as the blocks have it that run."""
-    return {part.name: part.grasped.split_rule.table() for part in objects}

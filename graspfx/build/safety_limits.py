@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.wiring import Wire
+from graspfx.loop.device_exchange import is_hardware
 from graspfx.loop.safety.chain import SafetyLimits
 
 if TYPE_CHECKING:
@@ -21,9 +22,21 @@ CONTINUOUS = 0.6  # of a device's continuous force may be displayed
 DEFAULT = 3.0  # of a finger whose device tells none [N]
 
 
+def chain_table(scene: Scene, wired: Sequence[Wire]) -> Safety | None:
+    """Give the table of a scene's safety chain; with hardware a scene without one has the usual values.
+
+    None for a simulation without the table.
+    """
+    if scene.safety is not None or not any(is_hardware(wire.device) for wire in wired):
+        return scene.safety
+    from graspfx.scene.tables.safety_table import Safety  # a scene from the cache goes without what checks tables
+
+    return Safety()
+
+
 def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
     """Give the limits of all fingers; None for a scene without a safety chain."""
-    table = scene.safety
+    table = chain_table(scene, wired)
     if table is None:
         return None
     n, d = len(scene.finger), scene.dimensions

@@ -18,7 +18,8 @@ from graspfx import plugins
 from graspfx.build.build import build
 from graspfx.build.live import keys_of, numbered, require_value, value_of
 from graspfx.build.resolve import resolve
-from graspfx.build.run import header_of, require_memory, split_rules, warn_of_axes
+from graspfx.build.run import require_memory, warn_of_axes
+from graspfx.build.run_header import header_of, split_rules
 from graspfx.build.steering import Steering
 from graspfx.card import Card, Carded
 from graspfx.compile.kernel import keep_lowerings

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.build.resolve import Parts
+from graspfx.build.safety_limits import chain_table
 from graspfx.loop.safety.chain import SafetyLimits
 from graspfx.loop.safety.trust import DECAY
 
@@ -19,11 +20,13 @@ BACK = "; makes energy where it bites, which passivity = 'control' takes back"
 
 def safety_rows(parts: Parts) -> Iterator[Row]:
     """List the steps of the chain in their order."""
-    limits, table = parts.safety, parts.scene.safety
+    limits, table = parts.safety, chain_table(parts.scene, parts.wires)
     if limits is None or table is None:
         yield "safety", False, "no [safety]: devices are told what the law and their own limits leave"
         return
-    yield "safety", True, "what is not finite gives no force and a fault; the object receives what comes out of this"
+    usual = "by the usual values, as hardware is never without; " if parts.scene.safety is None else ""
+    why = "what is not finite gives no force and a fault; the object receives what comes out of this"
+    yield "safety", True, f"{usual}{why}"
     yield _soft_start(limits)
     fused = parts.simulated
     decay = f"forces decay in {1e3 * DECAY:g} ms, then a fault"

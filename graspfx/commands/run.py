@@ -21,6 +21,7 @@ from graspfx.commands.output import (
     require_place,
     say_faults,
 )
+from graspfx.loop.realtime.exits import NAMES as SIGNALS
 from graspfx.loop.recording.places import NAME
 from graspfx.progress import waiting
 
@@ -89,7 +90,8 @@ def _run_into(folder: Path, scene: Scene, options: Namespace) -> tuple[int, bool
     if not recording.outcome.complete:
         simulated, duration = recording.end, options.duration or scene.duration
         print(f"interrupted after {simulated:g} of {duration:g} s; {folder / NAME} holds them", file=sys.stderr)
-        return INTERRUPTED, False
+        is_asked_for = recording.outcome.cause in ("", *SIGNALS)
+        return INTERRUPTED if is_asked_for else say_faults(recording) or INTERRUPTED, False
     file = folder / NAME
     if options.json:
         print_json(recording.summary())

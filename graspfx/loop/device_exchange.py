@@ -190,9 +190,9 @@ class DeviceExchange:
         """Hand the devices their forces, up to the first that does not take them; return what is wrong.
 
         Raises:
-            Interruption: a signal has come, maybe while a driver let no exception pass: no force comes after it.
+            Interruption: a signal has come while a driver let no exception pass, or a second one: no force comes after.
         """
-        if self.exits.numbers:
+        if self.exits.at_once:
             raise Interruption(self.exits.cause)
         self.exits.inside = True
         try:

@@ -22,6 +22,7 @@ from graspfx.loop.realtime.loop_log import LoopLog
 from graspfx.loop.realtime.native_choice import why_python
 from graspfx.loop.realtime.pacing import Pacer, WallClock, late_text
 from graspfx.loop.realtime.refusal import require_simulations
+from graspfx.loop.realtime.soft_end import SoftEnd
 from graspfx.loop.recording.header import RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.row_taker import RowTaker
@@ -252,20 +253,26 @@ class Servo:
     def _run_paced(
         self, ticks: int, recorder: RowTaker | None, stop: Callable[[], bool] | None, pacer: Pacer
     ) -> None:  # fmt: skip
-        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault."""
-        last, log = self.ticks + ticks, None
+        """Run ticks on the wall's clock, each at its deadline; hardware that waits for too long has a fault.
+
+        With hardware forces decay in the last ticks, or in some more once `stop` says so.
+        """
+        end, log = SoftEnd(self.safety if self.hardware else None, self.period, self.ticks + ticks), None
         if self._tick.loop is not None:
             self._io = log = LoopLog(self._tick.loop, self.layout, self._devices, pacer)
-        while self.ticks < last:
+        while self.ticks < end.last:
             self._periods = 1 + pacer.wait(stop)
+            if stop is not None and stop():
+                if not end.stop(self.ticks, faulted=self.faulted):
+                    return
+                stop = None  # the rest are few
+                pacer.finish()
             if log is not None:
                 log.begin()
             if self.hardware and pacer.row > self.guards.late:
                 self._tell(self.ticks, late_text(pacer.row, pacer.period, self.guards.late))
-            before = self.ticks
-            self._run(1, recorder, stop)
-            if self.ticks == before:
-                return
+            end.begin(self.ticks, recorder)
+            self._run(1, recorder, None)
 
     def _run_native(
         self, native: NativeLoop, ticks: int, recorder: RowTaker, stop: Callable[[], bool] | None, pacer: Pacer

@@ -24,13 +24,16 @@ from graspfx.loop.device import Features
 
 class Logged:
     def __init__(self, file, how):
-        self.features = Features(fingers=1, dimensions=1, peak_force=1.0)
+        self.features = Features(fingers=1, dimensions=1, peak_force=1.0, watchdog=0.1)
         self.x, self.v, self.how, self.reads = np.full((1, 1), -0.021), np.zeros((1, 1)), how, 0
+        self.file = file
         self.log = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     def note(self, what, size=0.0):
         os.write(self.log, f"{time.monotonic()} {what} {size}\\n".encode())
     def open(self, period):
         self.note("open")
+        with open(self.file + ".pid", "w") as number:
+            number.write(str(os.getpid()))
     def read(self):
         self.reads += 1
         if self.reads == 60 and self.how == "hangs":
@@ -154,6 +157,11 @@ class LoggedRun:
         words = [line.split() for line in lines if line.endswith("\n")]
         return [Entry(float(time), what, float(size)) for time, what, size in words]
 
+    @property
+    def servo(self) -> int:
+        """Number of the process in which its device was opened."""
+        return int((self.folder / "log.pid").read_text())
+
     def press(self, size: float = 0.03) -> None:
         """Wait until its finger feels a force [N]; on a machine that was away for 100 ms before that, begin again."""
         for _ in range(4):
@@ -176,11 +184,11 @@ class LoggedRun:
         """Wait until it logs something."""
         wait_until(lambda: any(each.what == what for each in self.log))
 
-    def signal(self, *numbers: int, pause: float = 0.005) -> float:
-        """Send it signals; return when the first was sent."""
+    def signal(self, *numbers: int, pause: float = 0.005, to: int | None = None) -> float:
+        """Send signals to the run, or to another process; return when the first was sent."""
         sent = time.monotonic()
         for number in numbers:
-            self.process.send_signal(number)
+            os.kill(to or self.process.pid, number)
             time.sleep(pause)
         return sent
 

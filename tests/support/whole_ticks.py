@@ -10,7 +10,7 @@ import numpy as np
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.build.resolve import resolve
-from graspfx.build.run import header_of
+from graspfx.build.run_header import header_of
 from graspfx.compile.records import numbers, start_of
 from graspfx.coupling import block as at
 from graspfx.loop.recording.recorder import Recorder

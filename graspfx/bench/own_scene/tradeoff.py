@@ -12,7 +12,7 @@ from graspfx.bench.own_scene.own_choices import Choice, Trial, attempt, choices,
 from graspfx.bench.own_scene.reference import Reference, converge
 from graspfx.bench.report.page import error_text, time_text
 from graspfx.bench.report.pareto import front
-from graspfx.build.run import source_name
+from graspfx.build.run_header import source_name
 from graspfx.errors import GraspFXError, InputError
 from graspfx.progress import waiting
 from graspfx.scene.model import Scene

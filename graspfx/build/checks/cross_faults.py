@@ -16,7 +16,7 @@ from graspfx.build.checks.hand_faults import own_hand_faults, shared_hand_faults
 from graspfx.build.checks.lengths import length_faults as _length
 from graspfx.build.checks.meeting import meeting_faults
 from graspfx.build.checks.recorded import record_faults
-from graspfx.build.checks.safety_faults import finger_safety_faults, safety_faults
+from graspfx.build.checks.safety_faults import chain_faults, finger_safety_faults, safety_faults
 from graspfx.build.checks.settings import reason, setting_faults
 from graspfx.build.checks.solids import mass_faults, shape_faults
 from graspfx.build.checks.touching import (
@@ -95,6 +95,7 @@ def _checks(scene: SceneTable, stock: Stock, faults: list[Finding]) -> Iterator[
     yield wiring_faults(scene, stock.devices)
     yield metric_faults(scene, stock.devices)
     yield control_faults(scene, stock.devices)
+    yield chain_faults(scene, stock.devices)
     for table in ("device", "hand"):
         yield _unused(scene, table)
     for share in ("external", "internal"):

@@ -23,6 +23,8 @@ def is_possible() -> bool:
 def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
     """Start the process; give it and the line to it.
 
+    It is in a group of its own: Ctrl-C on a terminal is for whoever records, who passes it on.
+
     Args:
         ring: descriptor of the memory that both have.
 
@@ -37,7 +39,7 @@ def start(ring: int) -> tuple[subprocess.Popen[bytes], Connection]:
     text = TEXT.format(path=path, line=theirs.fileno(), ring=ring)
     try:
         process = subprocess.Popen(
-            [sys.executable, "-c", text], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), ring)
+            [sys.executable, "-c", text], stdin=subprocess.DEVNULL, pass_fds=(theirs.fileno(), ring), process_group=0
         )  # fmt: skip
     except BaseException:
         ours.close()

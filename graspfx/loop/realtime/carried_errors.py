@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from contextlib import suppress
 from typing import Any
 
 from graspfx.errors import GraspFXError, message
@@ -10,21 +11,27 @@ from graspfx.errors import GraspFXError, message
 
 def pack(error: BaseException) -> bytes:
     """Write an exception so that `unpack` makes it again; one that cannot be written leaves its words."""
-    parts = type(error), error.args, _plain(vars(error))
-    try:
-        text = pickle.dumps(parts)
+    error = error.with_traceback(None)
+    with suppress(Exception):  # others' exceptions may hold anything
+        text = pickle.dumps(error)
+        if type(pickle.loads(text)) is type(error):
+            return text
+    with suppress(Exception):  # as above
+        text = pickle.dumps((type(error), error.args, _plain(vars(error))))
         pickle.loads(text)
-    except Exception:  # noqa: BLE001 - others' exceptions may hold anything
-        return pickle.dumps((GraspFXError, (f"{type(error).__name__}: {message(error)}",), {}))
-    return text
+        return text
+    return pickle.dumps(GraspFXError(f"{type(error).__name__}: {message(error)}"))
 
 
 def unpack(text: bytes) -> BaseException:
     """Make an exception again."""
     try:
-        kind, arguments, values = pickle.loads(text)
+        content = pickle.loads(text)
     except Exception as error:  # noqa: BLE001 - a type that is only there in the other process
         return GraspFXError(f"the servo's process raised what this one does not know: {message(error)}")
+    if isinstance(content, BaseException):
+        return content
+    kind, arguments, values = content
     result: BaseException = kind.__new__(kind)
     result.args = arguments
     vars(result).update(values)
@@ -32,12 +39,12 @@ def unpack(text: bytes) -> BaseException:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Leave out attributes that cannot be written."""
+    """Write attributes that are no data by their types alone."""
     plain = {}
     for name, value in values.items():
         try:
             pickle.dumps(value)
         except Exception:  # noqa: BLE001 - as in `pack`
-            value = message(value) if isinstance(value, BaseException) else f"a {type(value).__name__}"
+            value = f"a {type(value).__name__}"
         plain[name] = value
     return plain

@@ -18,16 +18,17 @@ class Interruption(BaseException):
 class Exits:
     """Signals that ask a run to end, in the order in which they came.
 
-    Between the calls of drivers a signal is only noted, and the next tick is not begun; a driver that has the thread
-    may wait for long, and is broken off by an exception.
+    Between the calls of drivers a signal is only noted: forces decay in the ticks that follow. A driver that has the
+    thread may wait for long, and is broken off by an exception.
 
     Attributes:
         inside: whether a driver has the thread.
         heed: called with the number of each signal, at once; None for nobody.
+        at_once: whether no force may come any more: a driver had the thread, or it is the second signal.
     """
 
     def __init__(self) -> None:
-        self.inside = False
+        self.inside = self.at_once = False
         self.numbers: list[int] = []
         self.heed: Callable[[int], object] | None = None
 
@@ -41,6 +42,7 @@ class Exits:
         self.numbers.append(number)
         if self.heed is not None:
             self.heed(number)
+        self.at_once = self.at_once or self.inside or len(self.numbers) > 1
         if self.inside:
             raise Interruption(signal.Signals(number).name)
 

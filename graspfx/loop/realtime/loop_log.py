@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +32,8 @@ class LoopLog:
     """
 
     def __init__(self, memory: FloatArray, layout: Layout, devices: DeviceExchange, pacer: Pacer) -> None:
-        self._numbers, self._devices, self._pacer, self._clock = memory.data, devices, pacer, pacer.clock
+        self._numbers: Any = memory.data  # plain floats, where items of an array cost twice as much
+        self._devices, self._pacer, self._clock = devices, pacer, pacer.clock
         LoopState(memory).array(LoopState.fresh)[:] = 1.0  # of simulated devices whose kernels read them
         for each in devices.ports:
             each.log = PortLog(memory, layout, each.device, each.port.station, each.channels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from graspfx.loop.realtime.lateness import Lateness
 
@@ -62,6 +62,11 @@ class Pacer:
         self.latest = 0.0  # the most that a tick began after its deadline [s]
         self.lateness = Lateness()
 
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """Entries of the run's `Outcome`: periods left out, and how late ticks began."""
+        return {"skipped": self.skipped, "late": self.lateness.figures}
+
     def wait(self, stop: Callable[[], bool] | None = None) -> int:
         """Wait for the next tick's deadline; return how many periods it leaves out.
 
@@ -75,11 +80,7 @@ class Pacer:
             self.deadline = self.start = clock.now()
             return 0
         self.deadline += self.period
-        is_early = False
-        while (left := self.deadline - clock.now()) > 0.0 and not (stop is not None and stop()):
-            is_early = True
-            clock.sleep(min(left, SLICE))
-        late = -left  # a sleep may have been as long as the machine was away
+        is_early, late = self._sleep(stop)
         skipped = math.floor(late / self.period) if late >= self.period else 0
         self.deadline += skipped * self.period
         self.skipped += skipped
@@ -89,6 +90,21 @@ class Pacer:
         self.latest = max(self.latest, self.late)
         self.lateness.add(late)
         return skipped
+
+    def finish(self) -> None:
+        """Wait for what is left to the deadline, where `stop` ended the wait."""
+        assert self.deadline is not None
+        _, self.late = self._sleep(None)
+        self.wall = self.deadline + self.late - self._start
+
+    def _sleep(self, stop: Callable[[], bool] | None) -> tuple[bool, float]:
+        """Wait for the deadline; tell whether there was a wait, and how late it is [s]."""
+        assert self.deadline is not None
+        clock, is_early = self.clock, False
+        while (left := self.deadline - clock.now()) > 0.0 and not (stop is not None and stop()):
+            is_early = True
+            clock.sleep(min(left, SLICE))
+        return is_early, -left  # a sleep may have been as long as the machine was away
 
 
 def late_text(row: int, period: float, most: int) -> str:

@@ -54,14 +54,18 @@ class PortLog:
             each[0] = float(is_fresh)
         if self._count:
             assert isinstance(device, SwitchedDevice)
-            bits = device.switches
+            bits: object = device.switches
             if isinstance(bits, bool) or not isinstance(bits, int | np.integer) or not 0 <= bits < 1 << self._count:
                 return f"told {abbreviate(bits)} for its switches, expected the bits of {self._count}"
             self._switches[0] = bits
         if self._raw is not None:
             assert isinstance(device, RawDevice)
             raw = device.raw
-            if type(raw) is not np.ndarray or raw.shape != self._raw.shape or raw.dtype != self._kind:
+            if not self._is_raw(raw):
                 return f"told {abbreviate(raw)} for raw numbers, expected an array {self._raw.shape} of {self._kind}"
             self._raw[...] = raw
         return ""
+
+    def _is_raw(self, value: object) -> bool:
+        assert self._raw is not None
+        return isinstance(value, np.ndarray) and value.shape == self._raw.shape and value.dtype == self._kind

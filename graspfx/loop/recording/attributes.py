@@ -24,7 +24,7 @@ NAMES = (
     "omitted",
     "devices",
 )  # of a layout's fields that are tuples
-OF_HARDWARE = ("settled", "round_trip")  # fields of a header that stand in recordings of hardware only
+OF_HARDWARE = ("settled", "round_trip", "scheduling")  # fields of a header that stand in recordings of hardware only
 
 # of a layout's fields: written where they are not empty, so that other recordings are as they were
 WHERE_THEY_ARE = ("guarded", "timed", "varying", "switched", "devices", "raw")
@@ -56,6 +56,8 @@ def conclusion(outcome: Outcome) -> dict[str, str | float]:
         **({"cause": outcome.cause} if outcome.cause else {}),
         **({"skipped": int(outcome.skipped)} if outcome.skipped else {}),
         **({"repeats": int(outcome.repeats)} if outcome.repeats else {}),
+        **({"lost": int(outcome.lost)} if outcome.lost else {}),
+        **({"late": _json(outcome.late)} if outcome.late else {}),
     }
 
 
@@ -101,7 +103,7 @@ def layout_of(attributes: Mapping[str, Any]) -> Layout:
 def header_of(attributes: Mapping[str, Any]) -> Header:
     """Read the header; a field that came later than the recording has its default."""
     fields = {key: attributes[key] for key in Header.__dataclass_fields__ if key in attributes}
-    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split", "settled"):
+    for key in ("scene_table", "overrides", "versions", "machine", "frames", "split", "settled", "scheduling"):
         fields[key] = json.loads(fields.get(key, "{}"))
     fields["period"] = float(fields["period"])
     fields["every"] = int(fields.get("every", 1))
@@ -129,6 +131,8 @@ def outcome_of(attributes: Mapping[str, Any], faults: Sequence[RunFault]) -> Out
         cause=_text(attributes.get("cause", "")),
         skipped=int(attributes.get("skipped", 0)),
         repeats=int(attributes.get("repeats", 0)),
+        lost=int(attributes.get("lost", 0)),
+        late=json.loads(_text(attributes.get("late", "{}"))),
     )
 
 

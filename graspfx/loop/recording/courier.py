@@ -24,6 +24,11 @@ class Courier:
         self._thread: Thread | None = None
         self._fault: BaseException | None = None
 
+    @property
+    def waiting(self) -> int:
+        """Jobs that have not begun."""
+        return self._jobs.qsize()
+
     def give(self, job: Callable[[], None]) -> None:
         """Give a job to the thread.
 

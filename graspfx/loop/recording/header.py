@@ -34,6 +34,8 @@ class Header:
         settled: of a run with hardware, where each of its fingers met its object, by name: `position` (d,) [m], and
             `offset`, by which it was deeper than its contact and which fades out in the recorded positions (d,) [m].
         round_trip: of a reading and a writing of all hardware before the run, the median [s]; 0 without hardware.
+        scheduling: of a run with hardware, what its loop had: `loop` ("process" or "inline"), `policy` ("fifo 80" or
+            "other"), `memory` ("locked", "locked so far" or "free"), `slack` of timers [s], the processor's `governor`.
     """
 
     period: float
@@ -52,6 +54,7 @@ class Header:
     every: int = 1
     settled: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     round_trip: float = 0.0
+    scheduling: Mapping[str, Any] = field(default_factory=dict)
 
     def rows_before(self, tick: int) -> int:
         """Count the rows of the ticks before one: the number of the first row from that tick on."""
@@ -69,6 +72,9 @@ class RunFault(NamedTuple):
 
 
 SPLIT = "split"  # as the key of a change: how forces divide from its tick on, which follows from other keys
+
+REST = "rest"  # likewise: from its tick on forces decay, as the run ends by itself ("end") or was ended ("stop")
+OF_THE_RUN = (SPLIT, REST)  # keys of changes that are none of the scene's
 
 
 class KeyChange(NamedTuple):
@@ -96,10 +102,12 @@ class Outcome:
     fade_needed: float = 0.0  # where the fade would have had to begin [m]; 0 if it did
     blended: int = 0  # samples with a rotation in the blend's band, of the object with most
     ticks: int = 0  # that were run, where not each has a row; else as many as rows
-    changes: tuple[KeyChange, ...] = ()  # of keys, and SPLIT, in mid-run; the header's tables are those of the start
+    changes: tuple[KeyChange, ...] = ()  # of keys, and OF_THE_RUN; the header's tables are the start's
     cause: str = ""  # of the end of a run that broke off: a signal's name, or an exception; empty if not known
     skipped: int = 0  # periods that a run on the wall's clock left out
     repeats: int = 0  # readings of hardware that brought no new sample
+    lost: int = 0  # rows that were not recorded in time, and are NaN
+    late: Mapping[str, float] = field(default_factory=dict)  # after the deadline, by quantile: p50, ..., max [s]
 
 
 def now() -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graspfx.errors import RecordingError, UnknownNameError
 from graspfx.loop.recording.by_name import PartsOnDemand, by_name
-from graspfx.loop.recording.header import SPLIT, Header, KeyChange, Outcome, RunFault
+from graspfx.loop.recording.header import OF_THE_RUN, Header, KeyChange, Outcome, RunFault
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.recording.object_motion import ObjectMotion, described_pose
 from graspfx.loop.recording.row_store import BLOCK, MemoryRows, RowStore, gather
@@ -387,7 +387,7 @@ class History:
     @property
     def changes(self) -> tuple[KeyChange, ...]:
         """Values of the scene that were replaced in mid-run: tick, key and value; the scene's table is the start's."""
-        return tuple(change for change in self.outcome.changes if change.key != SPLIT)
+        return tuple(change for change in self.outcome.changes if change.key not in OF_THE_RUN)
 
     @property
     def wall_time(self) -> float | None:

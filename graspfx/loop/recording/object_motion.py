@@ -81,6 +81,11 @@ class ObjectMotion(Carded):
         """
         return self._columns.optional(self._at + "scale")
 
+    @property
+    def tank(self) -> FloatArray | None:
+        """Energy that a safety chain pays for stiffness with, (N,) [J]; None without a chain."""
+        return self._columns.optional(self._at + "tank")
+
     def _card(self) -> Card:
         from graspfx.loop.recording.recording_card import motion_card
 

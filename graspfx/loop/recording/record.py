@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from graspfx import plugins
 from graspfx.card import Card, Carded
 from graspfx.errors import InputError
-from graspfx.loop.recording.history import History
+from graspfx.loop.recording.timed_history import TimedHistory
 
 if TYPE_CHECKING:
     import pandas
@@ -34,7 +34,7 @@ class Drawing(Protocol):
         """Write it; the path's ending chooses the format, or `form`: "png", "svg" or "pdf"."""
 
 
-class Recording(Carded, History):
+class Recording(Carded, TimedHistory):
     """A run, tick by tick: row k of each array holds what was read at the time k T and what was computed from that.
 
     Args:

@@ -119,6 +119,11 @@ class Recorder:
         row: FloatArray = self._block[max(self.used, 1) - 1]
         return row
 
+    @property
+    def backlog(self) -> int:
+        """Bytes of rows that wait for the sinks, at most."""
+        return 8 * self.layout.width * self._size * self._courier.waiting
+
     def space(self) -> tuple[FloatArray, int, int]:
         """Give a block of rows (r, width), the place in it of the next tick, and for how many ticks there is room.
 

@@ -104,6 +104,10 @@ class SafetyChain:
         fill_tank(grasped, safety)
         return buffer
 
+    def rest(self) -> None:
+        """Let forces decay from the coming tick on, as the run ends."""
+        Pace(self.pace).resting = True
+
     def structure(self, i: int) -> Index:
         """Entries of the memory of object i that never change and select the computation."""
         return np.array(entries_of(SafetyState, "count", "posed", "apart", *MOVES), dtype=np.intp)

@@ -15,7 +15,8 @@ def keep_pace(pace: Pace, k: int) -> int:
     """Compute the soft start's share 3 x^2 - 2 x^3, x = k/ramp, and the trust in the readings; give 0 or a cause.
 
     The trust falls by T/DECAY a sample where a device has had no new reading for more than `hold` samples, or while
-    there is another cause, and grows as slowly once readings come again. At zero it gives the cause, a fault.
+    there is another cause, and grows as slowly once readings come again. At zero it gives the cause, a fault. At the
+    end of a run it falls without one.
     """
     x = 1.0
     if k < pace.ramp:
@@ -26,7 +27,7 @@ def keep_pace(pace: Pace, k: int) -> int:
         if cause == 0 and pace.misses[i] > pace.hold:
             cause = STALE + CAUSES * i
     half = 0.5 * pace.fading  # nearer than that to an end is there: rounding adds no sample
-    if cause == 0:
+    if cause == 0 and not pace.resting:
         pace.trust = pace.trust + pace.fading if pace.trust + pace.fading < 1.0 - half else 1.0
         return 0
     pace.trust = pace.trust - pace.fading if pace.trust - pace.fading > half else 0.0

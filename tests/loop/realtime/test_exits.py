@@ -6,9 +6,11 @@ import signal
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from graspfx.loop.recording.record import Recording
+from tests.support.hardware import wait_until
 from tests.support.logged import SLOW, LoggedRun
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX")
@@ -16,6 +18,7 @@ pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals o
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", 0)
 SOON = 0.03  # [s], the least of some tries, as others use the processors too
 TRIES = 3
+SETTLING = 20  # writings of zero before the run
 
 
 def require_order(run: LoggedRun) -> None:
@@ -114,7 +117,7 @@ def test_what_a_driver_raises_ends_in_zero_force_first(how: str, code: int, says
 
 
 @pytest.mark.parametrize(("pause", "is_fault"), [(0.07, False), (0.5, True)])
-def test_a_process_that_was_stopped_is_late(pause: float, is_fault: bool, tmp_path: Path) -> None:
+def test_a_servo_that_was_stopped_is_late(pause: float, is_fault: bool, tmp_path: Path) -> None:
     """Three periods away is counted; after 25 the finger feels no force from the first tick on.
 
     Others use the processors too, and may make any run late: the least of some tries counts.
@@ -125,12 +128,13 @@ def test_a_process_that_was_stopped_is_late(pause: float, is_fault: bool, tmp_pa
         folder.mkdir()
         with LoggedRun(folder, slow=0.0) as run:
             run.press()
-            run.signal(signal.SIGSTOP, pause=pause)
-            run.signal(signal.SIGCONT, pause=0.2)
+            run.signal(signal.SIGSTOP, pause=pause, to=run.servo)
+            run.signal(signal.SIGCONT, pause=0.2, to=run.servo)
             sent = run.signal(INT)
             run.end()
             rec = Recording.load(run.out)
             assert rec.outcome.skipped >= 2
+            assert rec.outcome.late["max"] > 0.5 * pause
             faults.append(len(rec.faults))
             if is_fault:
                 assert "periods of 0.02 s in a row were left out, 5 at most" in rec.faults[0].message
@@ -138,3 +142,67 @@ def test_a_process_that_was_stopped_is_late(pause: float, is_fault: bool, tmp_pa
         if faults[-1] == is_fault:
             break
     assert min(faults) == is_fault
+
+
+def test_signals_to_the_servo_alone_end_in_zero_force_first(tmp_path: Path) -> None:
+    """The run ends as if its end had come: whole files, the cause in them, and the code of a run that broke off."""
+    with LoggedRun(tmp_path, slow=0.0) as run:
+        run.press()
+        sent = run.signal(TERM, INT, HUP, to=run.servo)
+        code, messages = run.end()
+        require_order(run)
+        assert run.time_to_zero(sent) < SLOW
+    assert (code, "Traceback" in messages) == (130, False)
+    assert Recording.load(run.out).outcome.cause == "SIGTERM"
+
+
+def test_a_servo_that_was_killed_leaves_a_whole_recording(tmp_path: Path) -> None:
+    """The cause is a fault and in the outcome; rows are those of all ticks that were finished."""
+    with LoggedRun(tmp_path, slow=0.0) as run:
+        run.press()
+        run.signal(signal.SIGKILL, to=run.servo)
+        code, messages = run.end()
+    rec = Recording.load(run.out)
+    assert code == 3
+    assert "the servo's process was ended by SIGKILL; the watchdog of the device of finger0" in messages
+    assert rec.outcome.cause == "the servo's process was ended by SIGKILL"
+    assert [fault.tick for fault in rec.faults] == [len(rec)]
+    forces = sum(each.what == "force" for each in run.log) - SETTLING
+    assert forces - 1 <= len(rec) <= forces
+
+
+def test_a_recorder_that_was_killed_lets_its_servo_rest(tmp_path: Path) -> None:
+    """Nobody is left to tell it, and nobody to close the files: force is zero at once, and the device closed."""
+    with LoggedRun(tmp_path, slow=0.0) as run:
+        run.press()
+        servo = run.servo
+        sent = run.signal(signal.SIGKILL)
+        run.end()
+        run.await_entry("close")
+        assert run.time_to_zero(sent) < 0.6
+        wait_until(lambda: not Path(f"/proc/{servo}").exists())
+    part = Recording.load(run.out)
+    assert not part.outcome.complete
+
+
+def test_a_recorder_that_is_stopped_holds_up_no_tick_until_it_gives_no_sign_of_life(tmp_path: Path) -> None:
+    """For 300 ms it is away, with the viewer and the disk: the servo goes on, and no row is lost. Then it is away.
+
+    After half a second of that the finger feels no force.
+    """
+    with LoggedRun(tmp_path, slow=0.0) as run:
+        run.press()
+        began = run.signal(signal.SIGSTOP, pause=0.3)
+        run.signal(signal.SIGCONT, pause=0.2)
+        assert not any(each.what == "stop" for each in run.log)
+        assert sum(each.what == "force" and began < each.time < began + 0.3 for each in run.log) > 5
+        sent = run.signal(signal.SIGSTOP)
+        run.await_entry("stop")
+        assert run.time_to_zero(sent) < 0.5 + SLOW
+        run.signal(signal.SIGCONT)
+        run.end()
+    rec = Recording.load(run.out)
+    assert rec.outcome.cause == "the process that records gives no sign of life"
+    assert rec.outcome.lost == 0
+    assert len(rec) == sum(each.what == "force" for each in run.log) - SETTLING
+    assert np.isfinite(rec.finger_position).all()

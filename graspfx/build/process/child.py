@@ -1,0 +1,153 @@
+"""The servo's process: builds the scene, opens its hardware, runs it, and rests when whoever records says so, or dies.
+
+It says how far it is on a line to the other process, and waits there for leave to open the hardware, to run, and to let
+go of it once the files are closed.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from graspfx import log, progress
+from graspfx.build.build import build
+from graspfx.build.hardware import Hardware, at_hardware
+from graspfx.build.process.errand import Errand
+from graspfx.build.process.orders import Orders, ParentGone
+from graspfx.build.resolve import resolve
+from graspfx.build.run_header import header_of
+from graspfx.environment import granted
+from graspfx.errors import GraspFXError
+from graspfx.loop.realtime import carried_errors
+from graspfx.loop.realtime.exits import NAMES, Exits
+from graspfx.loop.realtime.pacing import WallClock
+from graspfx.loop.realtime.priority import die_with_parent, take_priority
+from graspfx.loop.realtime.ring import Phase, Ring, RingRecorder, Word
+from graspfx.loop.servo import Servo
+
+
+def main(line_: int, ring_: int) -> None:
+    """Do the errand that comes on the line.
+
+    Args:
+        line_: descriptor of the line.
+        ring_: descriptor of the memory for rows.
+    """
+    die_with_parent(signal.SIGKILL)  # no hardware is open yet
+    for name in NAMES:
+        signal.signal(getattr(signal, name), _wait_for_orders)
+    line = Connection(line_)
+    try:
+        errand: Errand = line.recv()
+        with _tell_aside(line, errand):
+            _serve(errand, line, ring_)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        sys.exit(1)  # whoever began this is no more
+    except BaseException as error:  # noqa: BLE001 - it is raised in the other process
+        line.send(("failed", carried_errors.pack(error)))
+
+
+def _serve(errand: Errand, line: Connection, ring_: int) -> None:
+    """Build, open, run, rest and close."""
+    with (
+        granted(errand.trust),
+        build(errand.scene, selected=errand.selected, live=errand.live, real_time=True) as servo,
+    ):
+        parts = resolve(errand.scene)
+        if servo.layout.width != errand.width:
+            raise GraspFXError(f"the servo's rows have {servo.layout.width} numbers, expected {errand.width}")
+        ring = Ring(ring_, servo.layout.width, servo.every)
+        header, scheduling = header_of(parts, servo.objects), dict[str, Any]()
+
+        def ready(exits: Exits) -> None:
+            line.send(("ready", servo.engine.name))
+            _require(line.recv(), "open")
+            die_with_parent(signal.SIGTERM)
+            scheduling.update(take_priority())
+            ring.words[Word.PHASE] = Phase.OPEN
+
+        with at_hardware(servo, parts, WallClock(), ready=ready) as hardware:
+            header = replace(hardware.header(header), scheduling={"loop": "process", **scheduling})
+            line.send(("settled", header))
+            _require(line.recv(), "run")
+            _run(errand, line, ring, servo, hardware)
+            _await_close(line)
+        ring.words[Word.PHASE] = Phase.CLOSED
+    line.send(("closed",))
+
+
+def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: Hardware) -> None:
+    """Run until the end, an order or a fault; say how it went when every force is zero."""
+    recorder, error = RingRecorder(ring), b""
+    orders = Orders(ring, servo, recorder, hardware.pacer)
+    ring.words[Word.PHASE] = Phase.RUNNING
+    try:
+        hardware.run(errand.ticks, recorder, orders)
+    except BaseException as raised:  # noqa: BLE001 - as in `main`
+        error = carried_errors.pack(raised)
+    ring.words[Word.PHASE] = Phase.RESTED
+    outcome = {"engine": servo.engine.name, **servo.coupling, **hardware.outcome}
+    if orders.cause:
+        outcome["cause"] = orders.cause
+    line.send(("rested", servo.ticks, outcome, error))
+
+
+def _await_close(line: Connection) -> None:
+    """Wait until the files are closed; whoever has gone away closes them no more."""
+    try:
+        line.recv()
+    except (EOFError, OSError):
+        return
+
+
+def _require(word: Any, expected: str) -> None:
+    if word != expected:
+        raise ParentGone(f"told {word}, not {expected}")
+
+
+def _wait_for_orders(number: int, frame: object) -> None:
+    """Do nothing about a signal: it is heeded while hardware is open, and before that whoever records is asked."""
+
+
+@contextmanager
+def _tell_aside(line: Connection, errand: Errand) -> Iterator[None]:
+    """Pass on warnings, messages and waits of the block."""
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        line.send(("warning", str(message), category))
+
+    class Waits:
+        def begin(self, wait: progress.Wait) -> None:
+            line.send(("begin", wait.text))
+
+        def end(self, wait: progress.Wait) -> None:
+            line.send(("end",))
+
+        def clear(self) -> None:
+            """Do nothing: nothing is shown here."""
+
+    if errand.verbosity is not None:
+        _listen(line, errand.verbosity)
+    with warnings.catch_warnings(), progress.listening(Waits()):
+        warnings.simplefilter("always")
+        warnings.showwarning = show
+        yield
+
+
+def _listen(line: Connection, level: int) -> None:
+    """Pass on messages of a level and above."""
+    import logging
+
+    class Line(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            line.send(("message", record.levelno, record.getMessage()))
+
+    logger = logging.getLogger(log.NAME)
+    logger.setLevel(level)
+    logger.addHandler(Line())

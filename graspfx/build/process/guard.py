@@ -1,0 +1,191 @@
+"""Guard over a servo's process: fetches its rows, shows it a sign of life, and takes the force away when it dies."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from subprocess import Popen
+from threading import Lock, Thread
+from typing import Any
+
+from graspfx.build.process import boot
+from graspfx.build.process.quenching import Quencher, quench_all
+from graspfx.build.process.relay import Relay
+from graspfx.loop.realtime.priority import GUARD, set_fifo
+from graspfx.loop.realtime.ring import Phase, Ring, Word
+
+PAUSE = 20  # between two looks [ms]
+PATIENCE = 0.5  # for a servo to rest that was asked to [s]
+MOST_STILL = 1.0  # for one without a tick, of 20 periods at least [s]
+LONGER = 0.25  # then, until the next step [s]
+STEPS = (signal.SIGTERM, signal.SIGKILL)
+DEATH = "death"  # message of the guard's own: the process has ended
+
+
+class Guard(Thread):
+    """A thread that begins a servo's process, and ends with it.
+
+    It waits on the process, so that it quenches the hardware within milliseconds of a death without rest. A servo that
+    was asked to rest and does not, or that runs and does no tick, is ended by signals: it may hang in a driver.
+
+    Args:
+        ring: shared with the process.
+        devices: that are quenched when the process dies with forces on.
+        period: T [s].
+
+    Attributes:
+        messages: of the process, each a tuple that begins with its kind; the last one is DEATH.
+        lock: held while rows are fetched.
+        relay: of the rows, from the moment on that there is one.
+        failure: of the relay; then the servo is asked to rest.
+        report: how the quenching went, a sentence each; empty without.
+    """
+
+    def __init__(self, ring: Ring, devices: Sequence[Quencher], period: float) -> None:
+        super().__init__(name="graspfx-guard", daemon=True)
+        self._ring, self._devices = ring, devices
+        self._still = max(MOST_STILL, 20.0 * period)
+        self.messages: SimpleQueue[Any] = SimpleQueue()
+        self.lock = Lock()
+        self.relay: Relay | None = None
+        self.failure: BaseException | None = None
+        self.report: list[str] = []
+        self.process: Popen[bytes] | None = None
+        self._line: Connection | None = None
+        self._watched = -1  # descriptor of the process
+        self._head, self._since, self._step = -1, 0.0, 0  # ticks that were there, when they came, and what was done
+        self._sent = Lock()
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self.process.pid if self.process is not None else 0
+
+    def run(self) -> None:
+        try:
+            self.process, self._line = boot.start(self._ring.file)
+        except BaseException as error:  # noqa: BLE001 - it is raised by whoever waits for a message
+            self.messages.put(("failed", error))
+            self.messages.put((DEATH, ""))
+            return
+        if hasattr(os, "pidfd_open"):
+            with suppress(OSError):
+                self._watched = os.pidfd_open(self.process.pid)
+        self.messages.put(("begun",))
+        set_fifo(GUARD)
+        try:
+            self._watch()
+        finally:
+            self._line.close()
+            if self._watched >= 0:
+                os.close(self._watched)
+            os.close(self._ring.file)
+
+    def send(self, word: Any) -> None:
+        """Send the process a word; one that is no more hears nothing."""
+        with self._sent, suppress(OSError):
+            assert self._line is not None
+            self._line.send(word)
+
+    def rest(self) -> None:
+        """Ask the servo to rest before its next tick."""
+        self._ring.words[Word.STOP] = 1
+
+    def interrupt(self, number: int) -> None:
+        """Pass a signal on to the process: it breaks off a driver that hangs."""
+        self.rest()
+        self._signal(number)
+
+    def kill(self) -> None:
+        """End the process at once; what is open then is quenched."""
+        self._signal(signal.SIGKILL)
+
+    def _signal(self, number: int) -> None:
+        with suppress(OSError):
+            if self._watched >= 0:
+                signal.pidfd_send_signal(self._watched, number)
+            elif self.process is not None and self.process.returncode is None:
+                os.kill(self.process.pid, number)
+
+    def _watch(self) -> None:
+        assert self._line is not None
+        assert self.process is not None
+        words, poll, line = self._ring.words, select.poll(), self._line.fileno()
+        poll.register(line, select.POLLIN)
+        if self._watched >= 0:
+            poll.register(self._watched, select.POLLIN)
+        while True:
+            ready = [file for file, _ in poll.poll(PAUSE)]
+            words[Word.BEAT] = time.monotonic_ns()
+            is_dead = self._watched in ready
+            if is_dead:
+                self._quench()
+            if line in ready and not self._receive():
+                poll.unregister(line)
+                is_dead = is_dead or self._watched < 0
+                if self._watched < 0:
+                    self.process.wait()
+                    self._quench()
+            self._fetch()
+            if is_dead:
+                while self._receive():
+                    pass
+                self.messages.put((DEATH, _ending(self.process.wait())))
+                return
+            self._hurry()
+
+    def _receive(self) -> bool:
+        """Take a message over; return whether there was one."""
+        assert self._line is not None
+        try:
+            if not self._line.poll():
+                return False
+            self.messages.put(self._line.recv())
+        except (EOFError, OSError):
+            return False
+        return True
+
+    def _quench(self) -> None:
+        """Take the force away from hardware whose program has died with it."""
+        if int(self._ring.words[Word.PHASE]) in (Phase.OPEN, Phase.RUNNING) and not self.report:
+            self.report = quench_all(self._devices)
+
+    def _fetch(self) -> None:
+        with self.lock:
+            if self.relay is None or self.failure is not None:
+                return
+            try:
+                self.relay.fetch()
+            except BaseException as error:  # noqa: BLE001 - it is raised in the thread of the run, after rest
+                self.failure = error
+                self.rest()
+
+    def _hurry(self) -> None:
+        """End a servo that does not rest, or does nothing: first by a signal that a driver's call gives way to."""
+        words, now = self._ring.words, time.monotonic()
+        head, phase = int(words[Word.HEAD]), int(words[Word.PHASE])
+        if phase != Phase.RUNNING:
+            self._since, self._step = now, 0
+            return
+        if head != self._head:
+            self._head, self._since, self._step = head, now, 0
+        wait = PATIENCE if words[Word.STOP] else self._still
+        if self._step < len(STEPS) and now - self._since > wait + self._step * LONGER:
+            self._signal(STEPS[self._step])
+            self._step += 1
+
+
+def _ending(code: int) -> str:
+    """Say how a process ended."""
+    if code < 0:
+        try:
+            return f"was ended by {signal.Signals(-code).name}"
+        except ValueError:
+            return f"was ended by signal {-code}"
+    return f"ended with code {code}"

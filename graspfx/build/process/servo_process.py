@@ -1,0 +1,249 @@
+"""A servo's process as its recorder sees it: begun, made ready, run, rested and closed, step by step."""
+
+from __future__ import annotations
+
+import logging
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from queue import Empty
+from typing import TYPE_CHECKING, Any
+
+from graspfx import log
+from graspfx.build.process.errand import Errand
+from graspfx.build.process.guard import DEATH, Guard
+from graspfx.build.process.quenching import quenchers
+from graspfx.build.process.relay import Relay
+from graspfx.errors import DeviceError
+from graspfx.loop.realtime import carried_errors
+from graspfx.loop.realtime.exits import Exits, Interruption, signals_end
+from graspfx.loop.realtime.priority import REMEDY, RealTimeWarning
+from graspfx.loop.realtime.ring import Phase, Ring, Word, create
+from graspfx.progress import waiting
+
+if TYPE_CHECKING:
+    from graspfx.build.resolve import Parts
+    from graspfx.loop.recording.header import Header
+    from graspfx.loop.recording.layout import Layout
+    from graspfx.loop.recording.recorder import Recorder
+
+LOOK = 0.01  # between two looks whether to stop [s]
+FAREWELL = 3.0  # for a process to end that has closed its hardware [s]
+
+
+class ServoProcess:
+    """A servo in a process of its own, with its hardware open and at rest; `servo_process` makes it.
+
+    Args:
+        guard: of the process.
+        ring: shared with it.
+        layout: of its rows.
+        exits: signals that ask the run to end.
+
+    Attributes:
+        engine: that runs the ticks.
+        cause: of the end, if the process died; else empty.
+    """
+
+    def __init__(self, guard: Guard, ring: Ring, layout: Layout, exits: Exits) -> None:
+        self.guard, self.ring, self.layout, self.exits = guard, ring, layout, exits
+        self._header: Header | None = None
+        self.engine, self.cause = "", ""
+        self._has_rested = self._has_ended = False
+        self._ticks: int | None = None
+        self._result: dict[str, Any] = {}
+        self._error: BaseException | None = None
+        self._waits = ExitStack()
+        self.relay: Relay | None = None
+
+    @property
+    def header(self) -> Header:
+        """Header of the recording, as the process has written it."""
+        assert self._header is not None
+        return self._header
+
+    @property
+    def ticks(self) -> int:
+        """Ticks so far."""
+        return int(self.ring.words[Word.HEAD]) if self._ticks is None else self._ticks
+
+    @property
+    def has_rested(self) -> bool:
+        """Whether every force is zero for good, or the process is no more."""
+        return self._has_rested
+
+    def begin(self, recorder: Recorder, watch: Callable[[int, int], object] | None = None) -> Relay:
+        """Arm and run, with rows fetched for a recorder."""
+        relay = self.relay = Relay(self.ring, recorder, watch)
+        with self.guard.lock:
+            self.guard.relay = relay
+        self.guard.send("run")
+        return relay
+
+    def run(self, ticks: int, recorder: Recorder, stop: Callable[[], bool] | None) -> None:
+        """Run to the end, or until `stop` says so; whatever happens, zero force is the first that comes after it."""
+        self.begin(recorder)
+        try:
+            while not self.await_rest(LOOK):
+                if stop is not None and stop():
+                    self.guard.rest()
+        finally:
+            self.rest()
+        if self._error is not None:
+            raise self._error
+        if self.guard.failure is not None:
+            raise self.guard.failure
+
+    def rest(self) -> None:
+        """Let every force be zero; return when it is, and all rows were fetched."""
+        self.guard.rest()
+        while not self.await_rest(1.0):
+            pass
+        with self.guard.lock:
+            relay = self.guard.relay
+            if relay is not None and self.guard.failure is None:
+                try:
+                    while relay.ticks < int(self.ring.words[Word.HEAD]):
+                        relay.fetch()
+                        time.sleep(0.001)
+                    relay.fetch()
+                except BaseException as error:  # noqa: BLE001 - it is raised by `run`
+                    self.guard.failure = error
+            self.guard.relay = None
+        if relay is not None and self.guard.report and self.relay is not None:
+            text = f"the servo's process {self.cause}; {'; '.join(self.guard.report)}"
+            relay.note_fault(self.ticks, text)
+
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """Entries of the run's `Outcome`."""
+        cause = self.exits.cause or (f"the servo's process {self.cause}" if self.cause else "")
+        lost = {} if self.relay is None else {"lost": self.relay.lost}
+        result = {"skipped": int(self.ring.words[Word.SKIPPED]), **self._result, **lost}
+        return {"engine": self.engine, **result, "cause": cause or self._result.get("cause", "")}
+
+    # Messages of the process --------------------------------------------------------------------------------------
+
+    def await_rest(self, seconds: float) -> bool:
+        """Wait for the servo's rest; return whether it has come."""
+        end = time.monotonic() + seconds
+        while not self._has_rested and (left := end - time.monotonic()) > 0.0:
+            self._take(left)
+        return self._has_rested
+
+    def _take(self, seconds: float) -> Any:
+        """Take a message over, if one comes in that time; give it if it is not dealt with here."""
+        try:
+            kind, *rest = self.guard.messages.get(timeout=seconds)
+        except Empty:
+            return None
+        match kind:
+            case "warning":
+                warnings.warn(str(rest[0]), rest[1], stacklevel=6)
+            case "message":
+                if log.is_heard(rest[0]):
+                    logging.getLogger(log.NAME).log(rest[0], "%s", rest[1])
+            case "begin":
+                self._waits.enter_context(waiting(rest[0]))
+            case "end":
+                self._waits.pop_all().close()
+            case "rested":
+                self._has_rested = True
+                self._ticks, self._result = rest[0], rest[1]
+                self._error = carried_errors.unpack(rest[2]) if rest[2] else None
+            case _ if kind == DEATH:
+                self.cause = "" if self._has_rested else rest[0]
+                self._has_rested = self._has_ended = True
+            case "failed":
+                error = rest[0] if isinstance(rest[0], BaseException) else carried_errors.unpack(rest[0])
+                return kind, error
+            case _:
+                return (kind, *rest)
+        return None
+
+    def expect(self, word: str) -> tuple[Any, ...]:
+        """Wait for a message of a kind; what the process raises meanwhile is raised here.
+
+        Raises:
+            DeviceError: the process died.
+            Interruption: a signal came, and it was ended.
+        """
+        while True:
+            message = self._take(0.05)
+            if message is not None and message[0] == "failed":
+                if self.exits.numbers:
+                    raise Interruption(self.exits.cause)
+                raise message[1] from None
+            if message is not None and message[0] == word:
+                return tuple(message[1:])
+            if self._has_ended:
+                report = "".join(f"; {text}" for text in self.guard.report)
+                raise DeviceError(f"the servo's process {self.cause} before the run began{report}")
+
+    def settle(self) -> None:
+        """Wait until the hardware is at rest."""
+        (self._header,) = self.expect("settled")
+        if not str(self.header.scheduling.get("policy", "")).startswith("fifo"):
+            warnings.warn(REMEDY, RealTimeWarning, stacklevel=6)
+
+    def close(self) -> None:
+        """Let the process close its hardware, and end."""
+        self.guard.send("close")
+        end = time.monotonic() + FAREWELL
+        while not self._has_ended and time.monotonic() < end:
+            self._take(0.05)
+        if not self._has_ended:
+            self.guard.kill()
+        while not self._has_ended:
+            self._take(0.05)
+        self.guard.join()
+        self._waits.close()
+
+
+@contextmanager
+def servo_process(
+    parts: Parts, layout: Layout, every: int, *, ticks: int, selected: bool, live: Sequence[str] = ()
+) -> Iterator[ServoProcess]:
+    """Begin a process with a scene's servo, its hardware open and at rest; closed, and ended, in the end.
+
+    Args:
+        parts: of the scene.
+        layout: of its rows.
+        every: ticks from one row to the next.
+        ticks: to run.
+        selected: whether rows are what the scene's `record` asks for.
+        live: keys that may change in mid-run.
+
+    Raises:
+        InputError: the scene cannot be carried over; hardware without a watchdog or `quench`; a finger that is inside
+            its object; and whatever else the process raises before its run.
+        DeviceError: a device that does not open or is not at rest; a process that died.
+        KeyboardInterrupt: a signal came before the run.
+    """
+    errand = Errand(parts.scene, ticks, layout.width, selected, tuple(live))
+    errand.text()
+    ring = Ring(create(layout.width), layout.width, every)
+    ring.words[Word.BEAT] = time.monotonic_ns()
+    guard = Guard(ring, quenchers(parts), parts.scene.period)
+    remote = ServoProcess(guard, ring, layout, Exits())
+    guard.start()
+    try:
+        remote.expect("begun")
+        guard.send(errand)
+        (remote.engine,) = remote.expect("ready")
+        with signals_end() as exits:
+            remote.exits = exits
+            exits.heed = guard.interrupt
+            try:
+                guard.send("open")
+                remote.settle()
+                yield remote
+            finally:
+                if int(ring.words[Word.PHASE]) == Phase.RUNNING:
+                    remote.rest()
+                remote.close()
+    finally:
+        if guard.is_alive():
+            guard.kill()
+            guard.join()
