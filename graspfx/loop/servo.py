@@ -134,8 +134,15 @@ class Servo:
             from graspfx.loop.realtime.native_loop import NativeLoop
 
             width, every = self.layout.width, self.every
-            self._native = NativeLoop(self._tick, engine, self._devices, width, every, self.period, self.guards)
+            self._native = NativeLoop(
+                self._tick, engine, self._devices, width, every, self.period, self.guards, self.safety
+            )  # fmt: skip
         return self._devices
+
+    @property
+    def loop(self) -> str:
+        """Loop of machine code alone that paced ticks run in, "native" or "driven"; empty where Python runs between."""
+        return "" if self._native is None else self._native.name
 
     @property
     def why_python(self) -> str:

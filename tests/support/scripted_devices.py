@@ -132,7 +132,7 @@ class Plain:
         script = np.array(readings, dtype=float)
         self.numbers: FloatArray = np.concatenate([np.repeat(script[:1], rest, axis=0), script]) if rest else script
         n, _, k, d = self.numbers.shape
-        self.features = Features(fingers=k, dimensions=d, peak_force=peak)
+        self.features = Features(fingers=k, dimensions=d, peak_force=peak, watchdog=0.02)
         self.codes, self.refusals = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
         for to, source in ((self.codes, codes), (self.refusals, refusals)):
             to[rest : rest + len(source)] = source

@@ -73,7 +73,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             ring.words[Word.PHASE] = Phase.OPEN
 
         with at_hardware(servo, parts, WallClock(), ready=ready) as hardware:
-            header = replace(hardware.header(header), scheduling={"loop": "process", **scheduling})
+            header = replace(hardware.header(header), scheduling={"loop": servo.loop or "process", **scheduling})
             line.send(("settled", header))
             _require(line.recv(), "run")
             _run(errand, line, ring, servo, hardware)

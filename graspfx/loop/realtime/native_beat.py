@@ -85,6 +85,8 @@ class NativeBeat:
     head: int  # places in it
     skips: int
     span: int  # ticks of the ring
+    is_resting: FloatArray  # (1,), of the loop's end
+    resting: FloatArray | None  # (1,), of the safety chain: forces decay
     times: LoopTimes | None
 
 
@@ -97,6 +99,9 @@ def turn(beat: NativeBeat, k: int) -> None:
     left_out = arrive(beat.clock, began)
     if beat.row[0] > beat.most[0]:
         latch(beat.servo, k, NATIVE, len(beat.ports), LATE)
+    if beat.resting is not None:
+        if beat.is_resting[0] != 0.0:
+            beat.resting[0] = 1.0
     note_times(beat)
     read_all(beat, k, left_out + 1)
     if beat.times is not None:

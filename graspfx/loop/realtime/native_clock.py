@@ -23,7 +23,8 @@ class ClockState(Record):
     start: float  # of the first [s]
     late: float  # this tick after its deadline [s]
     wall: float  # this tick since the first [s]
-    latest: float  # the most that one was late, with the periods that it left out [s]
+    latest: float  # the most that one was late [s]
+    most_late: float  # with the periods that it left out [s]
     longest: float  # the most that a tick took, from its reading to its row [s]
     left_out: int  # periods before this tick
     skipped: int  # all of them
@@ -72,9 +73,11 @@ def arrive(clock: ClockState, time: float) -> int:
         clock.row += skipped
     clock.left_out = skipped
     count_in(clock.lateness, late)
-    if late > clock.latest:
-        clock.latest = late
+    if late > clock.most_late:
+        clock.most_late = late
     clock.late = late - skipped * clock.period
+    if clock.late > clock.latest:
+        clock.latest = clock.late
     clock.wall = clock.deadline + clock.late - clock.start
     if clock.mode == DRIVEN:  # the caller's clock is no slave of this one
         clock.deadline = time

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import os
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +17,20 @@ from graspfx.compile.emission import address
 from graspfx.errors import DeviceError
 from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import DeviceExchange, DevicePort
+from graspfx.loop.realtime.exits import Exits, Interruption
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.native_clock import DRIVEN, PACED, ClockState
 from graspfx.loop.realtime.native_machine import DRIVEN as CALLBACK
 from graspfx.loop.realtime.native_machine import engine
 from graspfx.loop.realtime.native_port import PortState
-from graspfx.loop.realtime.native_program import LAST, PAUSE, NativeProgram
+from graspfx.loop.realtime.native_program import HALT, STOP, NativeProgram
 from graspfx.loop.realtime.native_texts import clock_text, port_text, stop_text
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
+from graspfx.loop.realtime.soft_end import decay_ticks
+from graspfx.loop.recording.header import REST
 from graspfx.loop.recording.row_taker import RowTaker
+from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.programs import MachineCode
 from graspfx.loop.tick.script import Tick
 
@@ -34,7 +39,20 @@ IntArray = NDArray[np.int64]
 POLL = 0.005  # between two looks [s]
 PATIENCE = 1.0  # for a tick that goes on, before a device is stopped beside it [s]
 ADDRESS, TABLE, TICK, END, BUSY = range(5)  # words of a callback
+FOREVER = 1 << 62  # ticks: the loop's end says when
 _LOST: list[object] = []  # memories of loops that did not end: a vendor's function may still write there
+
+
+@runtime_checkable
+class Writer(Protocol):
+    """A `stop` that writes into the memories of a run now and then."""
+
+    @property
+    def has_news(self) -> bool:
+        """Whether it has something to write."""
+        ...
+
+    def __call__(self) -> bool: ...
 
 
 class NativeLoop:
@@ -48,6 +66,7 @@ class NativeLoop:
         every: ticks from one row to the next.
         period: T [s].
         guards: of hardware.
+        safety: the chain between law and devices.
     """
 
     def __init__(
@@ -59,11 +78,13 @@ class NativeLoop:
         every: int,
         period: float,
         guards: Guards,
+        safety: SafetyChain | None,
     ) -> None:
         self._code, self._ports, self._period, self._guards = code, devices.ports, period, guards
+        self._devices, self._safety = devices, safety
         self._ring = Ring(create(width), width, every)
         self._driver = next((each.device for each in self._ports if isinstance(each.device, DrivingDevice)), None)
-        self.program = NativeProgram(tick, self._ports, self._ring, nested=self._driver is not None)
+        self.program = NativeProgram(tick, self._ports, self._ring, safety, nested=self._driver is not None)
         self._calls: list[Calls] = []
         self._told = [False] * len(self._ports)  # whether a device could not be stopped
         self._taken = 0  # ticks whose rows the recorder has
@@ -84,35 +105,73 @@ class NativeLoop:
             k: the first tick.
             ticks: to run.
             recorder: of the rows.
-            stop: asked every few milliseconds, whether to end.
+            stop: asked every few milliseconds, whether forces are to decay and the loop to end; one that `Writes` is
+                asked between two ticks.
             pacer: of the run, which is as if it had waited for each tick.
             look: called every few milliseconds with the count of ticks so far.
             mode: PACED, or FREE for ticks that follow one another at once.
 
         Raises:
             DeviceError: a device without functions.
+            Interruption: no force may come any more.
         """
         ring = recorder.ring if isinstance(recorder, RingRecorder) else self._ring
         self._begin(k, k + ticks, ring, pacer, DRIVEN if self._driver is not None else mode)
-        worker: _Worker | _Driven
-        if self._driver is None:
-            worker = _Worker(self.program, k, ticks)
-        else:
-            worker = _Driven(self.program, k, ticks, self._driver)
+        worker = self._worker(k)
         try:
             worker.start()
             while worker.goes_on(POLL):
                 look(self._drain(recorder, ring))
+                pacer.skipped = self.program.clock.skipped
+                if isinstance(stop, Writer) and stop.has_news:
+                    worker = self._between_ticks(worker, stop, ring, look)
                 if stop is not None and stop():
-                    break
+                    self.program.words[STOP] = 1
+                if self._exits.at_once:
+                    raise Interruption(self._exits.cause)
         finally:
-            self.program.words[PAUSE] = 1
+            self.program.words[HALT] = 1
             if not worker.end(PATIENCE):
                 _LOST.append((self, ring, recorder, worker))
             done = self._drain(recorder, ring) - k
             self._finish(pacer)
+            self._note_rest(recorder)
             look(k + done)
         return done
+
+    def _worker(self, k: int) -> _Worker | _Driven:
+        if self._driver is None:
+            return _Worker(self.program, k)
+        return _Driven(self.program, k, self._driver)
+
+    def _between_ticks(
+        self, worker: _Worker | _Driven, stop: Writer, ring: Ring, look: Callable[[int], None]
+    ) -> _Worker | _Driven:  # fmt: skip
+        """Let who stops the loop write into its memories, while it waits; go on with another thread."""
+        self.program.words[HALT] = 1
+        if not worker.end(PATIENCE):
+            raise DeviceError("a device's C function does not return; all forces are zero")
+        look(int(ring.words[Word.HEAD]))
+        stop()
+        self.program.words[HALT] = 0
+        worker = self._worker(int(ring.words[Word.HEAD]))
+        worker.start()
+        return worker
+
+    def _note_rest(self, recorder: RowTaker) -> None:
+        """Note from which tick on forces decayed."""
+        end = self.program.end
+        if end.is_begun:
+            recorder.change(end.start, {REST: "stop" if end.is_stopped else "end"})
+
+    @property
+    def name(self) -> str:
+        """Name of the loop: "driven" where a device's maker has the clock, else "native"."""
+        return "native" if self._driver is None else "driven"
+
+    @property
+    def _exits(self) -> Exits:
+        return self._devices.exits  # those of the run, which come after this was made
 
     @property
     def stop_texts(self) -> list[str]:
@@ -144,10 +203,14 @@ class NativeLoop:
         clock.mode, clock.period, clock.most = mode, self._period, self._guards.late
         clock.is_begun = pacer.deadline is not None
         clock.deadline, clock.start = pacer.deadline or 0.0, pacer.start
-        clock.row, clock.skipped, clock.latest = pacer.row, pacer.skipped, pacer.lateness.most
+        clock.row, clock.skipped = pacer.row, pacer.skipped
+        clock.latest, clock.most_late = pacer.latest, pacer.lateness.most
         for field in (ClockState.lateness, ClockState.duration):
             clock.array(field)[:] = 0.0
-        self.program.words[[PAUSE, LAST]] = 0, last
+        end, decay = self.program.end, decay_ticks(self._period)
+        end.decay, end.last = decay if self._safety is not None and decay > 1 else 0, last
+        end.is_stopped = end.is_begun = False
+        self.program.words[[HALT, STOP]] = 0
 
     def _finish(self, pacer: Pacer) -> None:
         """Make pacer and readings what they would be after Python's own loop."""
@@ -155,8 +218,8 @@ class NativeLoop:
         if clock.is_begun:
             pacer.deadline, pacer.start = clock.deadline, clock.start
         pacer.row, pacer.skipped, pacer.left_out = clock.row, clock.skipped, clock.left_out
-        pacer.wall, pacer.late = clock.wall, clock.late
-        pacer.lateness.merge(clock.array(ClockState.lateness).astype(int).tolist(), clock.latest)
+        pacer.wall, pacer.late, pacer.latest = clock.wall, clock.late, clock.latest
+        pacer.lateness.merge(clock.array(ClockState.lateness).astype(int).tolist(), clock.most_late)
         for port, state in zip(self._ports, self.program.states, strict=True):
             port.is_gone = port.is_gone or bool(state.is_gone)
             port.entry = None
@@ -192,7 +255,7 @@ class NativeLoop:
 class _Worker:
     """A thread in which the loop runs."""
 
-    def __init__(self, program: NativeProgram, k: int, ticks: int) -> None:
+    def __init__(self, program: NativeProgram, k: int) -> None:
         priority = _priority()
         self._error: BaseException | None = None
 
@@ -201,7 +264,7 @@ class _Worker:
                 if priority is not None:
                     with suppress(OSError):
                         os.sched_setscheduler(0, priority[0], os.sched_param(priority[1]))
-                program.run(k, ticks)
+                program.run(k, FOREVER)
             except BaseException as error:  # noqa: BLE001 - told to who waits for the thread
                 self._error = error
 
@@ -226,21 +289,18 @@ class _Worker:
 class _Driven:
     """A vendor's thread, which calls the loop once a period."""
 
-    def __init__(self, program: NativeProgram, k: int, ticks: int, driver: DrivingDevice) -> None:
+    def __init__(self, program: NativeProgram, k: int, driver: DrivingDevice) -> None:
         spread = program.spread
         self.words: IntArray = np.zeros(5, dtype=np.int64)
         self.words[[ADDRESS, TABLE, TICK]] = spread.address, ctypes.addressof(spread.table), k
-        self._owner, self._driver, self._last = spread, driver, k + ticks
-        self._pause = program.words
+        self._owner, self._driver, self._end = spread, driver, program.end
 
     def start(self) -> None:
         self._driver.drive(address(engine(), CALLBACK), self.words.ctypes.data)
 
     def goes_on(self, wait: float) -> bool:
-        import time
-
         time.sleep(wait)
-        return int(self.words[TICK]) < self._last and self._driver.drives
+        return int(self.words[TICK]) < self._end.last and self._driver.drives
 
     def end(self, wait: float) -> bool:
         """Take the loop back from the thread; tell whether it has let go."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from graspfx.compile.joined import joined
 from graspfx.compile.native import Native, Spread
-from graspfx.compile.records import size_for
+from graspfx.compile.records import size_for, start_of
 from graspfx.compile.unfold.rewrite import keep_stages
 from graspfx.compile.unfold.unfold import unfold
 from graspfx.loop.device_calls import Calls
@@ -18,22 +18,27 @@ from graspfx.loop.device_exchange import DevicePort
 from graspfx.loop.realtime.loop_state import LoopState
 from graspfx.loop.realtime.native_beat import LoopTimes, NativeBeat, NativePort, turn
 from graspfx.loop.realtime.native_clock import ClockState
+from graspfx.loop.realtime.native_end import EndState, go_on
 from graspfx.loop.realtime.native_machine import CALL, FUNCTIONS, RUN, machine_functions, peek
 from graspfx.loop.realtime.native_port import PortState
 from graspfx.loop.realtime.ring import Ring, Word
+from graspfx.loop.safety.chain import SafetyChain
+from graspfx.loop.safety.safety_state import Pace
 from graspfx.loop.tick.memory import ServoState
 from graspfx.loop.tick.script import Script, Tick
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-PAUSE, LAST = range(2)  # own words: whether to end before the next tick, and the tick before which the loop ends
+HALT, STOP = range(2)  # own words: whether the loop ends before the next tick, and whether it is to stop softly
 TEXT = """
 def turn({arrays}, k):
     {lines}
 def beat({arrays}, k, count):
     for i in range(count):
-        if {peek}({words}, {stop}) != 0 or {peek}({own}, {pause}) != 0 or k >= {peek}({own}, {last}):
+        if {peek}({own}, {halt}) != 0:
+            return i
+        if {go_on}({end}, 0, k, {peek}({own}, {stop}) + {peek}({words}, {asked}), {faulted}) == 0:
             return i
         turn({arrays}, k)
         k += 1
@@ -48,22 +53,35 @@ class NativeProgram:
         tick: of the scene, whose halves the loop calls.
         ports: of all devices, in their order.
         ring: that rows are written to.
+        safety: the chain between law and devices; without one the loop ends at once.
         nested: whether devices are written in the reverse of the order in which they are asked.
 
     Attributes:
-        clock, states: memories, as records; a state for each port.
-        words: own ones, PAUSE and LAST.
+        clock, end, states: memories, as records; a state for each port.
+        words: own ones, HALT and STOP.
     """
 
-    def __init__(self, tick: Tick, ports: Sequence[DevicePort], ring: Ring, *, nested: bool = False) -> None:
+    def __init__(
+        self,
+        tick: Tick,
+        ports: Sequence[DevicePort],
+        ring: Ring,
+        safety: SafetyChain | None,
+        *,
+        nested: bool = False,
+    ) -> None:
         self.words: IntArray = np.zeros(2, dtype=np.int64)
         self.clock = ClockState(np.zeros(size_for(ClockState)))
+        self.end = EndState(np.zeros(size_for(EndState)))
         self.states = [PortState(_state_memory(each)) for each in ports]
         self._table: IntArray = np.zeros(2 * RUN + 4 * CALL * len(ports), dtype=np.int64)
         self._keep: list[object] = []
         script = Script()
         script.memory("clock", self.clock.buffer)
-        script.memory("servo", tick.own)
+        end = script.memory("end", self.end.buffer)
+        servo = script.memory("servo", tick.own)
+        if safety is not None:
+            script.memory("pace", safety.pace)
         if tick.loop is not None:
             script.memory("loop", tick.loop)
         table = self._table.view(np.float64)
@@ -74,13 +92,15 @@ class NativeProgram:
             script.memory("native", state.buffer)
             script.memory("port", port.port.memory)
         wires = [_port(i, s, p, tick, script) for i, (s, p) in enumerate(zip(self.states, ports, strict=True))]
-        beat = self._beat(tick, wires, table, script.arrays[self._ring_name], ring.span, nested=nested)
+        ring_words = script.arrays[self._ring_name]
+        beat = self._beat(tick, wires, table, ring_words, ring.span, safety, nested=nested)
         lines = [line.text for line in unfold(turn, script, beat=beat)]
         keep_stages()
-        name = script.kernel(peek)
+        faulted = f"{servo}[{start_of(ServoState, 'faulted')}]"
         source = TEXT.format(
-            arrays=", ".join(script.arrays), lines="\n    ".join(lines), peek=name, words=self._ring_name,
-            stop=Word.STOP.value, own=own, pause=PAUSE, last=LAST,
+            arrays=", ".join(script.arrays), lines="\n    ".join(lines), peek=script.kernel(peek),
+            go_on=script.kernel(go_on), words=self._ring_name, asked=Word.STOP.value, own=own, halt=HALT, stop=STOP,
+            end=end, faulted=faulted,
         )  # fmt: skip
         functions = machine_functions()
         machine = {name: functions[f.__name__] for name, f in script.kernels.items() if f in FUNCTIONS}
@@ -89,7 +109,15 @@ class NativeProgram:
         self._bound = self._native.bind(*(script.arrays[name] for name in self._native.arrays))
 
     def _beat(
-        self, tick: Tick, wires: list[NativePort], table: FloatArray, words: FloatArray, span: int, *, nested: bool
+        self,
+        tick: Tick,
+        wires: list[NativePort],
+        table: FloatArray,
+        words: FloatArray,
+        span: int,
+        safety: SafetyChain | None,
+        *,
+        nested: bool,
     ) -> NativeBeat:
         """Wire the parts of a turn."""
         servo, clock = ServoState(tick.own), self.clock
@@ -112,6 +140,8 @@ class NativeProgram:
             head=Word.HEAD.value,
             skips=Word.SKIPPED.value,
             span=span,
+            is_resting=self.end.array(EndState.is_begun),
+            resting=None if safety is None else Pace(safety.pace).array(Pace.resting),
             times=None if tick.loop is None else _times(tick.loop),
         )
 
@@ -153,8 +183,6 @@ def _state_memory(port: DevicePort) -> FloatArray:
 
 def _port(i: int, state: PortState, port: DevicePort, tick: Tick, script: Script) -> NativePort:
     at, own, n = 2 * RUN + 4 * CALL * i, port.port, state.entries
-    if own.misses is not None:
-        script.memory("pace", own.misses if own.misses.base is None else own.misses.base)
     fresh: list[FloatArray] = []
     if tick.loop is not None:
         whole = LoopState(tick.loop).array(LoopState.fresh)

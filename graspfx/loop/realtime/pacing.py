@@ -95,7 +95,7 @@ class Pacer:
         """Wait for what is left to the deadline, where `stop` ended the wait."""
         assert self.deadline is not None
         _, self.late = self._sleep(None)
-        self.wall = self.deadline + self.late - self._start
+        self.wall = self.deadline + self.late - self.start
 
     def _sleep(self, stop: Callable[[], bool] | None) -> tuple[bool, float]:
         """Wait for the deadline; tell whether there was a wait, and how late it is [s]."""
