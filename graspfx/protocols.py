@@ -39,6 +39,7 @@ from graspfx.loop.device import (
 )
 from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
 from graspfx.loop.hand import Hand as SpringHand
+from graspfx.loop.mailbox import Mailbox
 from graspfx.loop.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum, Turn
 from graspfx.loop.plant import FusedHand, FusedPlant, Hand, HandKernel, HandPorts, Kernel, Plant, Ports, is_still
 from graspfx.loop.velocity import WINDOW, VelocityEstimate, VelocityEstimator, estimate, estimate_size
@@ -70,6 +71,7 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "CallsDevice",
     "DrivingDevice",
     "adapt",
+    "Mailbox",
     # a board's serial port, for one program at a time
     "SerialPort",
     # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names

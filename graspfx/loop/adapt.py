@@ -40,10 +40,14 @@ class Adapter:
         self._faults, self._values, self._buffers = parts.faults, parts.plan.values, parts.plan.buffers
         self.context, self._owners = context, owners
 
+    def value(self, code: int) -> float:
+        """Give the number by which a code below zero was judged: what a function returned, or left."""
+        return float(self.context.view(np.float64)[self._values[-code - 1]])
+
     def fault_text(self, code: int) -> str:
         """Say what a code below zero means."""
         function, says = self._faults[-code - 1]
-        value = float(self.context.view(np.float64)[self._values[-code - 1]])
+        value = self.value(code)
         number = f"{value:g}" if abs(value) < 0x100 or value != int(value) else f"0x{int(value):X}"
         return f"{function} {says}{number}"
 
@@ -132,7 +136,7 @@ def adapt(
     if velocity is not None:
         state, _, missed = velocity.memory
         words[MISSED], words[STATE] = missed.ctypes.data, state.ctypes.data
-    engine = _engine(parts.text)
+    engine = c_engine(parts.text)
     addresses = {role.name: address(engine, f"graspfx_{role.name}") for role in roles}
     return Calls(
         addresses.get("ask", 0), addresses["read"], addresses["write"], addresses["stop"], context.ctypes.data,
@@ -188,7 +192,7 @@ def _symbol(library: object, name: str) -> int:
     return place
 
 
-def _engine(text: str) -> Any:
+def c_engine(text: str) -> Any:
     """Load the machine code of a text, compiled now or before."""
     key = hashlib.sha256("\0".join([*platform(), "calls", text]).encode()).hexdigest()
     machine = disk.load(key)
