@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from graspfx.analysis import stability as stability
     from graspfx.batch.batch import Batch as Batch
     from graspfx.batch.batch import run_batch as run_batch
+    from graspfx.build.open_session import open as open
+    from graspfx.build.real_time_session import RealTimeSession as RealTimeSession
     from graspfx.build.run import run as run
     from graspfx.build.session import Session as Session
-    from graspfx.build.session import open as open
     from graspfx.certificate.certify import Certificates as Certificates
     from graspfx.certificate.certify import certify as certify
     from graspfx.certificate.verdict import Report as Report
@@ -45,6 +46,7 @@ _HOMES = {
     "Recording": "graspfx.loop.recording.record",
     "Report": "graspfx.certificate.verdict",
     "Scene": "graspfx.scene.model",
+    "RealTimeSession": "graspfx.build.real_time_session",
     "Session": "graspfx.build.session",
     "Split": "graspfx.grasp.split",
     "certify": "graspfx.certificate.certify",
@@ -52,7 +54,7 @@ _HOMES = {
     "errors": "graspfx.errors",
     "grasp_matrix": "graspfx.grasp.matrix",
     "load": "graspfx.scene.load",
-    "open": "graspfx.build.session",
+    "open": "graspfx.build.open_session",
     "passivity": "graspfx.analysis",
     "protocols": "graspfx.protocols",
     "run": "graspfx.build.run",
@@ -76,6 +78,7 @@ __all__ = [  # noqa: RUF022 (in the order in which a reader meets them)
     "run",
     "Recording",
     "open",
+    "RealTimeSession",
     "Session",
     "check",
     "Report",

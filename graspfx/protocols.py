@@ -38,6 +38,7 @@ from graspfx.loop.device import (
     former_settings,
 )
 from graspfx.loop.device_calls import Calls, CallsDevice, DrivingDevice
+from graspfx.loop.follower import Follower
 from graspfx.loop.hand import Hand as SpringHand
 from graspfx.loop.mailbox import Mailbox
 from graspfx.loop.motion import Levels, Motion, Path, Reach, Rest, Sine, Sum, Turn
@@ -47,6 +48,7 @@ from graspfx.numeric import LARGEST, SMALLEST, finite, number
 from graspfx.objects.body import BlockBody, Body, NativeBody, fill_body
 from graspfx.objects.body_state import BodyState
 from graspfx.objects.guest import Guest
+from graspfx.program_lock import ProgramLock
 from graspfx.serial_port import SerialPort
 
 __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then by kind)
@@ -72,8 +74,9 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "DrivingDevice",
     "adapt",
     "Mailbox",
-    # a board's serial port, for one program at a time
+    # a board's serial port, and a lock of other hardware, for one program at a time
     "SerialPort",
+    "ProgramLock",
     # devices: simulated, with a limit that changes, part of the compiled tick; settings under former names
     "SimulatedDevice",
     "LimitedDevice",
@@ -104,6 +107,8 @@ __all__ = [  # noqa: RUF022 (as a reader meets them: what everybody needs, then 
     "BodyState",
     "fill_body",
     "Guest",
+    # motion behind an input that comes in steps
+    "Follower",
     # velocity from positions
     "VelocityEstimate",
     "estimate",

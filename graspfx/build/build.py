@@ -75,7 +75,7 @@ def build(
             if isinstance(wire.device, SimulatedDevice):
                 stack.enter_context(wire.device)
                 wire.device.open(scene.period)
-        stations = [DeviceWiring(wire.device, wire.fingers) for wire in wired]
+        stations = [DeviceWiring(wire.device, wire.fingers, wire.fitting) for wire in wired]
         observers, safety = list(_observers(parts, objects, movers)), _safety(parts, objects, fields)
         layout, every = make_layout(parts, real_time=real_time), 1
         if selected:

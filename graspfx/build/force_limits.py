@@ -51,7 +51,17 @@ def changes(wire: Wire) -> bool:
 
 def may_hide(wire: Wire) -> bool:
     """Tell whether a device tells no largest force, but writes by code of its own, in which there may be one."""
-    return math.isinf(peak_force(wire)) and not changes(wire) and fused(wire.device) is None
+    return math.isinf(peak_force(wire)) and not (changes(wire) or is_forceless(wire)) and fused(wire.device) is None
+
+
+def is_forceless(wire: Wire) -> bool:
+    """Tell whether a device says that it displays no force."""
+    return wire.features.continuous_force == 0.0
+
+
+def forceless_text(scene: Scene, wired: Sequence[Wire]) -> str:
+    """List the devices that display no force."""
+    return _listing(scene, [wire for wire in wired if is_forceless(wire)])
 
 
 def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
@@ -61,7 +71,11 @@ def limit_text(scene: Scene, wired: Sequence[Wire]) -> str:
 
 def hidden_text(scene: Scene, wired: Sequence[Wire]) -> str:
     """List the devices in whose own code there may be a limit that they do not tell."""
-    return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired if may_hide(wire))
+    return _listing(scene, [wire for wire in wired if may_hide(wire)])
+
+
+def _listing(scene: Scene, wired: Sequence[Wire]) -> str:
+    return ", ".join(f"{_fingers(scene, wire)} ({type(wire.device).__qualname__})" for wire in wired)
 
 
 def _limit_of(scene: Scene, wire: Wire) -> str:

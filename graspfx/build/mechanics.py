@@ -13,6 +13,7 @@ from graspfx.build.resolve import Parts
 from graspfx.build.still_hands import StillHand
 from graspfx.errors import InputError
 from graspfx.loop.device import Features
+from graspfx.loop.frame import Frame
 from graspfx.scene.model import Scene
 
 FloatArray = NDArray[np.float64]
@@ -66,8 +67,7 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
         for i in used:
             delay[i] = mechanics_of.delay or 0
             if isinstance(wire.device, Postured):
-                mass[i] = wire.device.effective_mass(position[i].tolist())
-                friction[i] = wire.device.effective_friction(position[i].tolist())
+                mass[i], friction[i] = _in_posture(wire.device, wire.fitting.frame, position[i])
             else:
                 mass[i], friction[i] = mechanics_of.mass * np.eye(d), mechanics_of.friction * np.eye(d)
     K, B = np.zeros((n, d, n, d)), np.zeros((n, d, n, d))
@@ -76,6 +76,13 @@ def mechanics(parts: Parts, position: FloatArray, hands: Sequence[StillHand]) ->
             for a in range(d):
                 total[np.ix_(still.fingers, [a], still.fingers, [a])] = part[a][:, None, :, None]
     return Mechanics(mass, friction, K.reshape(n * d, n * d), B.reshape(n * d, n * d), delay, tuple(sorted(assumed)))
+
+
+def _in_posture(device: Postured, frame: Frame | None, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    if frame is None:
+        return device.effective_mass(position.tolist()), device.effective_friction(position.tolist())
+    own = frame.back(position).tolist()
+    return frame.impedance(device.effective_mass(own)), frame.impedance(device.effective_friction(own))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from graspfx.build.live import value_of
 from graspfx.build.plants import make_plants
 from graspfx.build.resolve import Parts
 from graspfx.build.stock import Stock
-from graspfx.build.wiring import Wire, connect, outside_faults
+from graspfx.build.wiring import Wire, connect, fitted, outside_faults
 from graspfx.errors import GraspFXError
 from graspfx.loop.plant import is_still
 from graspfx.numeric import LARGEST
@@ -222,7 +222,7 @@ def _wires(parts: Parts, scene: Scene, places: Collection[Location]) -> list[Wir
             continue
         table = _device_at(scene, wire)
         device = connect(plugins.load("devices", table.name, parts.folder), table, scene.dimensions)
-        out.append(Wire(wire.at, device, wire.fingers, device.features))
+        out.append(fitted(wire.at, device, wire.fingers, table, scene))
     return out
 
 

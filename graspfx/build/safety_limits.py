@@ -1,4 +1,8 @@
-"""The limits of a scene's safety chain, finger by finger: its own, the scene's, or what its device tells."""
+"""The limits of a scene's safety chain, finger by finger: its own, the scene's, or what its device tells.
+
+A person holds the device: forces, their growth and speeds that a scene states are those at the device. In the scene
+they are as much smaller or larger as its frame makes them.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +45,9 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
         return None
     n, d = len(scene.finger), scene.dimensions
     lower, upper = np.full((n, d), -np.inf), np.full((n, d), np.inf)
-    force = np.full(n, DEFAULT)
+    force, scale = np.full(n, DEFAULT), np.ones(n)
     for wire in wired:
+        scale[wire.used] = wire.fitting.scale
         for f in wire.used.tolist():
             force[f] = _largest(scene, table, wire, f)
             box = _box(scene, table, wire, f)
@@ -50,8 +55,8 @@ def safety_limits(scene: Scene, wired: Sequence[Wire]) -> SafetyLimits | None:
                 lower[f], upper[f] = box
     return SafetyLimits(
         force=force,
-        rate=np.array([_own(scene, table, f, "rate") or np.inf for f in range(n)]),
-        speed=np.array([_own(scene, table, f, "speed") or np.inf for f in range(n)]),
+        rate=np.array([_own(scene, table, f, "rate") or np.inf for f in range(n)]) / scale,
+        speed=np.array([_own(scene, table, f, "speed") or np.inf for f in range(n)]) * scale,
         lower=lower,
         upper=upper,
         hold=table.hold,
@@ -69,9 +74,9 @@ def _own(scene: Scene, table: Safety, f: int, name: str) -> Any:
 def _largest(scene: Scene, table: Safety, wire: Wire, f: int) -> float:
     force = _own(scene, table, f, "force")
     if force is not None:
-        return float(force)
+        return float(force) / wire.fitting.scale
     continuous = wire.features.continuous_force
-    return DEFAULT if continuous is None else CONTINUOUS * float(continuous)
+    return CONTINUOUS * float(continuous) if continuous else DEFAULT / wire.fitting.scale
 
 
 def _box(scene: Scene, table: Safety, wire: Wire, f: int) -> tuple[Any, Any] | None:

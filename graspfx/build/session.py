@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from graspfx import plugins
 from graspfx.build.build import build
 from graspfx.build.live import keys_of, numbered, require_value, value_of
-from graspfx.build.resolve import resolve
+from graspfx.build.resolve import Parts, resolve
 from graspfx.build.run import require_memory, warn_of_axes
 from graspfx.build.run_header import header_of, split_rules
 from graspfx.build.steering import Steering
@@ -27,14 +27,14 @@ from graspfx.environment import to_path
 from graspfx.errors import InputError
 from graspfx.loop.realtime.refusal import require_simulations
 from graspfx.loop.recording.by_name import by_name
-from graspfx.loop.recording.header import SPLIT, RunFault
+from graspfx.loop.recording.header import SPLIT, Header, RunFault
 from graspfx.loop.recording.places import NAME, make_folder, part_of, recording_path, require_vacancy_of
 from graspfx.loop.recording.record import Recording
 from graspfx.loop.recording.recorder import Recorder, Sink
 from graspfx.loop.recording.selection import Selection, chosen_layout
 from graspfx.loop.recording.two_parts import RowSplit, Split
+from graspfx.loop.update import Update
 from graspfx.numeric import number
-from graspfx.scene.load import to_scene
 
 if TYPE_CHECKING:
     from graspfx.scene.model import Scene
@@ -43,37 +43,6 @@ WHOLE = "a whole number of ticks, one or more"
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-
-def open(
-    scene: Scene | str | PathLike[str],
-    overrides: Mapping[str, Any] | None = None,
-    *,
-    live: Iterable[str] = (),
-    out: str | PathLike[str] | None = None,
-    overwrite: bool = False,
-) -> Session:
-    """Open a scene as a run that goes on tick by tick: `with gx.open("paper-waving") as session: session.step(100)`.
-
-    For any division into steps the recording is that of `gx.run`, bit by bit.
-
-    Args:
-        scene: a scene, its name or its path.
-        overrides: values by dotted key.
-        live: keys that `Session.set` may change in mid-run, such as "coupling.internal.stiffness"; `*` stands for
-            all of a list.
-        out: a folder in which recording.h5 is written; it may exist. While the session is open its rows are there in
-            recording.h5.part too.
-        overwrite: whether a recording that is there already, or the part of a run that was killed, is replaced.
-
-    Raises:
-        InputError, UnknownNameError: no scene; a live key that cannot change in mid-run; an `out` that is no path;
-            hardware, which needs the wall's clock.
-        SceneError: with every fault of the scene at once.
-        DeviceError: a device that does not open.
-        RecordingError: `out` has a recording already, another run is writing there, or it cannot be written.
-    """
-    return Session(to_scene(scene, overrides), live=live, out=out, overwrite=overwrite)
 
 
 @dataclass(frozen=True)
@@ -106,6 +75,8 @@ class Session(Carded):
         live, out, overwrite: as of `open`.
     """
 
+    is_paced = False  # whether it runs on the wall's clock
+
     def __init__(
         self,
         scene: Scene,
@@ -118,7 +89,8 @@ class Session(Carded):
             to_path("out", out, "the path of a folder")
         keys = [numbered(scene, key) for key in keys_of(live)]
         parts = resolve(scene)
-        require_simulations(parts.hardware)
+        if not self.is_paced:
+            require_simulations(parts.hardware)
         warn_of_axes(parts)
         if out is not None and not overwrite:
             require_vacancy_of(recording_path(out, "out") / NAME)
@@ -126,11 +98,11 @@ class Session(Carded):
         self._finished: Recording | None = None
         self._so_far: tuple[int, int, Recording] | None = None  # ticks and changes of the last one that was asked for
         with ExitStack() as stack:
-            self.servo = stack.enter_context(build(scene, live=keys))
+            self.servo = stack.enter_context(build(scene, live=keys, real_time=self.is_paced))
             self._steering = Steering(self.servo, scene, keys)
             for key in keys:
                 require_value(scene, key)
-            header, sinks = header_of(parts, self.servo.objects), list[Sink]()
+            header, sinks = self._start(stack, parts, keys), list[Sink]()
             self._splits: list[tuple[int, Split]] = [(0, header.split)]  # how forces divide, each from a tick on
             whole = self.servo.layout
             selection = Selection(whole, chosen_layout(whole, scene.record.columns), scene.record.every)
@@ -143,10 +115,20 @@ class Session(Carded):
                         compression=scene.record.compression,
                     )
                 )  # fmt: skip
-            recorder = Recorder(whole, header, sinks, keep=out is None, selection=selection)
+            recorder = Recorder(
+                whole, header, sinks, keep=out is None, selection=selection, real_time=self.is_paced
+            )  # fmt: skip
             self._place = None if out is None else Path(out) / NAME
             self._recorder = stack.enter_context(recorder)
+            self._go()
             self._stack = stack.pop_all()
+
+    def _start(self, stack: ExitStack, parts: Parts, keys: Sequence[str]) -> Header:
+        """Make ready whatever runs the ticks, until the stack ends; give the header of the recording."""
+        return header_of(parts, self.servo.objects)
+
+    def _go(self) -> None:
+        """Begin, with all that is recorded in place."""
 
     def _card(self) -> Card:
         rows = [("live", ", ".join(self.live)), ("fault", str(self.fault or ""))]
@@ -370,12 +352,12 @@ class Session(Carded):
         self._require_open()
         self.servo.watch.require()
         scene = self.scene.replace(values)
-        self.servo.write(self._steering.update(scene, values), self._recorder)
-        self._note_split()
+        self._write(self._steering.update(scene, values))
         self.scene = scene
 
-    def _note_split(self) -> None:
-        """Note how forces divide from the coming tick on, where that follows from what was changed."""
+    def _write(self, update: Update) -> None:
+        """Write new numbers, and note how forces divide from the coming tick on where that follows from them."""
+        self.servo.write(update, self._recorder)
         split = split_rules(self.servo.objects)
         if split != self._splits[-1][1]:
             self._recorder.change(self.tick, {SPLIT: split})

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx import plugins
+from graspfx.build.fittings import fitting_faults, fitting_of
 from graspfx.errors import DeviceError, abbreviate
 from graspfx.loop.device import Device, Features, SimulatedDevice
+from graspfx.loop.fitting import PLAIN, Fitting
 
 if TYPE_CHECKING:
     from graspfx.build.stock import Stock
@@ -39,13 +41,15 @@ class Wire:
         at: where its table stands.
         device: not opened.
         fingers: the finger of each of its channels, -1 for none.
-        features: as the device tells them.
+        features: as the device tells them, in the axes and units of the scene.
+        fitting: to the scene.
     """
 
     at: Location
     device: Device
     fingers: NDArray[np.intp]
     features: Features
+    fitting: Fitting = PLAIN
 
     @property
     def used(self) -> NDArray[np.intp]:
@@ -71,6 +75,14 @@ def table_at(scene: SceneTable, i: int) -> tuple[Location, DeviceTable]:
     return ("device", k), table
 
 
+def fitted(
+    at: Location, device: Device, fingers: NDArray[np.intp], table: DeviceTable, scene: SceneTable
+) -> Wire:  # fmt: skip
+    """Give a connected device with what its table says of its place in the scene."""
+    fitting = fitting_of(table, scene)
+    return Wire(at, device, fingers, fitting.features(device.features), fitting)
+
+
 def wires(scene: SceneTable, stock: Stock) -> tuple[Wire, ...]:
     """Give every device of a scene without faults, in the order of the first finger that names it.
 
@@ -93,9 +105,8 @@ def _wires(scene: SceneTable, folder: Path | None, devices: dict[Location, Devic
     for at, table in tables.items():
         if at not in devices:
             devices[at] = connect(plugins.load("devices", table.name, folder), table, scene.dimensions)
-        features = devices[at].features
-        fingers = [channels[at].get(c, -1) for c in range(features.fingers)]
-        yield Wire(at, devices[at], np.array(fingers), features)
+        fingers = [channels[at].get(c, -1) for c in range(devices[at].features.fingers)]
+        yield fitted(at, devices[at], np.array(fingers), table, scene)
 
 
 def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
@@ -123,8 +134,16 @@ def wiring_faults(scene: SceneTable, connected: Connected) -> Iterator[Finding]:
             yield (*at, "name"), f"expected a device of {scene.dimensions} dimensions; this one has {actual}"
         free = sorted(set(range(k)) - set(used))
         sound = used and max(used) < k and len(set(used)) == len(used)  # else that is the fault
+        yield from fitting_faults(scene, at, _table(scene, at), device)
         if free and sound and isinstance(device, SimulatedDevice):
             yield at, f"no finger has its channel {free[0]}: a simulated device needs one for each of its channels"
+
+
+def _table(scene: SceneTable, at: Location) -> DeviceTable:
+    first, number = at[:2]
+    part = getattr(scene, str(first))[number]
+    table: DeviceTable = part.device if first == "finger" else part
+    return table
 
 
 def _hand_faults(at: Location, finger: Finger, device: Device, kinds: dict[str, type]) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from graspfx.build.encounters import meeting
-from graspfx.build.force_limits import hidden_text, limit_text
+from graspfx.build.force_limits import forceless_text, hidden_text, limit_text
 from graspfx.build.grasps import grasps
 from graspfx.build.holdings import descriptions, holdings
 from graspfx.build.meshes import mesh_name
@@ -318,6 +318,8 @@ def _limits(parts: Parts) -> Iterator[Row]:
         yield "limit", True, f"{limits}; {way}; before the reaction, so that the object receives what is displayed"
     else:
         yield "limit", False, "no device tells a largest force"
+    if silent := forceless_text(scene, wired):
+        yield "display", False, f"no force is displayed by {silent}: the object receives it, and nobody feels it"
     if hidden:
         why = "what its `write` itself cuts off is neither recorded nor kept from the object"
         yield "private limit", False, f"not visible: {hidden} tells no largest force (features.peak_force); {why}"

@@ -42,7 +42,7 @@ class Features(Carded):
     fingers: int  # k, the number of channels
     dimensions: int  # d
     workspace: tuple[FloatArray, FloatArray] | None = None  # lower, upper corner, (d,) each [m]
-    continuous_force: float | None = None  # [N]
+    continuous_force: float | None = None  # [N]; 0: it displays no force
     peak_force: float | None = None  # largest at a fingertip in every direction [N]; unless `LimitedDevice` says more
     stiffness: float | None = None  # largest stiffness it displays stably at its rate [N/m]
     damping: float | None = None  # largest virtual damping at its rate [N s/m]

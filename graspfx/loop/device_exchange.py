@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from graspfx.loop.realtime.gradual_entry import Entry
 from graspfx.loop.realtime.guards import Guards
 from graspfx.loop.realtime.port_log import PortLog
 from graspfx.loop.realtime.readings import Readings
+from graspfx.loop.safety.trust import CAUSES, DEADMAN
 from graspfx.loop.tick.script import Port
 
 FloatArray = NDArray[np.float64]
@@ -50,10 +52,14 @@ class DevicePort:
     Attributes:
         name: in messages.
         channels: the finger that each channel is, -1 for none.
-        workspace: lower and upper corner [m], None where the device tells none.
+        workspace: lower and upper corner in the device's own axes [m], None where it tells none.
         entry: of fingers that were inside an object; None without.
+        fitting: to the scene.
+        readings: in the device's own axes, where the port has them in the scene's.
         log: of what it tells besides, where that is recorded; None without.
         is_gone: whether a call of it has failed: it is not read again.
+        is_up: whether its deadman was up at the last reading.
+        watches: whether a deadman that is up takes the force away; before a run there is none to take.
     """
 
     def __init__(
@@ -61,12 +67,15 @@ class DevicePort:
     ) -> None:  # fmt: skip
         self.port, self.device, self.name = port, station.device, device_name(station, fingers)
         self.channels: list[int] = station.fingers.tolist()
+        self.fitting = station.fitting
         self.hardware = is_hardware(self.device)
         self.readings = Readings(port.position.shape, period, guards if self.hardware else None)
+        self._since = self.fitting.every - 1  # ticks since it was called
         self.workspace = self.device.features.workspace
         self.entry: Entry | None = None
         self.log: PortLog | None = None
-        self.is_gone = False
+        self.is_gone = self.is_up = False
+        self.watches = True
         ask = getattr(self.device, "ask", None)
         self._ask: Callable[[], object] | None = ask if callable(ask) else None
 
@@ -79,7 +88,7 @@ class DevicePort:
         """Make ready for a reading and a writing every period."""
         try:
             self.device.__enter__()
-            self.device.open(period)
+            self.device.open(period * self.fitting.every)
         except Exception as error:  # noqa: BLE001 - a driver may raise anything, and each is a fault in words
             return self._failure("cannot be opened", error)
         self.is_gone = False
@@ -88,26 +97,33 @@ class DevicePort:
     def ask(self) -> str:
         """Ask for the sample that is read next."""
         try:
-            if self._ask is not None:
+            if self._ask is not None and self._since + 1 >= self.fitting.every:
                 self._ask()
         except Exception as error:  # noqa: BLE001 - as in `open`
             return self._failure("cannot be asked", error)
         return ""
 
     def read(self, periods: int) -> str:
-        """Read into the port, so many periods after the last time."""
+        """Read into the port, so many periods after the last time; what is not called in this tick stays there."""
         port, readings = self.port, self.readings
         port.memory[0] = 0.0
         if self.log is not None:
             self.log.clear()
         if self.is_gone:
             return ""
+        self._since += periods
+        if self._since < self.fitting.every:
+            port.memory[0] = 1.0
+            return ""
+        since, self._since = self._since, 0
         try:
             reading = self.device.read()
-            text = readings.take(reading, periods)
+            text = readings.take(reading, since)
             if port.limit is not None and not text:
                 assert isinstance(self.device, LimitedDevice)
-                text = _take_limit(port.limit, self.device.largest_force)
+                text = _take_limit(port.limit, self.device.largest_force, self.fitting.scale)
+            if self.fitting.deadman is not None and not text:
+                text = self._watch(self.device, self.fitting.deadman)
             if self.log is not None and not text:
                 text = self.log.take(self.device, is_fresh=readings.is_fresh)
         except Exception as error:  # noqa: BLE001 - as in `open`
@@ -115,7 +131,11 @@ class DevicePort:
         if text:
             self.is_gone = True
             return f"{self.name} {text}; {ZERO}"
-        port.position[...], port.velocity[...] = readings.position, readings.velocity
+        frame = self.fitting.frame
+        if frame is None:
+            port.position[...], port.velocity[...] = readings.position, readings.velocity
+        else:
+            port.position[...], port.velocity[...] = frame.place(readings.position), frame.turn(readings.velocity)
         port.note(reading[2])
         if self.entry is not None and not self.entry.apply(port.position, port.velocity):
             self.entry = None
@@ -123,9 +143,12 @@ class DevicePort:
         return ""
 
     def write(self) -> str:
-        """Display the forces at the port."""
+        """Display the forces at the port, in a tick in which the device is called."""
+        if self._since:
+            return ""
+        frame = self.fitting.frame
         try:
-            self.device.write(self.port.command)
+            self.device.write(self.port.command if frame is None else frame.pull(self.port.command))
         except Exception as error:  # noqa: BLE001 - as in `open`
             return self._failure("cannot be written", error)
         return ""
@@ -144,6 +167,27 @@ class DevicePort:
             self.device.__exit__(None, None, None)
         except Exception as error:  # noqa: BLE001 - as in `stop`
             return self._failure("cannot be closed", error)
+        return ""
+
+    @property
+    def places(self) -> FloatArray:
+        """Positions of the last reading in the scene, (k, d) [m]."""
+        frame, own = self.fitting.frame, self.readings.position
+        return own if frame is None else frame.place(own)
+
+    def _watch(self, device: Any, deadman: int) -> str:
+        """Look at the deadman; where a chain can take the force away, it does so, and then says why."""
+        switches = device.switches
+        if isinstance(switches, bool) or not isinstance(switches, int | np.integer):
+            return f"told {abbreviate(switches)} for its switches, expected a whole number, a bit for each"
+        self.is_up = not switches >> deadman & 1
+        if not (self.is_up and self.watches):
+            return ""
+        cause = self.port.cause
+        if cause is None:
+            return f"has its deadman, switch {deadman}, up"
+        if cause[0] == 0.0:
+            cause[0] = DEADMAN + CAUSES * self.port.station
         return ""
 
     def _failure(self, action: str, error: Exception) -> str:
@@ -225,11 +269,11 @@ def _all(calls: Sequence[Callable[[], str]]) -> list[str]:
     return [text for text in texts if text]
 
 
-def _take_limit(limit: FloatArray, largest: object) -> str:
-    """Take over the largest forces that a device has where it stands; return what is wrong with them."""
+def _take_limit(limit: FloatArray, largest: object, scale: float) -> str:
+    """Take over the largest forces of a device where it stands, over its scale; return what is wrong with them."""
     if type(largest) is not np.ndarray or largest.shape != limit.shape or largest.dtype != np.float64:
         return f"told {abbreviate(largest)} for its largest force, expected an array {limit.shape} of float64"
-    limit[...] = largest
+    limit[...] = largest / scale
     if (limit > 0.0).all():
         return ""
     return f"told a largest force of {', '.join(f'{force:g}' for force in limit)} N, expected above zero"

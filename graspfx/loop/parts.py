@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.device import Device, SimulatedDevice
 from graspfx.loop.energy.observer import Observer
+from graspfx.loop.fitting import PLAIN, Fitting
 from graspfx.loop.plant import Hand, Plant, unaltered
 from graspfx.loop.recording.layout import Layout
 from graspfx.loop.safety.chain import SafetyChain
@@ -39,10 +40,11 @@ class BodyGroup:
 
 @dataclass(frozen=True)
 class DeviceWiring:
-    """A device and the finger that each of its channels is (-1: a channel that the scene does not use)."""
+    """A device, the finger that each channel is (-1: one that the scene does not use), and its fitting to the scene."""
 
     device: Device
     fingers: Index
+    fitting: Fitting = PLAIN
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ class Servo:
     def why_python(self) -> str:
         """Why Python runs between two ticks on the wall's clock; empty if it does not."""
         self._ready()
-        return why_python(self.stations, self.layout.fingers, self._tick, self._kind)
+        return why_python(self.stations, self.layout.fingers, self._tick, self._kind, self.period)
 
     def run(
         self,

@@ -73,6 +73,9 @@ PERSON = (
 )
 """Promises of hardware that only a person can try."""
 
+FORCELESS = HARDWARE[4:6]
+"""What is not visible in hardware that displays no force."""
+
 SIMULATED = (BlindSpot("velocities are the rate of the positions", "it sees that they are finite"),)
 """What is not visible in a simulated device, moved by its plant."""
 

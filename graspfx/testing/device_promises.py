@@ -17,6 +17,7 @@ from graspfx.loop.plant import Plant
 from graspfx.testing.conformance import (
     ALONE,
     ALWAYS,
+    FORCELESS,
     HARDWARE,
     NO_LIMIT,
     NOT_NEWTONS,
@@ -27,7 +28,7 @@ from graspfx.testing.conformance import (
 )
 from graspfx.testing.feature_promises import check_features
 from graspfx.testing.promise import Promise, Promises
-from graspfx.testing.wire_promises import check_second, check_wire, unseen
+from graspfx.testing.wire_promises import check_second, check_wire, displays, unseen
 
 if TYPE_CHECKING:
     from graspfx.testing.wire.wire import Wire
@@ -87,17 +88,18 @@ def check_device(
         check_wire(bench.device, wire, promises, period, force)
         if factory:
             check_second(make(), make(), promises, period)
-    hidden = [*_blind_spots(bench, factory=factory or wire is not None), *(unseen(wire) if wire is not None else ())]
+    seen = () if wire is None else unseen(wire, bench.features)
+    hidden = [*_blind_spots(bench, factory=factory or wire is not None), *seen]
     return DeviceReport(
         tuple(promises.texts),
         tuple(each for each in hidden if each.promise not in promises.texts),
-        PERSON if bench.plant is None else (),
+        () if bench.plant is not None else PERSON if displays(bench.features) else PERSON[1:2],
     )
 
 
 def _blind_spots(bench: _Bench, *, factory: bool) -> Iterator[BlindSpot]:
     if bench.plant is None:
-        yield from HARDWARE
+        yield from HARDWARE if displays(bench.features) else FORCELESS
     else:
         yield from SIMULATED
         if bench.features.peak_force is None:

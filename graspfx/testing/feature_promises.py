@@ -19,7 +19,9 @@ def check_features(device: Device, promises: Promises) -> Features:
         promise.holds(_whole(d) and 1 <= d <= 3, f"dimensions = {d!r}, which is not 1, 2 or 3")
         for name in ("continuous_force", "peak_force", "stiffness", "mass", "resolution", "watchdog", "rate"):
             value = getattr(features, name)
-            promise.holds(value is None or (math.isfinite(value) and value > 0.0), f"{name} = {value!r}")
+            nothing = name == "continuous_force" and value == 0.0 and features.peak_force is None
+            good = value is None or nothing or (math.isfinite(value) and value > 0.0)
+            promise.holds(good, f"{name} = {value!r}")
         for name in ("damping", "friction", "latency"):
             value = getattr(features, name)
             promise.holds(value is None or (math.isfinite(value) and value >= 0.0), f"{name} = {value!r}")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.errors import DeviceError
-from graspfx.loop.device import Device, LimitedDevice, QuenchableDriver
+from graspfx.loop.device import Device, Features, LimitedDevice, QuenchableDriver
 from graspfx.testing.conformance import BlindSpot
 from graspfx.testing.promise import Promise, Promises
 from graspfx.testing.wire_bench import PATIENCE, WireBench
@@ -53,9 +53,10 @@ def check_wire(device: Device, wire: Wire, promises: Promises, period: float, fo
     bench = WireBench(device, wire, period, force)
     try:
         _check_motion(bench, promises)
-        _check_forces(bench, promises)
-        _check_zero(bench, promises)
-        _check_alone(bench, promises)
+        if displays(bench.features):
+            _check_forces(bench, promises)
+            _check_zero(bench, promises)
+            _check_alone(bench, promises)
         for kind in sorted(wire.kinds, key=lambda kind: (kind == "unplugged", kind)):
             _check_failure(bench, promises, kind)
     finally:
@@ -82,9 +83,14 @@ def check_second(one: Device, two: Device, promises: Promises, period: float) ->
             one.close()
 
 
-def unseen(wire: Wire) -> Iterator[BlindSpot]:
+def displays(features: Features) -> bool:
+    """Tell whether a device displays a force, as far as it tells."""
+    return features.continuous_force != 0.0
+
+
+def unseen(wire: Wire, features: Features) -> Iterator[BlindSpot]:
     """List what this wire cannot show."""
-    if wire.force is None:
+    if wire.force is None and displays(features):
         yield BlindSpot(NEWTONS, "the emulator knows torques, and not the mechanism between them and the finger")
     if wire.position is None:
         yield BlindSpot(METRES, "the emulator does not know the mechanism: it sees that a moving finger is seen")
@@ -121,11 +127,11 @@ def _check_motion(bench: WireBench, promises: Promises) -> None:
                 f"{seen.tolist()} m is read and the fingers are at {np.asarray(wire.position).tolist()} m",
             )
             ways = []
-            for weighted in (False, True):
+            for reckoning in (_each_sample, _whole_periods, _true_time):
                 path, before = np.zeros(bench.shape), None
                 for _, velocity, now in readings:
                     if now != before:
-                        since = 1 if before is None or not weighted else max(1, round((now - before) / bench.period))
+                        since = 1.0 if before is None else reckoning((now - before) / bench.period)
                         path = path + velocity * bench.period * since
                     before = now
                 ways.append(float(np.linalg.norm(path - (seen - start)) / np.linalg.norm(seen - start)))
@@ -142,6 +148,21 @@ def _check_motion(bench: WireBench, promises: Promises) -> None:
         off = min(abs(ratio - 1.0), abs(ratio * wire.slowness - 1.0))  # by this machine's clock or the hardware's
         promise.holds(off <= RECKONING, f"{last - first} s by its readings in {elapsed:.3f} s")
     device.close()
+
+
+def _each_sample(periods: float) -> float:
+    """Count a new sample as one period: a board that answers as often as it is asked."""
+    return 1.0
+
+
+def _whole_periods(periods: float) -> float:
+    """Count the periods between two samples, one at least."""
+    return max(1.0, round(periods))
+
+
+def _true_time(periods: float) -> float:
+    """Count the time between two samples: a driver whose velocities are of the time that it tells."""
+    return periods
 
 
 def _check_forces(bench: WireBench, promises: Promises) -> None:

@@ -36,7 +36,7 @@ def test_a_scene_a_name_and_a_path_open_the_same() -> None:
         session.close()
     assert len({session.recording.rows.tobytes() for session in sessions}) == 1
     with pytest.raises(InputError, match="expected a scene"):
-        gx.open(3.0)  # type: ignore[arg-type]
+        gx.open(3.0)  # type: ignore[call-overload]
     with pytest.raises(UnknownNameError, match="unknown scene 'reference-2dof'"):
         gx.open("reference-2dof")
 
@@ -138,7 +138,7 @@ def test_a_session_is_written_like_a_run(tmp_path: Path) -> None:
         session.step(2)
     assert len(gx.Recording.load(tmp_path / "a" / NAME)) == 2
     with pytest.raises(InputError, match="the path of a folder"):
-        gx.open(LINE, out=3)  # type: ignore[arg-type]
+        gx.open(LINE, out=3)  # type: ignore[call-overload]
 
 
 def test_a_session_that_never_ticks(tmp_path: Path) -> None:

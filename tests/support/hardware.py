@@ -53,18 +53,26 @@ class Fake:
         at: that tick.
         workspace: corners of where it works, (2, d) [m].
         board: of no use.
+        switches: how many it has; all are down at first.
 
     Attributes:
         log: "open", "stop", "close", or forces, each with the count of readings so far.
     """
 
     def __init__(
-        self, position: Any, evil: str = "", at: int = 10, workspace: Any = None, board: object = None
-    ) -> None:  # fmt: skip
+        self,
+        position: Any,
+        evil: str = "",
+        at: int = 10,
+        workspace: Any = None,
+        board: object = None,
+        switches: int = 0,
+    ) -> None:
         self.x = np.array(position, dtype=float)
         k, d = self.x.shape
         box = None if workspace is None else (np.array(workspace[0]), np.array(workspace[1]))
-        self.features = Features(fingers=k, dimensions=d, peak_force=LIMIT, workspace=box)
+        self.features = Features(fingers=k, dimensions=d, peak_force=LIMIT, workspace=box, switches=switches)
+        self.switches: Any = (1 << switches) - 1
         self.velocity = np.zeros((k, d))
         self.reads, self.log = 0, list[tuple[int, Any]]()
         self.period, self.at, self.evil = 0.0, at, EVIL[evil] if evil else Evil()

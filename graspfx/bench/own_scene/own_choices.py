@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspfx.build.session import open as open_session
+from graspfx.build.open_session import open as open_session
 from graspfx.errors import GraspFXError
 from graspfx.loop.recording.growth.growth import growths
 from graspfx.loop.recording.record import Recording

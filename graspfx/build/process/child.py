@@ -9,11 +9,11 @@ from __future__ import annotations
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graspfx import log, progress
 from graspfx.build.build import build
@@ -25,11 +25,15 @@ from graspfx.build.run_header import header_of
 from graspfx.environment import granted
 from graspfx.errors import GraspFXError
 from graspfx.loop.realtime import carried_errors
-from graspfx.loop.realtime.exits import NAMES, Exits
-from graspfx.loop.realtime.pacing import WallClock
+from graspfx.loop.realtime.exits import NAMES, Exits, signals_end
+from graspfx.loop.realtime.pacing import Pacer, WallClock
 from graspfx.loop.realtime.priority import die_with_parent, take_priority
 from graspfx.loop.realtime.ring import Phase, Ring, RingRecorder, Word
 from graspfx.loop.servo import Servo
+
+if TYPE_CHECKING:
+    from graspfx.build.resolve import Parts
+    from graspfx.loop.recording.header import Header
 
 
 def main(line_: int, ring_: int) -> None:
@@ -72,7 +76,7 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
             scheduling.update(take_priority())
             ring.words[Word.PHASE] = Phase.OPEN
 
-        with at_hardware(servo, parts, WallClock(), ready=ready) as hardware:
+        with _at_devices(servo, parts, ready) as hardware:
             header = replace(hardware.header(header), scheduling={"loop": servo.loop or "process", **scheduling})
             line.send(("settled", header))
             _require(line.recv(), "run")
@@ -82,7 +86,47 @@ def _serve(errand: Errand, line: Connection, ring_: int) -> None:
     line.send(("closed",))
 
 
-def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: Hardware) -> None:
+@contextmanager
+def _at_devices(servo: Servo, parts: Parts, ready: Callable[[Exits], None]) -> Iterator[Hardware | Simulations]:
+    """Open the hardware of a scene, if it has any."""
+    if servo.hardware:
+        with at_hardware(servo, parts, WallClock(), ready=ready) as hardware:
+            yield hardware
+        return
+    with signals_end() as exits:
+        ready(exits)
+        yield Simulations(servo, exits)
+
+
+class Simulations:
+    """Simulations alone, on the wall's clock: a run without hardware.
+
+    Args:
+        servo: that is ready to tick.
+        exits: signals that ask the run to end.
+
+    Attributes:
+        pacer: of the ticks.
+    """
+
+    def __init__(self, servo: Servo, exits: Exits) -> None:
+        self._servo, self._exits, self.pacer = servo, exits, Pacer(servo.period)
+
+    def header(self, header: Header) -> Header:
+        """Give a header as it is."""
+        return header
+
+    def run(self, ticks: int, recorder: RingRecorder, stop: Callable[[], bool]) -> None:
+        """Run; a signal ends it like `stop`."""
+        self._servo.run(ticks, recorder, lambda: bool(self._exits.numbers) or stop(), self.pacer)
+
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """Entries of the run's `Outcome`."""
+        return {"cause": self._exits.cause, **self.pacer.outcome}
+
+
+def _run(errand: Errand, line: Connection, ring: Ring, servo: Servo, hardware: Hardware | Simulations) -> None:
     """Run until the end, an order or a fault; say how it went when every force is zero."""
     recorder, error = RingRecorder(ring), b""
     orders = Orders(ring, servo, recorder, hardware.pacer)

@@ -41,7 +41,7 @@ class Guard(Thread):
 
     Attributes:
         messages: of the process, each a tuple that begins with its kind; the last one is DEATH.
-        lock: held while rows are fetched.
+        lock: of the relay and its recorder.
         relay: of the rows, from the moment on that there is one.
         failure: of the relay; then the servo is asked to rest.
         report: how the quenching went, a sentence each; empty without.
@@ -157,14 +157,17 @@ class Guard(Thread):
             self.report = quench_all(self._devices)
 
     def _fetch(self) -> None:
-        with self.lock:
-            if self.relay is None or self.failure is not None:
-                return
-            try:
+        """Fetch rows, unless somebody has the recorder now: signs of life must not wait for it."""
+        if not self.lock.acquire(blocking=False):
+            return
+        try:
+            if self.relay is not None and self.failure is None:
                 self.relay.fetch()
-            except BaseException as error:  # noqa: BLE001 - it is raised in the thread of the run, after rest
-                self.failure = error
-                self.rest()
+        except BaseException as error:  # noqa: BLE001 - it is raised in the thread of the run, after rest
+            self.failure = error
+            self.rest()
+        finally:
+            self.lock.release()
 
     def _hurry(self) -> None:
         """End a servo that does not rest, or does nothing: first by a signal that a driver's call gives way to."""

@@ -10,6 +10,7 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from graspfx import plugins
+from graspfx.build.force_limits import is_forceless
 from graspfx.build.wiring import AUTOMATIC, table_at
 from graspfx.errors import InputError, message
 from graspfx.loop.device import QuenchableDriver
@@ -52,14 +53,14 @@ class Quencher:
 
 
 def quenchers(parts: Parts) -> list[Quencher]:
-    """Give the hardware of a scene, its drivers imported.
+    """Give the hardware of a scene that displays forces, its drivers imported.
 
     Raises:
         InputError: hardware that nobody could take the force from: it has no watchdog, and its driver no `quench`.
     """
     scene, quenchers_ = parts.scene, list[Quencher]()
     for wire in parts.wires:
-        if not is_hardware(wire.device):
+        if not is_hardware(wire.device) or is_forceless(wire):
             continue
         _, table = table_at(scene, int(wire.used[0]))
         module = plugins.load("devices", table.name, parts.folder)
@@ -71,7 +72,7 @@ def quenchers(parts: Parts) -> list[Quencher]:
                 settings.setdefault(AUTOMATIC, scene.dimensions)
             quench = _call(module, settings)
         watchdog = wire.features.watchdog
-        if quench is None and watchdog is None and wire.features.peak_force != 0.0:
+        if quench is None and watchdog is None:
             raise InputError(
                 "features.watchdog", None, "seconds after which the hardware drops its force by itself, or a function "
                 f"quench(**settings) in the driver of {name}",

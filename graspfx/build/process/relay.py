@@ -86,5 +86,5 @@ class Relay:
         for kind, tick, what in self._ring.notes.news():
             if kind == "fault":
                 self.note_fault(tick, what)
-            elif LETTER in what and what[LETTER] in self.letters:
-                self._recorder.change(tick, self.letters.pop(what[LETTER]))
+            else:
+                self._recorder.change(tick, self.letters.pop(what[LETTER]) if LETTER in what else what)

@@ -44,6 +44,7 @@ class ServoProcess:
     Attributes:
         engine: that runs the ticks.
         cause: of the end, if the process died; else empty.
+        error: that the run ended in, in the process; None without.
     """
 
     def __init__(self, guard: Guard, ring: Ring, layout: Layout, exits: Exits) -> None:
@@ -53,7 +54,7 @@ class ServoProcess:
         self._has_rested = self._has_ended = False
         self._ticks: int | None = None
         self._result: dict[str, Any] = {}
-        self._error: BaseException | None = None
+        self.error: BaseException | None = None
         self._waits = ExitStack()
         self.relay: Relay | None = None
 
@@ -90,8 +91,8 @@ class ServoProcess:
                     self.guard.rest()
         finally:
             self.rest()
-        if self._error is not None:
-            raise self._error
+        if self.error is not None:
+            raise self.error
         if self.guard.failure is not None:
             raise self.guard.failure
 
@@ -127,9 +128,10 @@ class ServoProcess:
 
     def await_rest(self, seconds: float) -> bool:
         """Wait for the servo's rest; return whether it has come."""
-        end = time.monotonic() + seconds
-        while not self._has_rested and (left := end - time.monotonic()) > 0.0:
-            self._take(left)
+        end = left = time.monotonic() + seconds
+        while not self._has_rested and left > 0.0:
+            self._take(max(end - time.monotonic(), 0.0))
+            left = end - time.monotonic()
         return self._has_rested
 
     def _take(self, seconds: float) -> Any:
@@ -151,7 +153,7 @@ class ServoProcess:
             case "rested":
                 self._has_rested = True
                 self._ticks, self._result = rest[0], rest[1]
-                self._error = carried_errors.unpack(rest[2]) if rest[2] else None
+                self.error = carried_errors.unpack(rest[2]) if rest[2] else None
             case _ if kind == DEATH:
                 self.cause = "" if self._has_rested else rest[0]
                 self._has_rested = self._has_ended = True

@@ -42,7 +42,7 @@ class NativePort:
     is_fresh: FloatArray
     seen_position: FloatArray  # (k d,)
     seen_velocity: FloatArray
-    forces: FloatArray
+    orders: FloatArray
     stop_code: FloatArray  # (1,)
     readable: FloatArray  # (1,), of the tick's memory, as the next ones
     position: FloatArray  # (k d,)
@@ -179,7 +179,7 @@ def display(beat: NativeBeat, k: int) -> None:
 @stage
 def write(beat: NativeBeat, port: NativePort, k: int) -> None:
     """Write a device's forces, which are finite and within its limit."""
-    copy(port.forces, port.command)
+    copy(port.orders, port.command)
     why = limit_forces(port.state)
     if why == 0:
         code = call(beat.table, port.write)

@@ -8,13 +8,17 @@ from importlib.util import find_spec
 
 from graspfx.compile.kernel_checks import foreign_kernels
 from graspfx.loop.device import LimitedDevice, RawDevice
-from graspfx.loop.device_calls import CallsDevice
+from graspfx.loop.device_calls import CallsDevice, DrivingDevice
 from graspfx.loop.device_exchange import device_name
 from graspfx.loop.parts import DeviceWiring
 from graspfx.loop.tick.script import Tick
 
+SAME = 1e-6  # of a period and a rate
 
-def why_python(stations: Sequence[DeviceWiring], fingers: Sequence[str], tick: Tick, engine: str) -> str:
+
+def why_python(
+    stations: Sequence[DeviceWiring], fingers: Sequence[str], tick: Tick, engine: str, period: float
+) -> str:  # fmt: skip
     """Say why Python runs between two ticks of a scene on the wall's clock; nothing if machine code runs alone.
 
     Args:
@@ -22,6 +26,7 @@ def why_python(stations: Sequence[DeviceWiring], fingers: Sequence[str], tick: T
         fingers: by name.
         tick: of the scene.
         engine: by name.
+        period: T [s].
     """
     if not tick.ports:
         return "its devices are simulated"
@@ -33,7 +38,7 @@ def why_python(stations: Sequence[DeviceWiring], fingers: Sequence[str], tick: T
         return "llvmlite is not installed"
     for port in tick.ports:
         station = stations[port.station]
-        why = _why_device(station)
+        why = _why_device(station, period)
         if why:
             return f"{device_name(station, fingers)} {why}"
     for what, parts in (
@@ -46,12 +51,17 @@ def why_python(stations: Sequence[DeviceWiring], fingers: Sequence[str], tick: T
     return ""
 
 
-def _why_device(station: DeviceWiring) -> str:
-    device = station.device
+def _why_device(station: DeviceWiring, period: float) -> str:
+    device, fitting = station.device, station.fitting
     if not isinstance(device, CallsDevice):
         return "offers no C functions (`calls`)"
     if isinstance(device, LimitedDevice):
         return "has a largest force that depends on where it stands, which C functions do not tell"
+    if fitting.deadman is not None or fitting.every > 1:
+        return "has a deadman, or a rate of its own"
+    rate = device.features.rate
+    if isinstance(device, DrivingDevice) and (rate is None or abs(rate * period - 1.0) > SAME):
+        return f"has the clock and calls {rate or 0.0:g} times a second, and the scene's period is {period:g} s"
     if isinstance(device, RawDevice) or device.features.switches:
         return "tells switches or raw numbers, which C functions do not"
     return ""

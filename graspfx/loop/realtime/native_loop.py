@@ -324,6 +324,11 @@ def _hand_over(port: DevicePort, state: PortState, period: float, guards: Guards
     state.samples, state.repeats, state.is_gone = readings.samples, readings.repeats, port.is_gone
     state.array(PortState.sample)[:] = np.concatenate([readings.position.ravel(), readings.velocity.ravel()])
     state.array(PortState.raw)[:] = state.array(PortState.sample)
+    frame = port.fitting.frame
+    state.is_framed = frame is not None
+    if frame is not None:
+        state.scale = frame.scale
+        state.array(PortState.origin)[:], state.array(PortState.axes)[:] = frame.origin, frame.axes.ravel()
     state.ramp = 0.0
     if port.entry is not None:
         state.ramp, state.ramp_ticks = port.entry.duration, port.entry.ticks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from graspfx.compile.kernel import kernel
-from graspfx.compile.records import Floats, Record, floats
+from graspfx.compile.records import Floats, Record, Table, floats, table
 from graspfx.loop.device_calls import HELD
 
 NEAR = 1e-3  # of a position that was zero to the last bit only by chance [m]
@@ -36,11 +36,16 @@ class PortState(Record):
     stop_code: int  # of `stop`, if it failed while the device answered; 0 for none
     ramp: float  # over which the depth at the start is let in [s]
     ramp_ticks: int  # of it so far
+    is_framed: bool  # whether it stands in axes of its own (`Frame`)
+    scale: float  # metres of the scene for a metre of the device
+    origin: Floats = floats("dimensions")  # of the device, in the scene [m]
+    axes: Table = table("dimensions", "dimensions")  # R, a row for each axis of the scene
     raw: Floats = floats("2 * entries")  # as `read` wrote them: positions [m], velocities [m/s]
     sample: Floats = floats("2 * entries")  # the last one
     position: Floats = floats("entries")  # as the tick takes them [m]
     velocity: Floats = floats("entries")  # [m/s]
     depth: Floats = floats("entries")  # depth at the start, of which less and less is taken off [m]
+    orders: Floats = floats("entries")  # forces, in the scene's axes [N]
     forces: Floats = floats("entries")  # for `write` [N]
 
 
@@ -109,11 +114,20 @@ def take_sample(port: PortState, code: int, periods: int) -> int:
 
 @kernel
 def enter(port: PortState) -> int:
-    """Set the last sample off by what is not let in yet (`Entry`)."""
-    last, half = port.sample, port.entries
+    """Put the last sample into the scene's axes, set off by what is not let in yet (`Entry`)."""
+    last, half, d = port.sample, port.entries, port.dimensions
     for i in range(half):
         port.position[i] = last[i]
         port.velocity[i] = last[half + i]
+    if port.is_framed:
+        for j in range(port.fingers):
+            for a in range(d):
+                x = v = 0.0
+                for b in range(d):
+                    x += last[j * d + b] * port.axes[a, b]
+                    v += last[half + j * d + b] * port.axes[a, b]
+                port.position[j * d + a] = port.origin[a] + port.scale * x
+                port.velocity[j * d + a] = port.scale * v
     time = port.ramp_ticks * port.period
     if time < port.ramp:
         u = time / port.ramp
@@ -126,8 +140,20 @@ def enter(port: PortState) -> int:
 
 @kernel
 def limit_forces(port: PortState) -> int:
-    """Limit each finger's force to the device's largest, whole; give why none may be displayed, 0 for no reason."""
-    forces, d = port.forces, port.dimensions
+    """Turn each finger's force into the device's axes and limit it, whole; give why none may be displayed, 0 for no reason.
+
+    `orders` has the forces in the scene's axes.
+    """
+    forces, orders, d = port.forces, port.orders, port.dimensions
+    for i in range(port.entries):
+        forces[i] = orders[i]
+    if port.is_framed:
+        for j in range(port.fingers):
+            for b in range(d):
+                f = 0.0
+                for a in range(d):
+                    f += orders[j * d + a] * port.axes[a, b]
+                forces[j * d + b] = port.scale * f
     for i in range(port.entries):
         if not math.isfinite(forces[i]):
             return fail(port, FORCE, 0)

@@ -175,7 +175,7 @@ class NativeProgram:
 
 def _state_memory(port: DevicePort) -> FloatArray:
     k, d = port.port.position.shape
-    memory = np.zeros(size_for(PortState, entries=k * d))
+    memory = np.zeros(size_for(PortState, entries=k * d, dimensions=d))
     state = PortState(memory)
     state.fingers, state.dimensions, state.entries = k, d, k * d
     return memory
@@ -198,7 +198,7 @@ def _port(i: int, state: PortState, port: DevicePort, tick: Tick, script: Script
         is_fresh=state.array(PortState.is_fresh),
         seen_position=state.array(PortState.position),
         seen_velocity=state.array(PortState.velocity),
-        forces=state.array(PortState.forces),
+        orders=state.array(PortState.orders),
         stop_code=state.array(PortState.stop_code),
         readable=own.memory[:1],
         position=own.memory[1 : 1 + n],

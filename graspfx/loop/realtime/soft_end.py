@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from graspfx.loop.recording.header import REST
-from graspfx.loop.recording.recorder import Recorder
+from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.safety.trust import DECAY
 
@@ -45,7 +45,7 @@ class SoftEnd:
             self.last = min(self.last, k + self._ticks)
         return True
 
-    def begin(self, k: int, recorder: Recorder | None) -> None:
+    def begin(self, k: int, recorder: RowTaker | None) -> None:
         """Let forces decay from tick k on, if it is time to."""
         if self._chain is not None and not self._is_begun and k >= self.last - self._ticks:
             self._is_begun = True

@@ -51,6 +51,7 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
     first = [each.readings.samples for each in devices.ports]
     for each in devices.ports:
         each.port.command[...] = 0.0
+        each.watches = False
     for _ in range(count):
         skipped = pacer.wait(lambda: bool(devices.exits.numbers))
         if devices.exits.numbers:
@@ -61,9 +62,12 @@ def settle(devices: DeviceExchange, period: float, clock: Clock) -> Rest:
         trips.append(clock.now() - began)
         for i, each in enumerate(devices.ports):
             fastest[i] = max(fastest[i], float(np.abs(each.readings.velocity).max()))
-    fresh = [(each.readings.samples - n) / count for each, n in zip(devices.ports, first, strict=True)]
+    fresh = [
+        (each.readings.samples - n) * each.fitting.every / count for each, n in zip(devices.ports, first, strict=True)
+    ]
     for each, speed, part in zip(devices.ports, fastest, fresh, strict=True):
-        _require([_moving(each, speed), _outside(each), _late(each, part)])
+        _require([_moving(each, speed), _outside(each), _late(each, part), _up(each)])
+        each.watches = True
     return Rest(positions(devices), median(trips), min(fresh))
 
 
@@ -74,6 +78,7 @@ def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, F
         DeviceError: a finger has gone elsewhere.
     """
     _require(devices.read(periods))
+    _require([_up(each) for each in devices.ports])
     current = positions(devices)
     for each in devices.ports:
         for finger in each.fingers:
@@ -86,7 +91,7 @@ def look_again(devices: DeviceExchange, rest: Rest, periods: int) -> dict[int, F
 def positions(devices: DeviceExchange) -> dict[int, FloatArray]:
     """Give the last position of each finger, by its number."""
     return {
-        finger: each.readings.position[channel].copy()
+        finger: each.places[channel].copy()
         for each in devices.ports
         for channel, finger in enumerate(each.channels)
         if finger >= 0
@@ -112,6 +117,12 @@ def _late(device: DevicePort, fresh: float) -> str:
         f"{device.name} had a new sample in {fresh:.0%} of its readings, expected at least {FRESH:.0%}; make the "
         "period longer, or the device faster"
     )
+
+
+def _up(device: DevicePort) -> str:
+    if not device.is_up:
+        return ""
+    return f"{device.name} has its deadman, switch {device.fitting.deadman}, up: keep it down, and start again"
 
 
 def _outside(device: DevicePort) -> str:

@@ -74,7 +74,8 @@ class RunFault(NamedTuple):
 SPLIT = "split"  # as the key of a change: how forces divide from its tick on, which follows from other keys
 
 REST = "rest"  # likewise: from its tick on forces decay, as the run ends by itself ("end") or was ended ("stop")
-OF_THE_RUN = (SPLIT, REST)  # keys of changes that are none of the scene's
+MARK = "mark"  # as the key of a change: a text of the user's at a tick
+OF_THE_RUN = (SPLIT, REST, MARK)  # keys of changes that are none of the scene's
 
 
 class KeyChange(NamedTuple):

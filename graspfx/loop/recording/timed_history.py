@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.loop.recording.by_name import by_name
-from graspfx.loop.recording.header import REST
+from graspfx.loop.recording.header import MARK, REST
 from graspfx.loop.recording.history import History
 
 FloatArray = NDArray[np.float64]
@@ -86,11 +86,13 @@ class TimedHistory(History):
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """Faults, changes of keys and the rest in the order of their ticks."""
+        """Faults, changes of keys, marks and the rest in the order of their ticks."""
         events = [Event(fault.tick, "fault", fault.message) for fault in self.faults]
         events += [Event(change.tick, "change", f"{change.key} = {change.value}") for change in self.changes]
         ends = [change for change in self.outcome.changes if change.key == REST]
         events += [Event(change.tick, "rest", str(change.value)) for change in ends]
+        marks = [change for change in self.outcome.changes if change.key == MARK]
+        events += [Event(change.tick, "mark", str(change.value)) for change in marks]
         return tuple(sorted(events, key=lambda event: event.tick))
 
     def _integers(self, column: str) -> IntArray | None:

@@ -14,7 +14,7 @@ from graspfx.coupling.entries import compliant_entry, has_problems
 from graspfx.coupling.grasp_state import FingerState, GraspState
 from graspfx.coupling.grasped import GraspedObject
 from graspfx.loop.safety.safety_state import FingerLimits, Goal, Pace, SafetyState, Scale, Tank
-from graspfx.loop.safety.trust import CAUSES, DECAY, QUICK, STALE
+from graspfx.loop.safety.trust import CAUSES, DEADMAN, DECAY, QUICK, STALE
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -125,6 +125,8 @@ class SafetyChain:
         if cause == QUICK:
             most = self.limits.speed[number]
             return f"{fingers[number]} was quicker than safety.speed, {most:g} m/s; all forces are zero"
+        if cause == DEADMAN:
+            return f"the deadman switch of {devices[number]} was let go; all forces are zero"
         return "a force, or what it is made from, is not finite; all forces are zero"
 
 

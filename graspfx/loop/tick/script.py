@@ -120,6 +120,7 @@ class Port:
     limit: FloatArray | None = None  # of a device whose largest force depends on where it stands
     misses: FloatArray | None = None  # samples in a row without a new reading, where a safety chain counts them, (1,)
     time: float | None = None  # of the last reading [s]
+    cause: FloatArray | None = None  # why forces decay, where a safety chain lets them, (1,)
 
     def note(self, time: float) -> None:
         """Note the time of a reading: one that is not new is a sample without a new reading."""

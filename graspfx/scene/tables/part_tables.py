@@ -23,6 +23,7 @@ from graspfx.scene.tables.fields import (
     Switch,
     Table,
     Vector,
+    Vectors,
     as_float,
 )
 from graspfx.scene.tables.hands import HandOrName
@@ -95,6 +96,9 @@ PairOrAuto = Annotated[Annotated[Literal["auto"], Tag("<name>")] | Annotated[Pai
 PairOrOff = Annotated[Annotated[Literal["off"], Tag("<name>")] | Annotated[Pair, Tag("<list>")], _by_word]
 
 
+AxesOrMatrix = Annotated[Annotated[str, Tag("<name>")] | Annotated[Vectors, Tag("<list>")], _by_word]
+
+
 def _friction(value: Any) -> Any:
     if isinstance(value, str) and value == "stick":
         return value
@@ -155,12 +159,32 @@ class Coupling(Table):
     )
 
 
+class Frame(Table):
+    """How a device stands in the scene: p = origin + scale R p_device; its forces are scale R' f, so power is kept."""
+
+    origin: Vector | None = Field(default=None, description="of the device, in the scene (d,) [m]; the scene's origin")
+    axes: AxesOrMatrix | None = Field(
+        default=None,
+        description="the device's axis that each of the scene's is, 'x -z y', or R with a row for each axis of the "
+        "scene; the same axes if not given",
+    )
+    scale: Positive = Field(default=1.0, description="metres of the scene for a metre of the device")
+
+
 class Device(Table):
-    """A driver and its settings: whatever its `connect` takes."""
+    """A driver and its settings: whatever its `connect` takes, besides the keys that are the scene's own."""
 
     model_config = ConfigDict(extra="allow")
 
     name: str = Field(description="a driver's name, or the path of a .py file")
+    frame: Frame | None = Field(default=None, description="of hardware in the scene; the scene's own axes if not given")
+    deadman: Count | None = Field(
+        default=None,
+        description="number of the device's switch, from 0, that has to be down: forces decay once it is up",
+    )
+    rate: Positive | None = Field(
+        default=None, description="how often hardware is called at most [Hz]; in every tick if not given"
+    )
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -1,0 +1,137 @@
+"""Events of Linux's input devices, /dev/input/event*, as the kernel's input-event-codes.h numbers them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import NamedTuple
+
+from graspfx.protocols import DeviceError
+
+EVENT = struct.Struct("@llHHi")  # seconds, microseconds, kind, code, value
+MOST, ROUNDS = 256 * EVENT.size, 16  # bytes at a time, and times: events that come faster wait
+
+SYNC, KEY, RELATIVE, ABSOLUTE = 0, 1, 2, 3  # kinds
+REPORT, DROPPED = 0, 3  # codes of SYNC: the events before belong together; events were lost
+
+# Requests of ioctl: direction and size of what is exchanged, the letter E, a number.
+READ, WRITE = 2, 1
+GRAB = 0x90
+KEYS = 0x18
+AXIS = 0x40
+KEY_BYTES = 96
+AXIS_STATE = struct.Struct("@6i")  # value, least, most, and three that are of no use here
+
+
+class Event(NamedTuple):
+    """An event: what kind, of which key or axis, and its value."""
+
+    kind: int
+    code: int
+    value: int
+
+
+class Range(NamedTuple):
+    """The state of an absolute axis: where it is, and between what."""
+
+    value: int
+    least: int
+    most: int
+
+
+def request(direction: int, number: int, size: int) -> int:
+    """Give the number of a request for ioctl."""
+    return direction << 30 | size << 16 | ord("E") << 8 | number
+
+
+class EventPort:
+    """The port of an input device, for one program of ours at a time; others, such as a desktop, may read it too.
+
+    Args:
+        path: such as /dev/input/by-id/usb-Maker_Mouse-event-mouse.
+        grab: whether no other program has the events meanwhile.
+    """
+
+    def __init__(self, path: str, *, grab: bool) -> None:
+        self.path, self.grab = path, grab
+        self._descriptor = -1
+        self._bytes = b""
+
+    def open(self) -> None:
+        """Take the port, and forget events that wait there."""
+        self.close()
+        try:
+            import fcntl
+        except ImportError as error:
+            raise DeviceError(f"{self.path}: input events are read on Linux only") from error
+        try:
+            self._descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            hint = "; members of the group input may read it" if error.errno == errno.EACCES else ""
+            raise DeviceError(f"{self.path} does not open: {error.strerror}{hint}") from error
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if self.grab:
+                fcntl.ioctl(self._descriptor, request(WRITE, GRAB, 4), 1)
+            for _ in self.events():
+                pass
+        except OSError as error:
+            self.close()
+            busy = error.errno in (errno.EWOULDBLOCK, errno.EBUSY)
+            text = "is taken by another program; end that one first" if busy else f"does not open: {error.strerror}"
+            raise DeviceError(f"{self.path} {text}") from error
+        except DeviceError:
+            self.close()
+            raise
+
+    def events(self) -> Iterator[Event]:
+        """Give the events that have come.
+
+        Raises:
+            DeviceError: the device is gone.
+        """
+        for _ in range(ROUNDS):
+            try:
+                data = os.read(self._descriptor, MOST)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                raise DeviceError(f"the input device at {self.path} is gone: {error.strerror}") from error
+            if not data:
+                raise DeviceError(f"the input device at {self.path} is gone: its line is closed")
+            self._bytes += data
+            whole = len(self._bytes) - len(self._bytes) % EVENT.size
+            data, self._bytes = self._bytes[:whole], self._bytes[whole:]
+            for _, _, kind, code, value in EVENT.iter_unpack(data):
+                yield Event(kind, code, value)
+
+    def axis(self, code: int) -> Range | None:
+        """Ask for the state of an absolute axis; None where nobody tells it."""
+        answer = self._ask(AXIS + code, AXIS_STATE.size)
+        return None if answer is None else Range(*AXIS_STATE.unpack(answer)[:3])
+
+    def keys(self) -> bytes | None:
+        """Ask which keys are down, a bit for each code; None where nobody tells it."""
+        return self._ask(KEYS, KEY_BYTES)
+
+    def _ask(self, number: int, size: int) -> bytes | None:
+        import fcntl
+
+        with suppress(OSError):
+            return fcntl.ioctl(self._descriptor, request(READ, number, size), bytes(size))
+        return None
+
+    def close(self) -> None:
+        """Let go of the port; returns also with the device gone, and twice."""
+        descriptor, self._descriptor, self._bytes = self._descriptor, -1, b""
+        if descriptor >= 0:
+            with suppress(OSError):
+                os.close(descriptor)  # and with it the lock, and the grab
+
+
+def is_down(keys: bytes, code: int) -> bool:
+    """Tell whether a key is down."""
+    return bool(keys[code // 8] >> code % 8 & 1)

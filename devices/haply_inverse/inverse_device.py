@@ -1,0 +1,153 @@
+"""A device of the Haply Inverse service: one finger in space."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspfx.devices.haply_inverse.service import Service
+from graspfx.protocols import DeviceError, Features, InputError, ProgramLock, VelocityEstimator
+
+FloatArray = NDArray[np.float64]
+
+FASTEST = 5.0  # of a hand: a position that asks for more is none [m/s]
+NEAR = 1e-3  # that one may be off besides [m]
+SILENCE = 0.1  # without a sample, until the device counts as gone [s]
+FIRST = 1.0  # for the first sample [s]
+
+
+def lock_of(service: Service, name: str) -> ProgramLock:
+    """Give the lock of a device, for one program of this machine."""
+    return ProgramLock(f"the device {name} of {service.url}")
+
+
+class Inverse:
+    """An Inverse behind its service: positions and forces in the service's axes, z up.
+
+    `ask` repeats the last forces, so that a reading is as old as one exchange. A position further from the last one
+    than a hand can go is none; without a new one the last stands, with its time.
+
+    Args:
+        service: of all devices of this program.
+        device: its id; None for the only one there is.
+        basis: of its axes, as the service is to have it.
+        damping: that the service adds, as it is to say [N s/m].
+        force_limit: largest force [N].
+        resolution: of a position [m].
+        velocity_window: the longest window of the velocity estimate [samples].
+        timeout: until an answer is given up [s].
+    """
+
+    def __init__(
+        self, service: Service, *, device: str | None, basis: str, damping: float, force_limit: float,
+        resolution: float, velocity_window: int, timeout: float,
+    ) -> None:  # fmt: skip
+        self.service, self.device, self.basis, self.damping = service, device, basis, damping
+        self.force_limit, self.resolution, self.timeout = force_limit, resolution, timeout
+        self._window = velocity_window
+        self._name = ""  # while it is open
+        self._lock: ProgramLock | None = None
+        self._position: FloatArray = np.zeros((1, 3))
+        self._velocity: FloatArray = np.zeros((1, 3))
+
+    @property
+    def features(self) -> Features:
+        return Features(
+            fingers=1,
+            dimensions=3,
+            peak_force=self.force_limit,
+            friction=self.damping or None,
+            resolution=self.resolution,
+        )
+
+    def open(self, period: float) -> None:
+        self.close()
+        name = self.service.join(self.device, self.basis, self.damping)
+        self._name = name
+        try:
+            lock = lock_of(self.service, name)
+            lock.take()
+            self._lock = lock
+            self._began = self._time = self._asked = time.perf_counter()
+            self._waiting = False
+            sample = None
+            while sample is None and time.perf_counter() < self._began + FIRST:
+                self.service.ask(name)
+                sample = self.service.sample(name, time.perf_counter() + 0.05)
+            if sample is None:
+                raise DeviceError(f"{name} tells no first position")
+            (self._position[0], self._time), self._velocity[0] = sample, 0.0
+        except DeviceError:
+            self.close()
+            raise
+        self._estimator = VelocityEstimator(period, (3,), 0.5 * self.resolution, self._window)
+        self._estimator.update(self._position[0], self._time - self._began)
+
+    def ask(self) -> None:
+        self._opened()
+        self._asked, self._waiting = time.perf_counter(), True
+        self.service.ask(self._name)
+
+    def read(self) -> tuple[FloatArray, FloatArray, float]:
+        """Give position (1, 3) [m], velocity (1, 3) [m/s] and time [s]; without a new sample the last ones."""
+        self._opened()
+        if not self._waiting:
+            self.ask()
+        self._waiting = False
+        sample = self.service.sample(self._name, self._asked + self.timeout)
+        if sample is not None and sample[1] > self._time and self._can_be(*sample):
+            self._position[0], self._time = sample
+            self._velocity[0] = self._estimator.update(self._position[0], self._time - self._began)
+        elif time.perf_counter() - self._time > SILENCE:
+            self._abandon()
+            raise DeviceError(f"{self._name} has told no new position for {SILENCE:g} s")
+        return self._position, self._velocity, self._time - self._began
+
+    def write(self, forces: FloatArray) -> None:
+        self._opened()
+        if np.shape(forces) != (1, 3):
+            raise InputError("forces", forces, "an array of shape (1, 3): one finger in space")
+        force = np.array(forces[0], dtype=float)
+        size = float(np.linalg.norm(force))
+        if not np.isfinite(size):
+            self.stop()
+            raise DeviceError(f"a force of {force.tolist()} N cannot be displayed: the motors are at zero force")
+        if size > self.force_limit:
+            force *= self.force_limit / size
+        x, y, z = force.tolist()
+        self.service.write(self._name, (x, y, z))
+
+    def stop(self) -> None:
+        if self._name:
+            self.service.stop(self._name)
+
+    def close(self) -> None:
+        name, self._name = self._name, ""
+        lock, self._lock = self._lock, None
+        if name:
+            self.service.leave(name)
+        if lock is not None:
+            lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _abandon(self) -> None:
+        with suppress(DeviceError):  # the service may be gone, and then nothing is left to tell it
+            self.stop()
+
+    def _can_be(self, position: tuple[float, float, float], when: float) -> bool:
+        """Tell whether a hand can have gone so far since the last sample."""
+        way = float(np.linalg.norm(self._position[0] - position))
+        return way <= NEAR + FASTEST * (when - self._time)
+
+    def _opened(self) -> None:
+        if not self._name:
+            raise DeviceError("the Inverse is not open: call open(period) first")

@@ -1,0 +1,108 @@
+"""Messages of the Haply Inverse service: JSON, in metres and newtons, z up; read without trust in what is there.
+
+Parts that equal the identity are left out of what the service sends, so that a coordinate that is not there is zero;
+a position of which nothing is there is none. The keys of a device's configuration are suspected: nobody has read them
+from a service yet.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from graspfx.protocols import DeviceError
+
+KIND = "inverse3"
+AXES = "x", "y", "z"
+IDENTITY = "XYZ"  # of a basis: the service's own axes
+
+Force = tuple[float, float, float]
+
+
+def forces_text(forces: Mapping[str, Force]) -> str:
+    """Write the one message that sets the force of each device [N]."""
+    devices = [
+        {"device_id": name, "commands": {"set_cursor_force": {"values": dict(zip(AXES, force, strict=True))}}}
+        for name, force in forces.items()
+    ]
+    return json.dumps({KIND: devices}, separators=(",", ":"), allow_nan=False)
+
+
+def devices_in(text: str) -> dict[str, Mapping[str, Any]] | None:
+    """Read what a message says of each device, by its id; None for a text that is no such message."""
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    each = message.get(KIND, []) if isinstance(message, dict) else None
+    if not isinstance(each, list):
+        return None
+    return {
+        device["device_id"]: device
+        for device in each
+        if isinstance(device, dict) and isinstance(device.get("device_id"), str)
+    }
+
+
+def position_in(device: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    """Read a device's position [m]; None where there is none, or no finite one."""
+    state = device.get("state")
+    position = state.get("cursor_position") if isinstance(state, dict) else None
+    if not isinstance(position, dict) or not position.keys() & set(AXES):
+        return None
+    values = [position.get(axis, 0.0) for axis in AXES]
+    if any(isinstance(x, bool) or not isinstance(x, int | float) or not math.isfinite(x) for x in values):
+        return None
+    x, y, z = values
+    return float(x), float(y), float(z)
+
+
+def check_config(device: Mapping[str, Any], basis: str, damping: float) -> None:
+    """Check that the service's settings of a device are those that the scene counts with.
+
+    Raises:
+        DeviceError: another basis or damping, a mount, or a closed gate of forces.
+    """
+    name, config = device["device_id"], device.get("config")
+    if not isinstance(config, dict):
+        config = {}
+    own = _part(config.get("basis"), "permutation", IDENTITY)
+    if own != basis:
+        raise _other(name, "basis", own, basis, "let the device's `frame` turn its axes")
+    mount = config.get("mount")
+    if mount and not _is_identity(mount):
+        raise _other(name, "mount", mount, "none", "let the device's `frame` say where it stands")
+    viscous = _part(config.get("damping"), "scalar", 0.0)
+    if isinstance(viscous, bool) or not isinstance(viscous, int | float) or abs(viscous - damping) > 1e-9:
+        raise _other(name, "damping", viscous, f"{damping:g} N s/m", "it is counted as the device's own b")
+    gate = _part(config.get("force_gate"), "enabled", True)
+    if gate is False or (isinstance(gate, int | float) and gate == 0):
+        raise DeviceError(f"the service lets no force through to {name}: open its force gate")
+
+
+def _part(value: Any, key: str, default: Any) -> Any:
+    """Give a setting that stands by itself or under a key; its default where it is left out."""
+    if isinstance(value, dict):
+        value = value.get(key)
+    return default if value is None else value
+
+
+def _is_identity(value: Any) -> bool:
+    """Tell whether a transform moves nothing: positions of 0, scales and the w of a rotation of 1."""
+    if isinstance(value, dict):
+        return all(
+            part == 1 if key == "w" else _scale_is_one(part) if key == "scale" else _is_identity(part)
+            for key, part in value.items()
+        )
+    return value is None or value == 0
+
+
+def _scale_is_one(value: Any) -> bool:
+    return all(part == 1 for part in value.values()) if isinstance(value, dict) else value == 1
+
+
+def _other(name: str, key: str, own: Any, expected: str, do: str) -> DeviceError:
+    shown = json.dumps(own)[:80]
+    return DeviceError(f"the service's {key} of {name} is {shown}, and the scene counts with {expected}: {do}")

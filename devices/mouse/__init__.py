@@ -1,0 +1,79 @@
+"""A mouse as one finger without force: its way on the table is the finger's, the wheel is the third axis.
+
+For people without hardware. Tested against an emulator only (`graspfx.testing.wire.EventWire`). Read on Linux, from
+/dev/input/event*, with no package besides; a desktop moves its pointer meanwhile unless the mouse is grabbed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from graspfx.devices._inputs.events import RELATIVE, Event, EventPort
+from graspfx.devices._inputs.pointer import FloatArray, Pointer, box, place
+from graspfx.devices._settings import number, port_name
+from graspfx.protocols import SMALLEST, InputError
+
+__all__ = ["Mouse", "connect"]
+
+INCH = 0.0254  # [m]
+RIGHT, DOWN, WHEEL = 0, 1, 8  # codes of relative axes
+BUTTONS = 0x110, 0x111, 0x112  # left, right, middle
+MOST_COUNTS = 10_000  # of one event
+
+
+class Mouse(Pointer):
+    """A mouse: x to the right, y away from the user, z up with the wheel."""
+
+    def __init__(
+        self, port: EventPort, workspace: FloatArray, start: FloatArray, lag: float, speed: float,
+        counts: float, notch: float,
+    ) -> None:  # fmt: skip
+        super().__init__(port, workspace, start, lag, speed, BUTTONS)
+        self._steps = {RIGHT: (0, counts), DOWN: (1, -counts), WHEEL: (2, notch)}
+
+    def _act(self, event: Event) -> None:
+        axis, step = self._steps.get(event.code, (len(self._goal), 0.0))
+        if event.kind == RELATIVE and axis < len(self._goal):
+            self._goal[axis] += step * max(-MOST_COUNTS, min(event.value, MOST_COUNTS))
+            np.clip(self._goal, *self._box, out=self._goal)
+
+
+def connect(
+    *,
+    port: str,
+    dimensions: int = 2,
+    dpi: float = 1000.0,
+    wheel: float = 0.002,
+    workspace: Sequence[Sequence[float]] | None = None,
+    start: Sequence[float] | None = None,
+    lag: float = 0.01,
+    speed: float = 1.0,
+    grab: bool = False,
+) -> Mouse:
+    """Connect a mouse.
+
+    Args:
+        port: its file of events, such as /dev/input/by-id/usb-Maker_Mouse-event-mouse; `graspfx devices` lists them.
+        dimensions: of the scene.
+        dpi: counts of the mouse for an inch; twice that makes the finger go half as far.
+        wheel: of the third axis for a notch [m].
+        workspace: corners in which the finger stays, (2, d) [m]; 0.1 m to every side if not given.
+        start: of the finger when it is opened, (d,) [m]; the middle of the workspace if not given.
+        lag: of the finger behind the mouse; twice that where it moves steadily [s].
+        speed: the largest of the finger [m/s].
+        grab: whether the desktop has no events meanwhile.
+    """
+    corners = box(workspace, 0.1, dimensions)
+    if not isinstance(grab, bool):
+        raise InputError("grab", grab, "true or false")
+    return Mouse(
+        EventPort(port_name(port), grab=grab),
+        corners,
+        place(start, corners),
+        number("lag", lag, 1e-4, 1.0),
+        number("speed", speed, SMALLEST, 5.0),
+        INCH / number("dpi", dpi, 1.0),
+        number("wheel", wheel, 0.0, 1.0),
+    )

@@ -1,0 +1,75 @@
+"""Mail to a servo's process: new numbers for its parts by a copy of the servo here, posted and taken one by one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from graspfx.build.process.orders import memories
+from graspfx.build.process.relay import Relay
+from graspfx.errors import InputError
+from graspfx.loop.realtime import letters
+from graspfx.loop.realtime.letters import Letter
+from graspfx.loop.realtime.ring import Ring, Word, fence
+from graspfx.loop.servo import Servo
+from graspfx.loop.update import Update
+
+LOOK = 5e-4  # between two looks whether a letter was taken [s]
+
+
+def letter_of(servo: Servo, update: Update) -> Letter:
+    """Write an update as a letter.
+
+    Args:
+        servo: a copy of the one that runs, whose parts the update is of.
+        update: of its parts.
+
+    Raises:
+        InputError: it changes a part that is more than numbers.
+    """
+    places = {id(memory): i for i, memory in enumerate(memories(servo))}
+    objects = {id(part.grasped): i for i, part in enumerate(servo.objects)}
+    if update.plants or not all(id(part) in objects for part, _ in update.parts):
+        raise _refusal(update.values)
+    entries = [(places[id(memory)], where, numbers) for memory, where, numbers in update.entries]
+    return Letter(entries, [objects[id(part)] for part, _ in update.parts])
+
+
+def _refusal(values: Mapping[str, Any]) -> InputError:
+    return InputError(
+        ", ".join(values), list(values.values()), "gains, friction and numbers of objects without planes",
+        "a run in real time has its hands and other parts in another process; begin with such values",
+    )  # fmt: skip
+
+
+class Mail:
+    """Posts letters to a servo, each once the one before was taken.
+
+    Args:
+        ring: shared with the servo.
+        relay: that records what holds from which tick on.
+    """
+
+    def __init__(self, ring: Ring, relay: Relay) -> None:
+        self._ring, self._relay = ring, relay
+        self._number = int(ring.words[Word.MAIL])
+
+    def post(self, letter: Letter, values: Mapping[str, Any], require: Callable[[], object]) -> int:
+        """Post a letter and wait until it was taken; give the tick from which on it holds.
+
+        Args:
+            letter: to the servo.
+            values: that are recorded for it, by key.
+            require: called again and again; raises where the servo takes no letters any more.
+        """
+        ring, number = self._ring, self._number + 1
+        require()
+        letters.write(letter, ring.letters[number % 2])
+        self._relay.letters[number] = values
+        fence()
+        ring.words[Word.MAIL] = self._number = number
+        while int(ring.words[Word.TAKEN]) != number:
+            require()
+            time.sleep(LOOK)
+        return int(ring.words[Word.TICK])

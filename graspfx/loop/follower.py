@@ -1,0 +1,52 @@
+"""A follower: smooth motion behind an input that comes in steps, such as the events of a mouse or a screen."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspfx.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+class Follower:
+    """A critically damped follower of a target u that holds between its events.
+
+        r'' = w^2 (u - r) - 2 w r',   w = 1/tau
+
+    solved exactly over each step, whatever its length: with e = r - u and c = r' + w e at its beginning
+
+        e(h) = (e + c h) exp(-w h),   r'(h) = (r' - w c h) exp(-w h).
+
+    It never overshoots from rest, is continuous with its velocity, and is 2 tau behind a target that moves steadily.
+
+    Args:
+        lag: tau, above zero [s].
+        position: where it is at first, at rest.
+
+    Attributes:
+        position, velocity: of the follower, in arrays of its own [m, m/s].
+    """
+
+    def __init__(self, lag: float, position: ArrayLike) -> None:
+        if not (math.isfinite(lag) and lag > 0.0):
+            raise InputError("lag", lag, "a finite time above zero [s]")
+        self.lag = lag
+        self.position: FloatArray = np.array(position, dtype=float)
+        self.velocity: FloatArray = np.zeros_like(self.position)
+
+    def place(self, position: ArrayLike) -> None:
+        """Put it at a position, at rest."""
+        self.position[...], self.velocity[...] = position, 0.0
+
+    def follow(self, target: ArrayLike, duration: float) -> None:
+        """Follow a target that has stood for a time [s], which was the same all along."""
+        w = 1.0 / self.lag
+        share = math.exp(-w * duration)
+        error = self.position - target
+        c = self.velocity + w * error
+        self.position[...] = target + (error + duration * c) * share
+        self.velocity[...] = (self.velocity - w * duration * c) * share

@@ -1,0 +1,423 @@
+"""The Haply Inverse service: one connection, one answer for each message, lost ones, and devices set otherwise."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspfx.devices.haply_inverse import inverse_device
+from graspfx.devices.haply_inverse.inverse_messages import check_config, devices_in, forces_text, position_in
+from graspfx.devices.haply_inverse.websocket import WebSocket
+from graspfx.errors import DeviceError, InputError
+from graspfx.protocols import QuenchableDriver
+from graspfx.testing import check_device, driver
+from graspfx.testing.wire import InverseWire
+
+PERIOD = 0.002
+PATIENT = 0.05  # for an answer: this machine may be busy
+FORCE = np.array([[0.2, -0.1, 0.3]])
+
+
+def connect(wire: InverseWire, **settings: Any) -> Any:
+    return driver("haply-inverse").connect(**{"timeout": PATIENT, **wire.settings, **settings})
+
+
+def tick(*devices: Any, force: Any = FORCE) -> list[Any]:
+    """Run a sample as the servo does: all are asked, then read, then written."""
+    for device in devices:
+        device.ask()
+    readings = [device.read() for device in devices]
+    for device in devices:
+        device.write(force)
+    return readings
+
+
+def tick_often(*devices: Any, count: int = 1000) -> None:
+    for _ in range(count):
+        tick(*devices)
+
+
+def becomes(state: Any, within: float = 5.0) -> bool:
+    end = time.monotonic() + within
+    while not state() and time.monotonic() < end:
+        time.sleep(0.001)
+    return bool(state())
+
+
+def test_it_keeps_the_promises_of_a_device() -> None:
+    with InverseWire() as wire:
+        report = check_device(lambda: connect(wire), wire)
+    assert "a force reaches its own finger, in its direction, in newtons" in report.checks
+    assert "the device loses its force when nobody writes any more" in report.checks
+    for kind in wire.kinds:
+        assert any(f"({kind})" in each for each in report.checks)
+
+
+def test_messages_are_those_of_the_service() -> None:
+    text = forces_text({"049D": (0.5, 0.0, -1.0)})
+    assert json.loads(text) == {
+        "inverse3": [
+            {
+                "device_id": "049D",
+                "commands": {"set_cursor_force": {"values": {"x": 0.5, "y": 0.0, "z": -1.0}}},
+            }
+        ]
+    }
+    state = '{"session_id":7,"inverse3":[{"device_id":"049D","state":{"cursor_position":{"x":0.1,"z":-0.2}}}]}'
+    devices = devices_in(state)
+    assert devices is not None
+    assert position_in(devices["049D"]) == (0.1, 0.0, -0.2)  # what is zero is left out
+
+
+@pytest.mark.parametrize(
+    "position",
+    [
+        None, {}, [], [0.1, 0.2, 0.3], "0.1", {"w": 1.0}, {"x": None}, {"x": "0.1"}, {"x": True}, {"x": float("nan")},
+        {"x": float("inf"), "y": 0.0}, {"x": {"y": 1}},
+    ],
+)  # fmt: skip
+def test_what_is_no_position_is_none_and_never_zero(position: Any) -> None:
+    assert position_in({"device_id": "a", "state": {"cursor_position": position}}) is None
+    assert position_in({"device_id": "a", "state": position}) is None
+    assert position_in({"device_id": "a"}) is None
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "null", "7", "[]", '{"inverse3":7}', '{"inverse3":{}}', "\x00", "[" * 100_000]
+)
+def test_what_is_no_message_is_none(text: str) -> None:
+    assert devices_in(text) is None or text == "null"
+    assert devices_in('{"inverse3":[null,7,{"device_id":3},{"device_id":"a"}]}') == {"a": {"device_id": "a"}}
+
+
+def test_all_devices_of_a_service_share_a_connection_and_a_message() -> None:
+    """Two questions a tick go out, one for all: at its beginning and after the last has written."""
+    with InverseWire(("A", "B", "C")) as wire:
+        devices = [connect(wire, device=name) for name in wire.devices]
+        for device in devices:
+            device.open(PERIOD)
+        before = len(wire.messages)
+        for _ in range(10):
+            readings = tick(*devices)
+        assert becomes(lambda: len(wire.messages) == before + 20)
+        assert [each["device_id"] for each in json.loads(wire.messages[-1])["inverse3"]] == ["A", "B", "C"]
+        assert [r[0][0, 0] for r in readings] == pytest.approx([0.03, 0.13, 0.23])
+        assert len(wire._lines) == 1
+        devices[1].close()
+        assert becomes(lambda: not wire.force_of("B").any())
+        tick(devices[0], devices[2])
+        assert becomes(lambda: bool(wire.force_of("A").all() and wire.force_of("C").all()))
+        for device in devices:
+            device.close()
+        assert becomes(lambda: not wire._lines)
+        assert not any(wire.force_of(name).any() for name in wire.devices)
+
+
+def test_one_that_is_stopped_leaves_the_others_as_they_are() -> None:
+    with InverseWire(("A", "B")) as wire, connect(wire, device="A") as a, connect(wire, device="B") as b:
+        a.open(PERIOD)
+        b.open(PERIOD)
+        tick(a, b)
+        assert becomes(lambda: bool(wire.force_of("B").all()))
+        a.stop()
+        assert becomes(lambda: not wire.force_of("A").any())
+        assert wire.force_of("B") == pytest.approx(FORCE[0])
+
+
+def test_a_lost_answer_holds_a_sample_and_stalls_nothing() -> None:
+    """With every second one lost the loop goes on, and no sample is called younger than it is."""
+    with InverseWire() as wire, connect(wire, timeout=0.005) as device:
+        device.open(PERIOD)
+        wire.fail("drop", 2)
+        times = []
+        for _ in range(60):
+            asked = time.perf_counter()
+            times.append(tick(device)[0][2] + device._began)
+            assert times[-1] <= asked + 1e-3
+        fresh = sum(b > a for a, b in itertools.pairwise(times))
+        assert fresh >= 15
+        assert all(b >= a for a, b in itertools.pairwise(times))
+        wire.heal()
+        time.sleep(0.03)
+        tick(device)
+        assert tick(device)[0][2] + device._began > asked
+
+
+def test_a_stalled_answer_is_a_sample_that_stands() -> None:
+    """10.7 ms, as a service was seen to take: some held samples, then all is as before."""
+    with InverseWire() as wire, connect(wire, timeout=0.001) as device:
+        device.open(PERIOD)
+        place = tick(device)[0][0].copy()
+        wire.fail("late", 0.0107)
+        times = [tick(device)[0][2] for _ in range(3)]
+        wire.heal()
+        assert times[-1] == times[0]
+        assert becomes(lambda: tick(device)[0][2] > times[-1])
+        assert device.read()[0] == pytest.approx(place)
+
+
+def test_a_service_that_says_nothing_more_is_a_fault() -> None:
+    with InverseWire() as wire, connect(wire, timeout=0.001) as device:
+        device.open(PERIOD)
+        wire.fail("blocked")
+        with pytest.raises(DeviceError, match="no new position"):
+            tick_often(device)
+
+
+def test_a_device_that_is_gone_is_a_fault_and_the_others_go_on() -> None:
+    with InverseWire(("A", "B")) as wire, connect(wire, device="A") as a, connect(wire, device="B") as b:
+        a.open(PERIOD)
+        b.open(PERIOD)
+        tick(a, b)
+        wire.remove("A")
+        with pytest.raises(DeviceError, match="A is gone"):
+            tick_often(a, b, count=3)
+        b.ask()
+        last = b.read()[2]
+        b.ask()
+        assert b.read()[2] > last
+
+
+def test_a_position_that_no_hand_reaches_is_none() -> None:
+    with InverseWire() as wire, connect(wire) as device:
+        device.open(PERIOD)
+        place = tick(device)[0][0].copy()
+        wire.place("049D", np.array([0.0, 5.0, 0.0]))
+        position, velocity, _ = tick(device)[0]
+        assert position == pytest.approx(place)
+        assert not velocity.any()
+
+
+def test_forces_are_clamped_in_their_direction_and_finite() -> None:
+    with InverseWire() as wire, connect(wire, force_limit=2.0) as device:
+        device.open(PERIOD)
+        tick(device, force=1e6 * FORCE)
+        direction = FORCE[0] / np.linalg.norm(FORCE)
+        assert becomes(lambda: wire.torque == pytest.approx(2.0 * direction))
+        with pytest.raises(DeviceError, match="cannot be displayed"):
+            device.write(np.array([[0.0, np.nan, 0.0]]))
+        assert becomes(lambda: not wire.torque.any())
+
+
+def test_the_force_outlives_a_connection_and_quench_takes_it() -> None:
+    module = driver("haply-inverse")
+    assert isinstance(module, QuenchableDriver)
+    with InverseWire(("A", "B")) as wire:
+        device = connect(wire)
+        device.open(PERIOD)
+        tick(device)
+        assert becomes(lambda: bool(wire.torque.any()))
+        device.service._line._socket.close()  # as if the program had died
+        device._lock.release()
+        assert wire.torque.any()
+        module.quench(**wire.settings, force_limit=1.0)
+        assert not wire.torque.any()
+        with pytest.raises(DeviceError, match="name one"):
+            module.quench(url=wire.url)
+        wire.fail("blocked")
+        with pytest.raises(DeviceError, match=r"inventory|does not answer"):
+            module.quench(**wire.settings)
+        device.service.forces.clear()
+
+
+@pytest.mark.parametrize(
+    ("config", "setting", "text"),
+    [
+        ({"basis": {"permutation": "XZY"}}, {}, 'basis of 049D is "XZY".*counts with XYZ'),
+        ({"basis": "ZXY"}, {"basis": "YXZ"}, 'basis of 049D is "ZXY".*counts with YXZ'),
+        ({}, {"basis": "XZY"}, 'basis of 049D is "XYZ".*counts with XZY'),
+        ({"basis": {"permutation": 3}}, {}, "basis of 049D is 3"),
+        ({"mount": {"transform": {"position": {"x": 0.1}}}}, {}, "mount of 049D"),
+        ({"damping": {"scalar": 0.5}}, {}, "damping of 049D is 0.5.*0 N s/m"),
+        ({"damping": 0.5}, {"damping": 0.4}, "damping of 049D is 0.5.*0.4 N s/m"),
+        ({"damping": "much"}, {}, 'damping of 049D is "much"'),
+        ({"force_gate": {"enabled": False}}, {}, "lets no force through"),
+        ({"force_gate": 0.0}, {}, "lets no force through"),
+    ],
+)
+def test_a_device_that_is_set_otherwise_is_refused(config: Any, setting: Any, text: str) -> None:
+    with InverseWire(config=config) as wire, pytest.raises(DeviceError, match=text):
+        connect(wire, **setting).open(PERIOD)
+    assert not wire.messages  # nothing was commanded
+
+
+@pytest.mark.parametrize(
+    ("config", "setting"),
+    [
+        (None, {}),
+        ({"basis": {"permutation": "XZY"}, "damping": {"scalar": 0.3}}, {"basis": "XZY", "damping": 0.3}),
+        ({"basis": {}, "mount": {"transform": {"rotation": {"w": 1, "x": 0}, "scale": {"x": 1}}}}, {}),
+        ({"force_gate": 1.0, "more": [1, 2]}, {}),
+    ],
+)
+def test_a_device_that_is_set_so_is_opened(config: Any, setting: Any) -> None:
+    device = {"device_id": "a", "config": config}
+    check_config(device, setting.get("basis", "XYZ"), setting.get("damping", 0.0))
+    settings = driver("haply-inverse").connect(**setting)
+    assert settings.features.friction == setting.get("damping")
+
+
+def test_a_service_without_the_device_is_refused_with_those_it_has() -> None:
+    with InverseWire(("A", "B")) as wire:
+        with pytest.raises(DeviceError, match="has no device 'C'; it has A, B"):
+            connect(wire, device="C").open(PERIOD)
+        with pytest.raises(DeviceError, match="devices A, B: name one"):
+            connect(wire, device=None).open(PERIOD)
+        url = wire.url
+    with pytest.raises(DeviceError, match=r"nothing answers .* is the service running"):
+        driver("haply-inverse").connect(url=url).open(PERIOD)
+
+
+def test_a_second_program_is_refused() -> None:
+    text = (
+        "import sys; from graspfx.testing import driver; "
+        "driver('haply-inverse').connect(url=sys.argv[1], device='049D').open(0.002)"
+    )
+    with InverseWire() as wire, connect(wire) as device:
+        device.open(PERIOD)
+        other = subprocess.run([sys.executable, "-c", text, wire.url], capture_output=True, text=True)
+        assert "is taken by another program" in other.stderr
+        assert tick(device)[0][0] == pytest.approx(wire.position)
+
+
+@pytest.mark.parametrize(
+    ("setting", "text"),
+    [
+        ({"url": "http://localhost:10001"}, "url"),
+        ({"url": "ws://"}, "url"),
+        ({"url": "ws://a:99999"}, "url"),
+        ({"url": "ws://a:1/\r\nx"}, "url"),
+        ({"device": ""}, "device"),
+        ({"basis": "XXY"}, "basis"),
+        ({"force_limit": 100.0}, "force_limit"),
+        ({"damping": -1.0}, "damping"),
+        ({"timeout": 0.0}, "timeout"),
+    ],
+)
+def test_settings_are_refused_by_their_names(setting: dict[str, Any], text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        driver("haply-inverse").connect(**setting)
+
+
+# The WebSocket --------------------------------------------------------------------------------------------------------
+
+
+class Peer:
+    """A server that says what a test has it say, after a greeting that is right."""
+
+    def __init__(self, *parts: bytes, greeting: bytes | None = None) -> None:
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"ws://127.0.0.1:{self._server.getsockname()[1]}"
+        self.seen = b""
+        self._thread = threading.Thread(target=self._serve, args=(parts, greeting), daemon=True)
+        self._thread.start()
+
+    def _serve(self, parts: tuple[bytes, ...], greeting: bytes | None) -> None:
+        from graspfx.testing.wire.inverse_wire import _greet
+
+        line, _ = self._server.accept()
+        with line:
+            if greeting is None:
+                _greet(line, bytearray())
+            else:
+                line.sendall(greeting)
+            for part in parts:
+                line.sendall(part)
+                time.sleep(0.002)
+            line.settimeout(2.0)
+            try:
+                while data := line.recv(1000):
+                    self.seen += data
+            except OSError:
+                pass
+
+    def __enter__(self) -> Peer:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._thread.join()
+        self._server.close()
+
+
+def soon() -> float:
+    return time.perf_counter() + 1.0
+
+
+def test_texts_come_whole_however_they_are_cut() -> None:
+    long = b"x" * 70_000
+    frames = b"\x81\x02hi" + b"\x01\x01a\x00\x01b\x89\x01!\x80\x01c" + b"\x81\x7f" + len(long).to_bytes(8, "big") + long
+    for cut in (1, 3, 7, 5000):
+        pieces = [frames[:cut], frames[cut:20], frames[20:]] if cut < 20 else [frames[:cut], frames[cut:]]
+        with Peer(*pieces) as peer:
+            line = WebSocket(peer.url)
+            line.open()
+            assert [line.receive(soon()), line.receive(soon())] == ["hi", "abc"]
+            assert line.receive(soon()) == long.decode()
+            assert line.receive(time.perf_counter() + 0.01) is None
+            line.close()
+            line.close()
+        assert peer.seen[:2] == b"\x8a\x81"  # the answer to a ping, masked
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (b"\x88\x00", "has closed"),
+        (b"\x81\x82abcdef", "no WebSocket's"),
+        (b"\xf1\x00", "no WebSocket's"),
+        (b"\x81\x7f\xff\xff\xff\xff\xff\xff\xff\xff", "no WebSocket's"),
+        ((b"\x01\x7f" + (1 << 20).to_bytes(8, "big") + bytes(1 << 20)) * 2, "a message of more"),
+    ],
+)
+def test_what_is_no_message_is_a_fault(data: bytes, text: str) -> None:
+    with Peer(data) as peer:
+        line = WebSocket(peer.url)
+        line.open()
+        with pytest.raises(DeviceError, match=text):
+            assert [line.receive(soon()) for _ in range(3)] == []
+        line.close()
+
+
+@pytest.mark.parametrize(
+    "greeting",
+    [
+        b"HTTP/1.1 404 Not Found\r\n\r\n",
+        b"HTTP/1.1 101 Switching\r\nSec-WebSocket-Accept: x\r\n\r\n",
+        b"\r\n\r\n",
+        b"\0" * 70_000,
+    ],
+)
+def test_what_greets_as_no_websocket_is_refused(greeting: bytes) -> None:
+    with Peer(greeting=greeting) as peer, pytest.raises(DeviceError, match="no WebSocket"):
+        WebSocket(peer.url).open()
+
+
+def test_texts_of_every_length_arrive_as_they_were_sent() -> None:
+    with InverseWire() as wire:
+        line = WebSocket(wire.url)
+        line.open()
+        line.receive(soon())
+        for size in (0, 1, 3, 125, 126, 127, 65_535, 65_536):
+            line.send("é" * (size // 2) + "x" * (size % 2))
+            assert line.receive(soon()) is not None
+            assert wire.messages[-1] == "é" * (size // 2) + "x" * (size % 2)
+        line.close()
+
+
+def test_a_silent_peer_is_no_service() -> None:
+    assert inverse_device.SILENCE > 0.0
+    server = socket.create_server(("127.0.0.1", 0))
+    began = time.monotonic()
+    with pytest.raises(DeviceError):
+        WebSocket(f"ws://127.0.0.1:{server.getsockname()[1]}").open()
+    assert time.monotonic() - began < 5.0
+    server.close()
