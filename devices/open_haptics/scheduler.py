@@ -140,12 +140,17 @@ def _calls(hd: Hd, handle: int, velocity: VelocityEstimator) -> Calls:
     )
 
 
-_SCHEDULERS: dict[object, Scheduler] = {}  # by the library as it was given: one for all devices of this process
+_SCHEDULERS: dict[object, Scheduler] = {}  # by library: one for all devices of this process
+
+
+def library_key(library: object) -> object:
+    """Name a library by its path, or the object that it is."""
+    return library if library is None or isinstance(library, str) else id(library)
 
 
 def scheduler_of(library: object) -> Scheduler:
     """Give the scheduler of a library, which is loaded the first time."""
-    key = library if library is None or isinstance(library, str) else id(library)
+    key = library_key(library)
     if key not in _SCHEDULERS:
         _SCHEDULERS[key] = Scheduler(Hd(library))
     return _SCHEDULERS[key]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.devices.open_haptics.hd import RATE, error_text
-from graspfx.devices.open_haptics.scheduler import Scheduler, scheduler_of
+from graspfx.devices.open_haptics.scheduler import Scheduler, library_key, scheduler_of
 from graspfx.protocols import Calls, DeviceError, Features, InputError, Mailbox, VelocityEstimator
 
 FloatArray = NDArray[np.float64]
@@ -44,6 +44,11 @@ class Stylus:
     def calls(self) -> Calls | None:
         """C functions for the library's thread, while the device is open."""
         return self._calls
+
+    @property
+    def thread(self) -> object:
+        """The library, whose scheduler all its devices share."""
+        return library_key(self.library)
 
     @property
     def drives(self) -> bool:

@@ -11,6 +11,7 @@ from graspfx.build.grasps import grasps
 from graspfx.build.holdings import descriptions, holdings
 from graspfx.build.meshes import mesh_name
 from graspfx.build.resolve import Parts, resolve
+from graspfx.certificate.loop_plan import loop_rows
 from graspfx.certificate.notes.depth_damping import is_damped, why_not_gradual
 from graspfx.certificate.safety_plan import safety_rows
 from graspfx.coupling import block as at
@@ -67,6 +68,7 @@ def _kernel(scene: Scene, step: str) -> str:
 def _rows(parts: Parts) -> Iterator[Row]:
     scene = parts.scene
     yield from _starts(parts)
+    yield from loop_rows(parts)
     yield "read", True, _listing(_drivers(scene))
     yield _velocity(scene)
     for thing in scene.object:

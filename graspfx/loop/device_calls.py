@@ -51,6 +51,11 @@ class DrivingDevice(Protocol):
     Devices that share such a thread are driven by one of them.
     """
 
+    @property
+    def thread(self) -> object:
+        """What the thread belongs to, known before `open`: equal for devices that share it."""
+        ...
+
     def drive(self, function: int, context: int) -> None:
         """Let the thread call `unsigned function(void *context)` from now on: 1 for a tick, 0 for none."""
 

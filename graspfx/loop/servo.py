@@ -90,7 +90,7 @@ class Servo:
         self._foreign_faults: list[str] = []  # faults of parts that are no kernels
         self.hardware = [device_name(each, layout.fingers) for each in stations if is_hardware(each.device)]
         self._stop_faults: list[str] = []  # of devices that could not be stopped, not recorded yet
-        self._native: NativeLoop | None = None  # made ready by `prepare`
+        self.native: NativeLoop | None = None  # of ticks without Python, made ready by `prepare`
         self._periods = 1  # of the wall's clock since the last tick
 
     @property
@@ -134,7 +134,7 @@ class Servo:
             from graspfx.loop.realtime.native_loop import NativeLoop
 
             width, every = self.layout.width, self.every
-            self._native = NativeLoop(
+            self.native = NativeLoop(
                 self._tick, engine, self._devices, width, every, self.period, self.guards, self.safety
             )  # fmt: skip
         return self._devices
@@ -142,13 +142,13 @@ class Servo:
     @property
     def loop(self) -> str:
         """Loop of machine code alone that paced ticks run in, "native" or "driven"; empty where Python runs between."""
-        return "" if self._native is None else self._native.name
+        return "" if self.native is None else self.native.name
 
     @property
     def why_python(self) -> str:
         """Why Python runs between two ticks on the wall's clock; empty if it does not."""
         self._ready()
-        return why_python(self.stations, self.layout.fingers, self._tick, self._kind, self.period)
+        return why_python(self.stations, self.layout.fingers, self._kind, self.period, self._tick)
 
     def run(
         self,
@@ -182,8 +182,8 @@ class Servo:
         engine.expect(ticks)
         if pacer is None:
             self._run(ticks, recorder, stop)
-        elif self._native is not None and recorder is not None and isinstance(pacer.clock, WallClock):
-            self._run_native(self._native, ticks, recorder, stop, pacer)
+        elif self.native is not None and recorder is not None and isinstance(pacer.clock, WallClock):
+            self._run_native(self.native, ticks, recorder, stop, pacer)
         else:
             self._run_paced(ticks, recorder, stop, pacer)
         self._settle()
@@ -288,8 +288,7 @@ class Servo:
 
         def look(done: int) -> None:
             self.ticks = done
-            self._stop_faults += native.stop_texts
-            self._notice(recorder)
+            self._notice(recorder, native.stop_faults)
 
         native.run(self.ticks, ticks, recorder, stop, pacer, look)
         self.row = recorder.row
@@ -402,13 +401,15 @@ class Servo:
             self._foreign_faults.append(message)
             latch(self._own, k, FOREIGN, 0, len(self._foreign_faults) - 1)
 
-    def _notice(self, recorder: RowTaker | None) -> None:
+    def _notice(self, recorder: RowTaker | None, others: Sequence[RunFault] = ()) -> None:
+        """Note faults that were not noted yet, with others beside those of the tick."""
         if self.fault is None and self._flag[0]:
             self.fault = RunFault(self._own.tick, self.why(self._tick.own))
             if recorder is not None:
                 recorder.fault(*self.fault)
-        while self._stop_faults:
-            fault = RunFault(self.ticks, self._stop_faults.pop(0))
+        faults = [*others, *(RunFault(self.ticks, text) for text in self._stop_faults)]
+        self._stop_faults.clear()
+        for fault in faults:
             self.fault = self.fault or fault
             if recorder is not None:
                 recorder.fault(*fault)
@@ -417,8 +418,8 @@ class Servo:
         """Explain the fault that is latched in the memory of a tick, `Tick.own`."""
         servo = ServoState(own)
         kind, index, code = servo.kind, servo.index, servo.code
-        if kind == NATIVE and self._native is not None:
-            return self._native.why(index, code)
+        if kind == NATIVE and self.native is not None:
+            return self.native.why(index, code)
         if kind == FOREIGN:
             return self._foreign_faults[code]
         if kind == SAFETY and self.safety is not None:

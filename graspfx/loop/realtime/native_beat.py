@@ -44,6 +44,7 @@ class NativePort:
     seen_velocity: FloatArray
     orders: FloatArray
     stop_code: FloatArray  # (1,)
+    stop_tick: FloatArray  # (1,)
     readable: FloatArray  # (1,), of the tick's memory, as the next ones
     position: FloatArray  # (k d,)
     velocity: FloatArray
@@ -170,7 +171,7 @@ def display(beat: NativeBeat, k: int) -> None:
     if beat.faulted[0] != 0.0:
         for port in beat.closing:
             if port.is_gone[0] == 0.0:
-                stop(beat, port)
+                stop(beat, port, k)
         for port in beat.closing:
             if port.is_gone[0] != 0.0:
                 call(beat.table, port.stop)
@@ -190,11 +191,12 @@ def write(beat: NativeBeat, port: NativePort, k: int) -> None:
 
 
 @stage
-def stop(beat: NativeBeat, port: NativePort) -> None:
+def stop(beat: NativeBeat, port: NativePort, k: int) -> None:
     """Stop a device that answered until now."""
     code = call(beat.table, port.stop)
     if code < 0:
         port.stop_code[0] = code
+        port.stop_tick[0] = k
         port.is_gone[0] = 1.0
 
 

@@ -28,7 +28,7 @@ from graspfx.loop.realtime.native_texts import clock_text, port_text, stop_text
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.realtime.ring import Ring, RingRecorder, Word, create
 from graspfx.loop.realtime.soft_end import decay_ticks
-from graspfx.loop.recording.header import REST
+from graspfx.loop.recording.header import REST, RunFault
 from graspfx.loop.recording.row_taker import RowTaker
 from graspfx.loop.safety.chain import SafetyChain
 from graspfx.loop.tick.programs import MachineCode
@@ -174,14 +174,14 @@ class NativeLoop:
         return self._devices.exits  # those of the run, which come after this was made
 
     @property
-    def stop_texts(self) -> list[str]:
-        """Devices that could not be stopped and were not told before."""
-        texts = []
+    def stop_faults(self) -> list[RunFault]:
+        """Faults of devices that could not be stopped, which were not told before."""
+        faults = []
         for i, (port, state) in enumerate(zip(self._ports, self.program.states, strict=True)):
             if state.stop_code and not self._told[i]:
                 self._told[i] = True
-                texts.append(stop_text(port, state, self._calls[i]))
-        return texts
+                faults.append(RunFault(state.stop_tick, stop_text(port, state, self._calls[i])))
+        return faults
 
     def why(self, index: int, code: int) -> str:
         """Say why a device is a fault; the one after the last is the clock."""

@@ -34,6 +34,7 @@ class PortState(Record):
     figure: float  # that was too much
     bound: float  # it was compared with
     stop_code: int  # of `stop`, if it failed while the device answered; 0 for none
+    stop_tick: int  # in which it failed
     ramp: float  # over which the depth at the start is let in [s]
     ramp_ticks: int  # of it so far
     is_framed: bool  # whether it stands in axes of its own (`Frame`)

@@ -200,6 +200,7 @@ def _port(i: int, state: PortState, port: DevicePort, tick: Tick, script: Script
         seen_velocity=state.array(PortState.velocity),
         orders=state.array(PortState.orders),
         stop_code=state.array(PortState.stop_code),
+        stop_tick=state.array(PortState.stop_tick),
         readable=own.memory[:1],
         position=own.memory[1 : 1 + n],
         velocity=own.memory[1 + n : 1 + 2 * n],
