@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspfx.compile.unfold.stage import stage
-from graspfx.loop.realtime.native_clock import ClockState, arrive, count_tick, set_deadline
+from graspfx.loop.realtime.native_clock import ClockState, arrive, count_tick, is_late, set_deadline
 from graspfx.loop.realtime.native_machine import call, now, peek, publish, run, sleep_until
 from graspfx.loop.realtime.native_port import (
     LATE,
@@ -72,8 +72,6 @@ class NativeBeat:
     wall: FloatArray  # (1,), of the clock, as the next ones
     late: FloatArray
     left_out: FloatArray
-    row: FloatArray
-    most: FloatArray
     skipped: FloatArray
     servo: ServoState
     faulted: FloatArray  # (1,)
@@ -98,7 +96,8 @@ def turn(beat: NativeBeat, k: int) -> None:
     sleep_until(beat.table, deadline)
     began = now(beat.table)
     left_out = arrive(beat.clock, began)
-    if beat.row[0] > beat.most[0]:
+    late = is_late(beat.clock)
+    if late != 0:
         latch(beat.servo, k, NATIVE, len(beat.ports), LATE)
     if beat.resting is not None:
         if beat.is_resting[0] != 0.0:

@@ -29,6 +29,7 @@ class ClockState(Record):
     left_out: int  # periods before this tick
     skipped: int  # all of them
     row: int  # those in a row
+    fatal: int  # those in a row that were too many
     lateness: Floats = floats("4096")  # counts of ticks by how late they began, as `Lateness` has them
     duration: Floats = floats("4096")  # by how long they took
 
@@ -82,6 +83,16 @@ def arrive(clock: ClockState, time: float) -> int:
     if clock.mode == DRIVEN:  # the caller's clock is no slave of this one
         clock.deadline = time
     return skipped
+
+
+@kernel
+def is_late(clock: ClockState) -> int:
+    """Tell whether too many periods in a row were left out, 1 or 0."""
+    if clock.row <= clock.most:
+        return 0
+    if clock.fatal == 0:
+        clock.fatal = clock.row
+    return 1
 
 
 @kernel

@@ -126,8 +126,6 @@ class NativeProgram:
             wall=clock.array(ClockState.wall),
             late=clock.array(ClockState.late),
             left_out=clock.array(ClockState.left_out),
-            row=clock.array(ClockState.row),
-            most=clock.array(ClockState.most),
             skipped=clock.array(ClockState.skipped),
             servo=servo,
             faulted=servo.array(ServoState.faulted),

@@ -41,7 +41,7 @@ def call_text(port: DevicePort, calls: Calls, code: int) -> str:
 
 def clock_text(clock: ClockState) -> str:
     """Say that ticks came too late for hardware."""
-    return late_text(clock.row, clock.period, clock.most)
+    return late_text(clock.fatal, clock.period, clock.most)
 
 
 def _text(state: PortState, why: int) -> str:
