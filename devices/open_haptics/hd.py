@@ -80,7 +80,7 @@ class Hd:
             DeviceError: it leaves an error.
         """
         result = self._functions[name](*arguments)
-        errors = []
+        errors: list[int] = []
         while len(errors) < MOST and (code := int(self._functions["hdGetError"]().code)):
             errors.append(code)
         if errors:

@@ -38,7 +38,9 @@ class Stylus:
 
     @property
     def features(self) -> Features:
-        return Features(fingers=1, dimensions=3, peak_force=self.force_limit, resolution=self.resolution, rate=float(RATE))
+        return Features(
+            fingers=1, dimensions=3, peak_force=self.force_limit, resolution=self.resolution, rate=float(RATE)
+        )
 
     @property
     def calls(self) -> Calls | None:
@@ -149,13 +151,14 @@ class Stylus:
     @property
     def _place(self) -> int:
         assert self._scheduler is not None
-        return self._scheduler.place(self)
+        place: int = self._scheduler.place(self)
+        return place
 
     def _started(self) -> Mailbox:
         """Give the exchange with the library's thread, which is started where it is not."""
         if self._scheduler is None:
             raise DeviceError("the device is not open: call open(period) first")
-        mailbox = self._scheduler.start()
+        mailbox: Mailbox = self._scheduler.start()
         if mailbox is not self._mailbox:
             self._mailbox, self._count = mailbox, 0
         return mailbox

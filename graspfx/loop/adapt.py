@@ -10,9 +10,8 @@ import numpy as np
 
 from graspfx import log
 from graspfx.compile import cache as disk
-from graspfx.compile.c_calls.c_signature import CCall, read_calls, read_comparisons
+from graspfx.compile.c_calls.c_signature import FLOATS, CCall, read_calls, read_comparisons
 from graspfx.compile.c_calls.trampoline import (
-    FLOATS,
     MISSED,
     STATE,
     Estimation,
@@ -54,7 +53,11 @@ class Adapter:
     def buffer(self, name: str) -> np.ndarray[Any, Any]:
         """Give a buffer's numbers as they are now."""
         type_, word = self._buffers[name]
-        kind = np.dtype(type_.replace("float", "f4").replace("double", "f8") if type_ in FLOATS else f"{type_[0]}{width(type_) // 8}")
+        kind = np.dtype(
+            type_.replace("float", "f4").replace("double", "f8")
+            if type_ in FLOATS
+            else f"{type_[0]}{width(type_) // 8}"
+        )
         return self.context[word:].view(kind)
 
 
@@ -123,7 +126,8 @@ def adapt(
     require_llvm()
     estimation = None if velocity is None else _estimation(velocity, k * d)
     roles = [Role(name, each, estimation if name == "read" else None) for name, each in calls.items() if each]
-    parts = Trampolines(roles, *judges, popping)
+    faults, repeats = judges
+    parts = Trampolines(roles, faults, repeats, popping)
     buffers = parts.plan.buffers
     for each in (*judges[0], *judges[1]):
         if each.buffer and not (each.buffer in buffers and each.entry < _entries(calls, each.buffer)):
@@ -152,7 +156,7 @@ def _estimation(velocity: VelocityEstimator, count: int) -> Estimation:
     state, stride, _ = velocity.memory
     if len(state) != count * stride:
         raise InputError("velocity", len(state) // stride, f"an estimator of {count} components, those of `shape`")
-    library = single(estimate_after, KINDS)  # type: ignore[arg-type] # a kernel is a function
+    library = single(estimate_after, KINDS)
     symbol = library.find(kernel_name(estimate_after), KINDS)
     assert symbol is not None
     library.load([symbol.name])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 FRESH, HELD = 0, 1  # what the functions return; less than zero is a fault
 
@@ -27,7 +27,7 @@ class Calls(NamedTuple):
     write: int
     stop: int
     context: int
-    keep: object
+    keep: Any
 
 
 @runtime_checkable

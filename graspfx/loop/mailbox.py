@@ -51,7 +51,13 @@ class Mailbox:
         self._words[[at.COUNT, at.PATIENCE]] = len(calls), PATIENCE
         for i, each in enumerate(calls):
             words = self._device(i)
-            words[[at.ASK, at.READ, at.WRITE, at.STOP, at.OWN]] = each.ask, each.read, each.write, each.stop, each.context
+            words[[at.ASK, at.READ, at.WRITE, at.STOP, at.OWN]] = (
+                each.ask,
+                each.read,
+                each.write,
+                each.stop,
+                each.context,
+            )
             words[at.ENTRIES] = self._entries
             for place, memory in (
                 (at.RAW, self._raw), (at.FORCES, self._forces), (at.SAMPLE, self._samples), (at.ORDERS, self._orders)

@@ -221,7 +221,7 @@ class VelocityEstimator:
 
     @property
     def memory(self) -> tuple[FloatArray, int, NDArray[np.int64]]:
-        """State of all components, entries of each, and the count of samples missed: machine code goes on from there."""
+        """State of all components, entries of each, and the count of missed samples, for machine code to go on from."""
         return self._state, self._size, self._missed
 
     def miss(self) -> None:

@@ -163,8 +163,13 @@ def test_the_loop_runs_in_its_thread(
 
     thread = threading.Thread(target=hog)
     thread.start()
+
+    def stop() -> bool:
+        hogs.set()
+        return False
+
     try:
-        rec = gx.run(scene, real_time=True, stop=lambda: bool(hogs.set()))
+        rec = gx.run(scene, real_time=True, stop=stop)
     finally:
         hogs.set()
         thread.join()
@@ -218,9 +223,9 @@ def plain(folder: Path) -> Path:
     return file
 
 
-PLAIN = '''
+PLAIN = """
 from tests.support.scripted_devices import Plain
 
 def connect():
     return Plain([[[[-0.03, 0.0, 0.0]], [[0.0, 0.0, 0.0]]]])
-'''
+"""

@@ -304,7 +304,7 @@ def test_machine_code_comes_from_the_cache(library: Library, monkeypatch: pytest
 
 
 def test_texts_read_as_they_are_written() -> None:
-    [call] = read_calls("read", " unsigned_" .replace("unsigned_", "uint") + " f ( ) ; ", 0)
+    [call] = read_calls("read", " unsigned_".replace("unsigned_", "uint") + " f ( ) ; ", 0)
     assert (call.result, call.name, call.arguments) == ("u32", "f", ())
     [first, second] = read_comparisons("fault", "< -1e-3 or n[2] >= 0x10")
     assert (first.sign, first.number, first.subject) == ("<", -1e-3, "")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import graspfx as gx
 from graspfx.build.build import build
 from graspfx.loop.realtime.native_clock import FREE
+from graspfx.loop.realtime.native_loop import NativeLoop
 from graspfx.loop.realtime.pacing import Pacer
 from graspfx.loop.recording.header import Header
 from graspfx.loop.recording.record import Recording
@@ -58,14 +59,18 @@ def scene(file: Path, ticks: int, *, native: bool, dimensions: int = 1, **change
         changes: `rest` of both devices, settings of the first one, as `codes`; or of the scene by dotted key.
     """
     rest = changes.pop("rest", 0)
-    own = {key: changes.pop(key) for key in ("codes", "refusals", "peak") if key in changes}
+    own: dict[str, Any] = {key: changes.pop(key) for key in ("codes", "refusals", "peak") if key in changes}
     fingers = []
     for i, side in enumerate((-1.0, 1.0)):
         readings = squeeze(ticks, side, dimensions)
-        device = {"name": str(file), "native": native, "readings": readings.tolist(), "rest": rest}
-        device |= own if i == 0 else {}
+        device: dict[str, Any] = {"name": str(file), "native": native, "readings": readings.tolist(), "rest": rest}
+        if i == 0:
+            device |= own
         fingers.append({"start": readings[0, 0, 0].tolist(), "device": device})
-    coupling = {"external": {"stiffness": 30.0, "damping": 0.3}, "internal": {"stiffness": 70.0, "damping": 0.2}}
+    coupling: dict[str, Any] = {
+        "external": {"stiffness": 30.0, "damping": 0.3},
+        "internal": {"stiffness": 70.0, "damping": 0.2},
+    }
     thing: dict[str, Any] = {"mass": 0.1, "viscosity": 0.8, "shape": {"kind": "box", "size": [2 * HALF] * dimensions}}
     if dimensions > 1:
         thing |= {"free": [True] * dimensions + [False] * (1 if dimensions == 2 else 3)}
@@ -92,6 +97,12 @@ class Session:
         self.recorder = Recorder(self.servo.layout, Header(scene.period), real_time=True)
         self._stack.enter_context(self.recorder)
         self.pacer = Pacer(scene.period, VirtualClock())
+
+    @property
+    def native(self) -> NativeLoop:
+        """The loop without Python."""
+        assert self.servo.native is not None
+        return self.servo.native
 
     def run(self, ticks: int) -> None:
         """Run ticks: in Python on a clock without a wall, or in machine code at once."""

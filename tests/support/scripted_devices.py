@@ -28,7 +28,7 @@ def connect(native=True, **settings):
     devices.append((Scripted if native else Plain)(**settings))
     return devices[-1]
 '''
-# A context: [reading, writes, stops, last reading, width, codes of read, numbers of read, codes of write, noted forces].
+# A context: reading, writes, stops, last reading, width, codes of read, numbers of read, codes of write, noted forces.
 TEXT = """
 define i64 @read(ptr %c, ptr %block) {
 start:
@@ -127,7 +127,7 @@ class Plain:
     """
 
     def __init__(
-        self, readings: Any, codes: Any = (), refusals: Any = (), rest: int = 0, peak: float = PEAK, board: object = None
+        self, readings: Any, codes: Any = (), refusals: Any = (), rest: int = 0, peak: float = PEAK
     ) -> None:  # fmt: skip
         script = np.array(readings, dtype=float)
         self.numbers: FloatArray = np.concatenate([np.repeat(script[:1], rest, axis=0), script]) if rest else script

@@ -180,7 +180,7 @@ def _call(reader: Reader, size: int | None) -> CCall:
     if reader.has("["):
         parts = reader.whole()
         reader.take("]")
-        if result != "i32" and result != "u32" or parts not in (2, 3, 4):
+        if (result != "i32" and result != "u32") or parts not in (2, 3, 4):
             raise reader.wrong("a struct that is returned has two to four numbers of 32 bits")
     name = reader.name()
     reader.take("(")

@@ -99,9 +99,8 @@ def turn(beat: NativeBeat, k: int) -> None:
     late = is_late(beat.clock)
     if late != 0:
         latch(beat.servo, k, NATIVE, len(beat.ports), LATE)
-    if beat.resting is not None:
-        if beat.is_resting[0] != 0.0:
-            beat.resting[0] = 1.0
+    if beat.resting is not None and beat.is_resting[0] != 0.0:
+        beat.resting[0] = 1.0
     note_times(beat)
     read_all(beat, k, left_out + 1)
     if beat.times is not None:

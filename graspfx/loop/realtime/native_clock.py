@@ -65,7 +65,7 @@ def arrive(clock: ClockState, time: float) -> int:
     late = time - clock.deadline
     skipped = 0
     if late >= clock.period:
-        skipped = int(math.floor(late / clock.period))
+        skipped = math.floor(late / clock.period)
     clock.deadline += skipped * clock.period
     clock.skipped += skipped
     if clock.is_early and skipped == 0:

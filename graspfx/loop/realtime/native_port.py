@@ -141,9 +141,9 @@ def enter(port: PortState) -> int:
 
 @kernel
 def limit_forces(port: PortState) -> int:
-    """Turn each finger's force into the device's axes and limit it, whole; give why none may be displayed, 0 for no reason.
+    """Turn `orders` into the device's axes, and limit each finger's force, whole; give why none may be displayed.
 
-    `orders` has the forces in the scene's axes.
+    0 is no reason.
     """
     forces, orders, d = port.forces, port.orders, port.dimensions
     for i in range(port.entries):

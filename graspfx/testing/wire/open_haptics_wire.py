@@ -77,7 +77,7 @@ class OpenHapticsWire(Wire):
 
     @property
     def violations(self) -> int:
-        """Breaches of the library's rules: calls outside a frame or the callback, frames that cross, a second callback."""
+        """Breaches of the library's rules: calls outside a frame or callback, frames that cross, a second callback."""
         return int(self.words[at.VIOLATIONS])
 
     @property

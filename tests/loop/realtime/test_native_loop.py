@@ -35,7 +35,10 @@ KINDS: dict[str, tuple[dict[str, Any], str]] = {
     "compiled for the scene": ({"engine": "compiled"}, ""),
     "held samples": ({"codes": [0] * 50 + [1, 1, 0, 0, 1, 1, 1]}, ""),
     "no new sample any more": ({"codes": [0] * 50 + [1] * 30}, "no new reading"),
-    "held for too long, without the chain's decay": ({"codes": [0] * 50 + [1] * 30, "safety.hold": 0}, "no new reading"),
+    "held for too long, without the chain's decay": (
+        {"codes": [0] * 50 + [1] * 30, "safety.hold": 0},
+        "no new reading",
+    ),
     "a read that fails": ({"codes": [0] * 60 + [-3]}, "code -3"),
     "a read that fails at once": ({"codes": [-3]}, "code -3"),
     "a write that fails": ({"refusals": [0] * 60 + [-3]}, "code -3"),
@@ -106,7 +109,7 @@ def test_a_device_that_cannot_be_stopped_is_a_fault(tmp_path: Path, monkeypatch:
         own = real(device)
         return own._replace(stop=own.write)  # which fails by then
 
-    real = Scripted.calls.fget
+    real = vars(Scripted)["calls"].fget
     monkeypatch.setattr(Scripted, "calls", property(calls))
     session = Session(scene(driver(tmp_path), TICKS, native=True, refusals=[0] * 60 + [-3] * 200))
     for device in session.stations[1:]:
@@ -170,10 +173,10 @@ def test_many_ticks_lose_no_row(tmp_path: Path) -> None:
     """More ticks than the ring has rows, at once; the rows of a recorder that is away for too long are told as lost."""
     ticks = 3 * SLOTS
     session = Session(scene(driver(tmp_path), 400, native=True))
-    session.servo.native.program.end.decay = 0
+    session.native.program.end.decay = 0
     for _ in range(12):
         session.run(ticks // 12)
-    clock = session.servo.native.program.clock
+    clock = session.native.program.clock
     assert clock.array(ClockState.duration).sum() == ticks // 12
     rec = session.finish()
     assert rec.ticks == ticks
@@ -184,9 +187,13 @@ def test_many_ticks_lose_no_row(tmp_path: Path) -> None:
 
 def test_rows_that_were_lost_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session(scene(driver(tmp_path), 400, native=True))
-    native = session.servo.native
+    native = session.native
     drain = native._drain
-    monkeypatch.setattr(native, "_drain", lambda recorder, ring: int(ring.words[0]) if ring.words[0] < SLOTS + 9 else drain(recorder, ring))
+
+    def late(recorder: Any, ring: Any) -> int:
+        return drain(recorder, ring) if ring.words[0] >= SLOTS + 9 else int(ring.words[0])
+
+    monkeypatch.setattr(native, "_drain", late)
     session.run(SLOTS + 9)
     rec = session.finish()
     [fault] = rec.outcome.faults
@@ -198,11 +205,12 @@ def test_deadlines_are_absolute(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(pace, "is_possible", lambda: False)
     rec = gx.run(scene(driver(tmp_path), 150, native=True, rest=SETTLING), real_time=True)
     assert rec.header.scheduling["loop"] == "inline"
-    grid = PERIOD * (np.arange(150) + np.cumsum(rec.skipped.ravel()))
-    assert rec.wall.ravel() - rec.late.ravel() == pytest.approx(grid, abs=1e-9)
-    assert (rec.late >= 0.0).all()
-    assert rec.outcome.skipped == rec.skipped.sum()
-    assert (rec.io[:, 0] > 0.0).all()
+    wall, late, skipped, io = (np.asarray(getattr(rec, name)) for name in ("wall", "late", "skipped", "io"))
+    grid = PERIOD * (np.arange(150) + np.cumsum(skipped.ravel()))
+    assert wall.ravel() - late.ravel() == pytest.approx(grid, abs=1e-9)
+    assert (late >= 0.0).all()
+    assert rec.outcome.skipped == skipped.sum()
+    assert (io[:, 0] > 0.0).all()
 
 
 class Letters:
@@ -219,10 +227,9 @@ class Letters:
     def __call__(self) -> bool:
         if self.has_news:
             self._at.pop(0)
-            servo = self._session.servo
-            before = servo.native._ring.words[0]
+            before = self._session.native._ring.words[0]
             time.sleep(0.005)
-            assert servo.native._ring.words[0] == before  # no tick goes on
+            assert self._session.native._ring.words[0] == before  # no tick goes on
             self.ticks.append(int(before))
         return False
 
@@ -234,7 +241,7 @@ def test_letters_are_taken_between_two_ticks(tmp_path: Path) -> None:
     def look(done: int) -> None:
         servo.ticks = done
 
-    done = servo.native.run(0, 100, session.recorder, letters, Pacer(PERIOD), look)
+    done = session.native.run(0, 100, session.recorder, letters, Pacer(PERIOD), look)
     assert done == 100
     assert len(letters.ticks) == 2
     assert letters.ticks[0] >= 20

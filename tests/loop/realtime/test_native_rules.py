@@ -7,7 +7,7 @@ import random
 import numpy as np
 import pytest
 
-from graspfx.compile.records import size_for
+from graspfx.compile.records import Floats, size_for
 from graspfx.loop.realtime.native_clock import DRIVEN, PACED, ClockState, arrive, count_in, set_deadline
 from graspfx.loop.realtime.native_end import EndState, go_on
 from graspfx.loop.realtime.pacing import Pacer
@@ -56,7 +56,7 @@ def test_deadlines_are_those_of_the_pacer(seed: int) -> None:
 
 
 def test_a_caller_with_the_clock_is_never_late_for_long() -> None:
-    """Its period may be another than ours: nothing adds up; only a tick that comes whole periods later leaves some out."""
+    """Its period may be another than ours: nothing adds up; only a tick that comes periods later leaves some out."""
     clock = ClockState(np.zeros(size_for(ClockState)))
     clock.mode, clock.period = DRIVEN, PERIOD
     time, skips = 5.0, []
@@ -72,7 +72,7 @@ def test_a_caller_with_the_clock_is_never_late_for_long() -> None:
 def test_times_are_counted_by_the_microsecond() -> None:
     bins = np.zeros(4096)
     for time in (-1.0, 0.0, 1.5e-6, 4.0945e-3, 4.0951e-3, 1.0, 1e300):
-        count_in(bins, 0, time)
+        count_in(Floats(bins), time)
     assert (bins[0], bins[1], bins[4094], bins[4095]) == (2.0, 1.0, 1.0, 3.0)
 
 
